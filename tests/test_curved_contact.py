@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.curved_contact.tables import chosen, markdown
-from tribox.app.verify.extent import (
+from tribox.app.verify.curved import (
     beyond_line,
     beyond_point,
     extent,

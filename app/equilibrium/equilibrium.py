@@ -332,7 +332,7 @@ class Equilibrium:
             A: the matrix.
             step: duration and contact modes.
             before: displacement, m, that the pressure in nearly incompressible cells is carried
-                from (:mod:`tribox.forms.bodies.carried_pressure`); None: the exact tangent.
+                from (:mod:`tribox.forms.bodies.solid`); None: the exact tangent.
         """
         self.spread(x)
         with self.timer("assembly"):

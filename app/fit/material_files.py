@@ -6,14 +6,19 @@ assumed; what the data do not determine is a comment.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.toml_writer import toml_text
+from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, save, thin_log_ticks
 from tribox.app.fit.material import (
     ASSUMED_METAL,
     ASSUMED_RUBBER,
@@ -24,14 +29,209 @@ from tribox.app.fit.material import (
     fitted,
     read_test,
     seen_times,
+    shift_factors,
 )
-from tribox.app.fit.metal import LAWS, MetalFit
-from tribox.app.fit.prony import LONG_TERM, PronyFit
+from tribox.app.fit.metal import LAWS, MetalFit, paths, response
+from tribox.app.fit.prony import LONG_TERM, PronyFit, PronyProblem
 from tribox.app.fit.section import NEEDED, value_and_ends
 from tribox.app.fit.slopes import CONFIDENCE
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_json, write_table, write_text
+
+# -- Figure of a material's test and what was fitted to it -----------------------------------------
+
+BLUE = COLOURS[0]
+FINE = 400  # points of a line
+
+
+def draw_material(result: MaterialResult, path: Path) -> None:
+    """Draw data and fit with their differences below, and beside them what was found."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.4, 5.6), layout="constrained")
+        grid: dict[str, Axes] = figure.subplot_mosaic(
+            [["top", "side"], ["bottom", "side"]], height_ratios=[2.6, 1.0], width_ratios=[1.5, 1.0]
+        )
+        top, bottom, side = grid["top"], grid["bottom"], grid["side"]
+        if isinstance(result.fit, MetalFit):
+            _draw_metal(top, bottom, result)
+            _hardening(side, result.fit)
+        else:
+            _draw_rubber(top, bottom, result)
+            _spectrum(side, result)
+        bottom.axhline(0.0, color="k", lw=0.8)
+        largest = float(np.max(np.abs(bottom.get_ylim())))
+        bottom.set_ylim(-largest, largest)
+        top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none")
+        for axes in (top, bottom, side):
+            thin_log_ticks(axes)
+        text = f"{len(result.data)} rows of {WORDS[result.data.kind]}; lines: fit; "
+        text += f"scatter {result.scatter:.2%}"
+        if result.loose:
+            text += "\nnot determined: " + ", ".join(sorted(result.loose))
+        figure.suptitle(text, fontsize=9)
+        save(figure, path)
+
+
+# -- rubbers ---------------------------------------------------------------------------------------
+
+
+def _draw_rubber(top: Axes, bottom: Axes, result: MaterialResult) -> None:
+    kind = result.data.kind
+    draw = {"relaxation": _relaxation, "vibration": _vibration, "cycles": _cycles}[kind]
+    draw(top, bottom, result)
+    differences = "(data − fit)/rms" if kind == "cycles" else "ln(data/fit)"
+    bottom.set_ylabel(differences)
+
+
+def _relaxation(top: Axes, bottom: Axes, result: MaterialResult) -> None:
+    data, fit = result.data, result.fit
+    assert data.time is not None and data.modulus is not None and isinstance(fit, PronyFit)
+    shown = data.time > 0.0
+    t = data.time[shown]
+    fine = np.geomspace(t.min() / 1.3, t.max() * 1.3, FINE)
+    series = fit.series
+    one, _ = _at_times(result, fine).branch(series.times)
+    curve = series.long_term + (series.G * series.shares) @ one
+    top.plot(t, data.modulus[shown] / 1e6, "o", ms=4, mfc="none", color=BLUE, label="measured")
+    top.plot(fine, curve / 1e6, color=RED, lw=1.2, label="fitted series")
+    top.axhline(series.long_term / 1e6, color="0.4", lw=0.8, ls="--", label="long-term modulus")
+    bottom.plot(t, result.residual[shown], "o", ms=3.5, mfc="none", color=BLUE)
+    top.set_ylim(bottom=0.0)
+    top.set_ylabel("shear modulus G (MPa)")
+    bottom.set_xlabel("time since the step t (s)")
+    for axes in (top, bottom):
+        axes.set_xscale("log")
+
+
+def _at_times(result: MaterialResult, times: Floats) -> PronyProblem:
+    """The same step seen at other times."""
+    data = result.data
+    strain = None if data.strain is None else np.full(len(times), float(data.strain.mean()))
+    ones = np.ones(len(times))
+    other = type(data)("relaxation", ones, times, strain, modulus=ones, in_shear=data.in_shear)
+    return PronyProblem(other)
+
+
+def _vibration(top: Axes, bottom: Axes, result: MaterialResult) -> None:
+    data, fit = result.data, result.fit
+    assert isinstance(fit, PronyFit)
+    assert data.frequency is not None and data.modulus is not None and data.loss is not None
+    series, shift, n = fit.series, fit.problem.shift, len(data)
+    reduced = data.frequency * shift_factors(fit)
+    groups: list[NDArray[np.intp]] = [np.arange(n)]
+    if shift is not None:
+        groups = [np.flatnonzero(shift.temperature == T) for T in np.unique(shift.temperature)]
+    for number, rows in enumerate(groups):
+        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+        word = "" if shift is None else f" {shift.temperature[rows[0]] - 273.15:g} °C"
+        for values, part, face, offset in (
+            (data.modulus, "storage", colour, 0),
+            (data.loss, "loss", "none", n),
+        ):
+            label = f"{part}{word}" if shift is None or part == "storage" else None
+            style: dict[str, Any] = {"color": colour, "mfc": face, "ms": 4.5, "ls": "none"}
+            top.plot(reduced[rows], values[rows] / 1e6, marker, label=label, **style)
+            bottom.plot(reduced[rows], result.residual[rows + offset], marker, **style)
+    fine = np.geomspace(reduced.min() / 1.3, reduced.max() * 1.3, FINE)
+    x = fine[:, None] * series.times
+    moduli = series.G * series.shares
+    storage = series.long_term + (x**2 / (1.0 + x**2)) @ moduli
+    top.plot(fine, storage / 1e6, color="k", lw=1, label="G′ of the series")
+    top.plot(fine, (x / (1.0 + x**2)) @ moduli / 1e6, color="k", lw=1, ls="--", label="G″")
+    for axes in (top, bottom):
+        axes.set_xscale("log")
+    top.set_yscale("log")
+    top.set_ylabel("shear moduli G′ (filled), G″ (MPa)")
+    reference = "" if shift is None else f" at {shift.reference - 273.15:g} °C"
+    bottom.set_xlabel(f"{'' if shift is None else 'reduced '}angular frequency{reference} (rad/s)")
+
+
+def _cycles(top: Axes, bottom: Axes, result: MaterialResult) -> None:
+    data = result.data
+    assert data.strain is not None and data.stress is not None and data.time is not None
+    top.plot(data.strain, data.stress / 1e6, "o", ms=3.5, mfc="none", color=BLUE, label="measured")
+    top.plot(data.strain, result.fit.computed() / 1e6, color=RED, lw=1.1, label="fitted series")
+    top.set_xlabel("logarithmic strain")
+    top.set_ylabel(f"{'engineering' if data.engineering else 'true'} stress (MPa)")
+    bottom.plot(data.time, result.residual, "o", ms=3, mfc="none", color=BLUE)
+    bottom.set_xlabel("time t (s)")
+
+
+def _spectrum(axes: Axes, result: MaterialResult) -> None:
+    """Shares over relaxation times with their intervals; what is not determined in grey."""
+    fit = result.fit
+    assert isinstance(fit, PronyFit)
+    found = {e.coordinate.name: e for e in result.estimates}
+    for k in range(1, fit.branches + 1):
+        share, time = found[f"share {k}"], found[f"tau {k}"]
+        open_row = share.warning is not None or time.warning is not None
+        colour = "0.6" if open_row else BLUE
+        axes.plot([time.value] * 2, [0.0, share.value], color=colour, lw=1)
+        axes.plot(time.value, share.value, "o", ms=5, color=colour)
+        if time.low is not None and time.high is not None and not open_row:
+            axes.plot([time.low, time.high], [share.value] * 2, color=colour, lw=2.5, alpha=0.5)
+        if share.low is not None and share.high is not None and not open_row:
+            axes.plot([time.value] * 2, [share.low, share.high], color=colour, lw=2.5, alpha=0.5)
+    axes.axvspan(*seen_times(result), color="0.5", alpha=0.1, lw=0, label="times of the data")
+    left = fit.series.long_term / fit.series.G
+    axes.axhline(left, color="0.4", lw=0.8, ls="--", label="long-term share")
+    axes.set_xscale("log")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("relaxation time τ (s)")
+    axes.set_ylabel("share of the instantaneous modulus")
+    axes.legend(fontsize=8)
+
+
+# -- metals ----------------------------------------------------------------------------------------
+
+
+def _draw_metal(top: Axes, bottom: Axes, result: MaterialResult) -> None:
+    fit = result.fit
+    assert isinstance(fit, MetalFit)
+    strain, stress = fit.problem.strain, fit.problem.measured
+    edges = np.concatenate([[0.0], strain])
+    parts = [np.linspace(a, b, 11)[1:] for a, b in itertools.pairwise(edges) if a != b]
+    fine = np.concatenate(parts)
+    curve, _ = response(fit.metal, fine, paths(fine))
+    top.plot(strain, stress / 1e6, "o", ms=3.5, mfc="none", color=BLUE, label="measured")
+    top.plot(
+        np.append(0.0, fine), np.append(0.0, curve) / 1e6, color=RED, lw=1.1, label=_label(fit)
+    )
+    top.axhline(0.0, color="k", lw=0.6)
+    top.set_xlabel("logarithmic strain")
+    top.set_ylabel("true stress σ (MPa)")
+    path = np.cumsum(np.abs(np.diff(strain, prepend=0.0)))
+    bottom.plot(path, result.residual, "o", ms=3, mfc="none", color=BLUE)
+    bottom.set_xlabel("strain covered Σ|Δε|")
+    bottom.set_ylabel("(data − fit)/rms")
+
+
+def _label(fit: MetalFit) -> str:
+    n = fit.problem.branches
+    back = {0: "", 1: " with a back stress"}.get(n, f" with {n} back stresses")
+    return f"fitted law ({fit.problem.law}){back}"
+
+
+def _hardening(axes: Axes, fit: MetalFit) -> None:
+    """Yield stress and back stress of a pull over the plastic strain of the test."""
+    metal = fit.metal
+    _, alphas = response(metal, fit.problem.strain, fit.problem.along)
+    end = max(float(alphas[-1]), 1e-4)
+    alpha = np.asarray(np.linspace(0.0, end, FINE), dtype=np.float64)
+    axes.plot(alpha, metal.hardening.stress(alpha) / 1e6, color=BLUE, label="yield stress σ_Y")
+    total: Floats = np.zeros(FINE)
+    for c, b in metal.kinematic:
+        total = np.asarray(total - c / b * np.expm1(-b * alpha))
+    if metal.kinematic:
+        axes.plot(alpha, total / 1e6, color=RED, ls="--", label="back stress X of one pull")
+        both = metal.hardening.stress(alpha) + total
+        axes.plot(alpha, both / 1e6, color="0.4", lw=0.9, ls=":", label="their sum")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("equivalent plastic strain α")
+    axes.set_ylabel("stress (MPa)")
+    axes.legend(fontsize=8)
+
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +265,6 @@ def run_material(
         header, rows = _table(result)
         write_table(directory / "fit.csv", header, rows)
         write_text(directory / "body.toml", body_section(result, data_file))
-        from tribox.app.fit.material_figures import draw_material
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_material(result, directory / "figures" / "fit.png")

@@ -4,10 +4,10 @@ The tangent couples the bodies, and changes from iteration to iteration, mostly 
 contact. So:
 
 - Stiff bodies, of which one factorisation is kept, take part in a system for the others alone, by a
-  small dense matrix (:mod:`tribox.app.implicit.contact_compliance`).
-- The others are factorised but for their unknowns s of contact, and for several tangents
-  (:mod:`tribox.app.implicit.kept_bulk`): the bulk of before, with the contact of now, preconditions
-  flexible GMRES on what is solved. It is exact for the tangent that was factorised: one iteration.
+  small dense matrix (contact's compliance, below).
+- The others are factorised but for their unknowns s of contact, and for several tangents (kept
+  bulk, below): the bulk of before, with the contact of now, preconditions flexible GMRES on what is
+  solved. It is exact for the tangent that was factorised: one iteration.
 
 What is left then is due to the kept bodies, whose tangent is that of the undeformed state. The pass
 is repeated until it is little. As contact enters dense matrices only, no pattern ever changes, and
@@ -17,17 +17,20 @@ factorisation.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import ref
 
 import numpy as np
+import scipy.sparse
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.contact_compliance import KeptCompliance, sparse
+from tribox.app.equilibrium.matrix_values import values_in_place
+from tribox.app.implicit.factor import Factor, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies
-from tribox.app.implicit.kept_bulk import Followers, KeptBulk
-from tribox.app.implicit.schur_factor import is_at_hand
-from tribox.geometry.surfaces.facets import Bools, Ints
+from tribox.app.implicit.schur_factor import SchurFactor, is_at_hand
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 CLOSE = 1e-5
 """Share of the forces that a solve may leave on the bodies that are not kept, and need not get
@@ -286,3 +289,280 @@ class _Condensed:
 
 def _numbers(unknowns: Ints) -> PETSc.IS:
     return PETSc.IS().createGeneral(unknowns.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+
+
+# -- How bodies that are kept give way under contact, as dense matrices at the unknowns of contact
+#
+# The unknowns s of the other bodies and k of those that are kept, of which contact touches the part
+# c only, obey
+#
+# .. math::
+#     A_{ss} x_s + A_{sc} x_c = b_s, \quad K x_k + A_{cs} x_s + N x_c = b_k
+#
+# with the stiffness K of the kept bodies without contact and N of contact among their own unknowns.
+# With :math:`F = (K^{-1})_{cc}` and the displacement :math:`w = (K^{-1} b)_c` that they would take
+# without contact,
+#
+# .. math::
+#     x_c = (1 - G N) w - G A_{cs} x_s, \quad G = (1 + F N)^{-1} F,
+#
+# so that the kept bodies take part in a system for :math:`x_s` alone by the small matrix
+# :math:`A_{sc} G A_{cs}`.
+
+
+class KeptCompliance:
+    """The factorisation of kept bodies, and their compliance where contact may touch them.
+
+    Attributes:
+        works: whether they could be factorised.
+    """
+
+    def __init__(self, K: PETSc.Mat, surface: Ints, prefix: str) -> None:
+        """Factorise the bodies.
+
+        Args:
+            K: (k, k), N/m, their stiffness without contact, on one rank.
+            surface: their unknowns c that contact may touch.
+            prefix: of the options for MUMPS.
+        """
+        self._surface = surface
+        self._factor = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
+        part = SchurFactor(K, surface, prefix)
+        self.works = self._factor.make() and part.make()
+        if self.works:
+            self._F: Floats = np.linalg.inv(part.complement).astype(np.float64)
+            self._own = sparse(K)[surface][:, surface]
+        part.destroy()
+
+    def against(
+        self,
+        of_others: scipy.sparse.csr_matrix,
+        on_kept: scipy.sparse.csr_matrix,
+        among: scipy.sparse.csr_matrix,
+    ) -> ContactCompliance:
+        """The answer to a tangent; see :meth:`ContactCompliance.of`.
+
+        Args:
+            of_others: A_sc, N/m.
+            on_kept: A_cs.
+            among: K + N, (c, c).
+        """
+        return ContactCompliance.of(self._F, of_others, on_kept, among - self._own)
+
+    def alone(self, forces: Floats, whole: bool) -> Floats:
+        """Displacements (c,), m, under forces (k,), N, without contact.
+
+        Args:
+            forces: on all unknowns.
+            whole: whether those inside the bodies count, which takes a solve.
+        """
+        if whole:
+            return np.asarray(self.solve(forces)[self._surface])
+        return np.asarray(self._F @ forces[self._surface])
+
+    def solve(self, forces: Floats) -> Floats:
+        """Displacements (k,), m, under forces (k,), N."""
+        return self._factor.solve(forces)
+
+    def destroy(self) -> None:
+        """Give the memory back."""
+        self._factor.destroy()
+
+
+@dataclass(frozen=True, slots=True)
+class ContactCompliance:
+    """The kept bodies as they answer to one tangent.
+
+    Attributes:
+        touched: (m,) of the unknowns c those that contact couples in this tangent.
+        of_others: (s, m) sparse, A_sc; on_kept: (m, s) sparse, A_cs; among: (m, m) sparse, N.
+        G: (m, m), m/N.
+    """
+
+    touched: Ints
+    of_others: scipy.sparse.csr_matrix
+    on_kept: scipy.sparse.csr_matrix
+    among: scipy.sparse.csr_matrix
+    G: Floats
+
+    @classmethod
+    def of(
+        cls,
+        F: Floats,
+        of_others: scipy.sparse.csr_matrix,
+        on_kept: scipy.sparse.csr_matrix,
+        among: scipy.sparse.csr_matrix,
+    ) -> ContactCompliance:
+        """Make G; no numbers where 1 + F N is singular, or holds none.
+
+        Args:
+            F: (c, c), m/N, symmetric.
+            of_others: (s, c), A_sc, N/m; zeros are taken out of it, and of the next.
+            on_kept: (c, s), A_cs.
+            among: (c, c), N.
+        """
+        of_others.eliminate_zeros()  # patterns have room for what contact may couple
+        on_kept.eliminate_zeros()
+        m = _coupled(of_others, on_kept)
+        of_others, on_kept, among = of_others[:, m], on_kept[m], among[m][:, m]
+        square = F[np.ix_(m, m)]
+        mixed = np.asarray((among.T @ square.T).T)
+        mixed[np.diag_indices(len(m))] += 1.0
+        try:
+            G: Floats = np.linalg.solve(mixed, square)
+        except np.linalg.LinAlgError:
+            G = np.full_like(square, np.nan)
+        return cls(m, of_others, on_kept, among, G)
+
+    def stiffness(self) -> Floats:
+        """A_sc G A_cs (s, s), N/m: what the kept bodies take off the stiffness of contact."""
+        left = self.of_others @ self.G
+        return np.asarray((self.on_kept.T @ left.T).T)
+
+    def relief(self, x_s: Floats) -> Floats:
+        """A_sc G A_cs x_s (s,), N."""
+        return np.asarray(self.of_others @ (self.G @ (self.on_kept @ x_s)))
+
+    def held(self, w: Floats) -> Floats:
+        """(1 − G N) w (m,): the displacement w (m,), m, as contact hinders it."""
+        return np.asarray(w - self.G @ (self.among @ w))
+
+    def pull(self, w: Floats) -> Floats:
+        """A_sc (1 − G N) w (s,), N: on the others, where w (m,) is taken without contact."""
+        return np.asarray(self.of_others @ self.held(w))
+
+    def load(self, w: Floats, x_s: Floats) -> Floats:
+        """A_cs x_s + N x_c (m,), N: what contact puts on the kept bodies.
+
+        Args:
+            w: (m,) displacement that they would take without contact, m.
+            x_s: (s,) displacement of the others, m.
+        """
+        given = self.on_kept @ x_s
+        x_c = self.held(w) - self.G @ given
+        return np.asarray(given + self.among @ x_c)
+
+
+def _coupled(of_others: scipy.sparse.csr_matrix, on_kept: scipy.sparse.csr_matrix) -> Ints:
+    """Kept unknowns (m,) that are coupled with the others."""
+    coupled = np.diff(on_kept.indptr) > 0
+    coupled[of_others.indices] = True
+    out: Ints = np.nonzero(coupled)[0].astype(np.int32)
+    return out
+
+
+def sparse(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
+    """A copy of a matrix on one rank."""
+    ends, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, ends), shape=matrix.getSize())
+
+
+# -- The factorisation of bodies without their contact, kept for several tangents ------------------
+#
+# The unknowns of contact are left over when the bodies are factorised
+# (`schur_factor`): the contact of each tangent is put in by a dense
+# matrix, and the bulk of the tangent that was factorised stays.
+
+
+class Followers(NamedTuple):
+    """Unknowns (m,) that move with a platen's leading one, and that one (m,)."""
+
+    unknowns: Ints
+    leaders: Ints
+
+
+class KeptBulk:
+    """Factorises, and solves.
+
+    Attributes:
+        worn: whether the next tangent is to be factorised; part of a restart.
+        symmetric: whether the last bulk was that was to be factorised; none other is.
+        factorised: how often one was.
+    """
+
+    def __init__(self, surface: Ints, followers: Followers, prefix: str) -> None:
+        """Begin without a factorisation.
+
+        Args:
+            surface: unknowns s that contact may couple.
+            followers: of platens.
+            prefix: of the options for MUMPS.
+        """
+        self._surface, self._followers, self._prefix = surface, followers, prefix
+        self._matrix: PETSc.Mat | None = None
+        self._factor: SchurFactor | None = None
+        self.symmetric, self.worn, self.factorised = True, True, 0
+
+    def factorise(self, block: PETSc.Mat) -> bool:
+        """Factorise the bodies' block of a tangent; returns whether it is symmetric, and could be.
+
+        Args:
+            block: on one rank; but for the surface's unknowns its pattern never changes.
+        """
+        matrix = self._without_surface(block)
+        self.symmetric = _is_symmetric(matrix)
+        if not self.symmetric:
+            return False
+        self._factor = self._factor or SchurFactor(matrix, self._surface, self._prefix)
+        self.worn = not self._factor.make()
+        self.factorised += 1
+        return not self.worn
+
+    def complete(self, contact: Floats) -> bool:
+        """Put in what couples the surface's unknowns (s, s), N/m; returns whether that is regular.
+
+        Args:
+            contact: the bodies' own part included.
+        """
+        assert self._factor is not None
+        dense = self._factor.complement + contact
+        return bool(np.isfinite(dense).all()) and self._factor.exchange(dense)
+
+    def solve(self, rhs: Floats) -> Floats:
+        """Displacements (n,), m, for forces (n,), N."""
+        assert self._factor is not None
+        out = np.array(self._factor.solve(rhs))
+        out[self._followers.unknowns] += out[self._followers.leaders]
+        return out
+
+    def _without_surface(self, block: PETSc.Mat) -> PETSc.Mat:
+        """The block without what couples the surface's unknowns among themselves.
+
+        Nor is there what ties unknowns to a platen's leading one: nothing else depends on them.
+        """
+        ends, columns, values = block.getValuesCSR()
+        size = len(ends) - 1
+        rows = np.repeat(np.arange(size, dtype=columns.dtype), np.diff(ends))
+        surface = np.zeros(size, dtype=bool)
+        surface[self._surface] = True
+        within = surface[rows] & surface[columns]
+        follows = np.full(size, -1, dtype=columns.dtype)
+        follows[self._followers.unknowns] = self._followers.leaders
+        values[within | (columns == follows[rows])] = 0.0
+        keep = ~within | (rows == columns)
+        if self._matrix is None:
+            counts = np.bincount(rows[keep], minlength=size)
+            starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
+            csr = (starts, columns[keep], values[keep])
+            self._matrix = PETSc.Mat().createAIJ(block.getSizes(), csr=csr, comm=block.comm)
+            return self._matrix
+        with values_in_place(self._matrix) as here:
+            here[:] = values[keep]
+        return self._matrix
+
+    def destroy(self) -> None:
+        """Give the memory back."""
+        for part in (self._factor, self._matrix):
+            if part is not None:
+                part.destroy()
+
+
+def _is_symmetric(matrix: PETSc.Mat) -> bool:
+    """Whether a matrix and its transpose do the same to a vector of noise, to round-off."""
+    x, y = matrix.createVecs()
+    x.array[:] = np.random.default_rng(0).normal(size=x.getSize())
+    z = y.duplicate()
+    matrix.mult(x, y)
+    matrix.multTranspose(x, z)
+    z.axpy(-1.0, y)
+    return bool(z.norm() <= 1e-12 * y.norm())

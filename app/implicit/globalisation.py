@@ -3,7 +3,7 @@
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
 method try one set of them after another, while a soft one lets it find the region. Bodies that a
-load presses on each other are held by springs meanwhile (:mod:`tribox.app.implicit.approach`);
+load presses on each other are held by springs meanwhile (:mod:`tribox.app.implicit.globalisation`);
 others that touch nowhere find each other by contacts that pull as well.
 """
 
@@ -16,9 +16,12 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.implicit.approach import HeldApproach, is_adrift, strays
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.app.implicit.attempt import Attempt, Phase
 from tribox.app.implicit.interior_point import FromInside
+from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,3 +183,161 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         if reason > 0:
             break
     return iterations, reason
+
+
+# -- A way to the first contact of bodies that a load presses on each other ------------------------
+#
+# A body that only contact holds in a direction, and that does not touch yet, or in a point or along
+# a line, has no stiffness against its load: Newton's method throws it through the other body. Here
+# it is held by springs, as strong as it takes to let the load move it by the distance between the
+# bodies and a small part of a facet, while the contacts are soft. From the state so found the
+# springs begin again without force, weaker for the load that they carried, and so on, until the
+# contacts carry nearly all of it. Then springs and softness are dropped.
+#
+# The stages are solved coarsely, and by whole Newton steps: while the points that touch are being
+# found the residual says nothing of the distance to the solution, and a line search cuts good steps
+# short. All start from the committed state and commit nothing: what is found is a start.
+
+# A stage moves a loose body by FIRST lengths of a slave facet further than to the other body, the
+# next FURTHER times as far; after one that failed by a BACK-th, and then by CAREFUL times as much.
+FIRST, FURTHER, BACK, CAREFUL = 0.03, 5.0, 4.0, 2.0
+STRAYS = 1.0  # way of a body, in lengths of a slave facet, that a linear step is not believed
+SOFT, HARDER = 0.03, 6.0  # penalty scale of the stages; its growth where the last one misled
+COARSE = 0.2  # relative residual of a stage
+CARRIED = 0.2  # share of the load that the springs may carry in the end
+STAGES, FAILURES = 16, 6  # most stages, and most of them that fail
+LIMIT = 15  # iterations of a stage
+LEAST = 0.1  # stiffness of the springs in a direction without a load, over the largest
+
+
+def is_adrift(attempt: Attempt) -> bool:
+    """Whether a load acts on a loose body and no contact point is closed to carry it; collective.
+
+    The tangent is singular then.
+    """
+    problem, bodies = attempt.newton.problem, attempt.bodies
+    if attempt.pressed or not bodies.directions:
+        return False
+    attempt.trial.array[:] = problem.constrained_values(attempt.x)
+    if not unbalanced_loads(attempt).any():
+        return False
+    touching = any(bool(t.kinematics.closed.any()) for t in problem.trials)
+    return not problem.comm.allreduce(touching, op=MPI.LOR)
+
+
+def strays(attempt: Attempt) -> bool:
+    """Whether the start moves a loose body too far to be believed, at first touch; collective."""
+    problem, bodies = attempt.newton.problem, attempt.bodies
+    if attempt.pressed or not bodies.directions:
+        return False
+    way = float(np.max(np.abs(bodies.moved(attempt.start - attempt.x.array_r))))
+    return not way <= STRAYS * facet_length(problem)
+
+
+def unbalanced_loads(attempt: Attempt) -> Floats:
+    """Load (d,), N, that nothing carries at the trial state, in each direction; collective.
+
+    Rounding is none: springs for it would be so weak that the body flies off, or not, as the sum
+    over the ranks happens to come out.
+    """
+    problem = attempt.newton.problem
+    residual = problem.new_vector()
+    problem.residual(None, attempt.trial, residual, attempt.step)
+    loads: Floats = np.abs(attempt.bodies.sums(residual.array_r))
+    residual.destroy()
+    loads[loads <= problem.roundoff] = 0.0
+    return loads
+
+
+def facet_length(problem: Equilibrium) -> float:
+    """Largest mean length of the slave facets of a pair, m."""
+    return max((term.surface.facet_length for term in problem.contacts), default=0.0)
+
+
+def distance(problem: Equilibrium) -> float:
+    """How far apart the bodies of a pair are at the last evaluation, m; collective.
+
+    The shortest way of each pair, and of these the longest.
+    """
+    gaps = [np.where(t.projection.on_surface, t.projection.gap, np.inf) for t in problem.trials]
+    nearest = np.array([np.min(gap, initial=np.inf) for gap in gaps])
+    problem.comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
+    return float(np.max(nearest, where=np.isfinite(nearest), initial=0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldApproach:
+    """Newton's method with loose bodies held by springs, which give way to the contacts."""
+
+    def run(self, attempt: Attempt) -> tuple[int, int]:
+        """See :class:`Phase`.
+
+        Bodies that pressed on each other may balance; then no springs hold them, and the stages are
+        those of soft contacts.
+        """
+        problem, trial = attempt.newton.problem, attempt.trial
+        trial.array[:] = problem.constrained_values(attempt.x)
+        loads = unbalanced_loads(attempt)
+        if not loads.any() and not attempt.pressed:
+            return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
+        pace = Pace(FIRST * facet_length(problem))
+        way, carried, place = distance(problem) + pace.way, loads, trial.array_r.copy()
+        iterations, size = 0, attempt.bodies.size()
+        for stage in range(STAGES):
+            springs = _springs(attempt.bodies, carried, way, place)
+            held = attempt.step.held(springs).with_penalty_scale(problem.contacts, pace.soft)
+            trial.array[:] = place
+            attempt.newton.begin(trial)
+            if stage == 0:
+                iterations += attempt.predictor.restart(attempt.x, trial, held)
+            more, reason = attempt.newton.search(held, COARSE, LIMIT)
+            iterations += more
+            if reason > 0:
+                place = trial.array_r.copy()
+                carried = np.abs(attempt.bodies.sums(springs.force(place)))
+                if np.all(carried <= CARRIED * loads.max()):
+                    more, reason = attempt.newton.search(
+                        attempt.step, attempt.newton.options.tolerance, LIMIT
+                    )
+                    iterations += more
+                    if reason > 0:
+                        return iterations, reason
+                    pace.misled()
+            way = pace.next(reason > 0)
+            if pace.failures > FAILURES or way > size:  # the load moves the bodies apart
+                break
+        return iterations, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
+
+
+@dataclass(slots=True)
+class Pace:
+    """How far the stages go, and how soft the contacts are.
+
+    Attributes:
+        way: m, of the present stage, without the distance of the bodies.
+        further: factor of the next one's; soft: penalty scale.
+        failures: stages that failed so far.
+    """
+
+    way: float
+    further: float = FURTHER
+    soft: float = SOFT
+    failures: int = 0
+
+    def misled(self) -> None:
+        """Take note that the soft contacts led to no solution."""
+        self.soft = min(1.0, HARDER * self.soft)
+
+    def next(self, solved: bool) -> float:
+        """Way of the next stage, m, from a stage that was solved or failed."""
+        if solved:
+            self.way *= self.further
+        else:
+            self.failures += 1
+            self.way, self.further = self.way / BACK, CAREFUL
+        return self.way
+
+
+def _springs(bodies: LooseBodies, loads: Floats, way: float, place: Floats) -> HoldingSprings:
+    """Springs that ``loads`` (d,), N, stretch by ``way`` (m) from ``place`` (n,), m."""
+    return bodies.held(np.maximum(loads, LEAST * loads.max()) / way, place)

@@ -7,23 +7,38 @@ solvers see all of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Local, Snapshot
+from tribox.app.equilibrium.snapshot import (
+    Local,
+    Nodal,
+    Snapshot,
+    of_contacts,
+    of_origin,
+    of_searches,
+    of_step,
+    repeat_searches,
+    to_contacts,
+    to_origin,
+    to_step,
+)
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from tribox.app.implicit.assembly import Assembly
 from tribox.app.implicit.body_blocks import BodyBlocks
 from tribox.app.implicit.coupled_factor import DIRECT, CoupledFactor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
-from tribox.app.implicit.linear_way import LEFT, LinearWay
-from tribox.app.implicit.multigrid import KRYLOV, Multigrid, rigid_motions_of
+from tribox.app.implicit.linear_way import CLOSEST, LEFT, LinearWay, petsc_kinds
 from tribox.app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
-from tribox.geometry.surfaces.facets import Ints
+from tribox.forms.bodies.point_state import Origin
+from tribox.forms.contact.state import ContactState
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -292,3 +307,229 @@ class LinearSolver:
         assembly = Assembly.restored(self.problem, kept)
         with assembly.in_place(self.problem) as (x, before):
             self.assemble(x, assembly.step, before)
+
+
+# -- Flexible GMRES with smoothed aggregation (GAMG), for more unknowns than can be factorised -----
+
+KRYLOV: dict[str, str | float | bool] = {
+    "ksp_type": "fgmres",
+    # Newton's method gains three digits an iteration where it converges: more would be wasted.
+    "ksp_rtol": 1e-3,
+    "ksp_max_it": 200,
+    "ksp_gmres_restart": 60,
+    "pc_type": "gamg",
+    # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
+    # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_ksp_max_it": 1,
+    "mg_levels_pc_type": "sor",
+}
+# A solve that takes more than MANY iterations, and more than WORN times as many as the first with
+# the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
+MANY, WORN = 30, 1.5
+CLOSE = 1e-5
+"""Share of the forces that a first solve from a start on the path may leave. With the usual one the
+start's smooth errors remain, points open or slip by them, and a solve more is needed."""
+
+
+class Multigrid:
+    """An iterative solver, whatever its options are, whose preconditioner is kept.
+
+    Operator and finest smoother are those of the matrix at hand; the coarse spaces and their
+    matrices are those of an earlier one until solves take too long. What changes from one tangent
+    to the next is the contact, which the smoother sees; the bodies, for which there are coarse
+    spaces, hardly change. Nor does a wider pattern matter to them.
+
+    Attributes:
+        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        made: how often the preconditioner was made.
+    """
+
+    direct, part, closest = False, "preconditioner", CLOSEST
+
+    def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
+        """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
+        self._ksp, self._matrix, self._near = ksp, matrix, near
+        self._is_made = False
+        self._fresh: float | None = None  # iterations of the first solve with the preconditioner
+        self._iterations = 0.0  # of the last solve before the run was resumed
+        self._usual = self._share = float(ksp.getTolerances()[0])  # of forces, left by a solve
+        self.made = 0
+
+    def kinds(self) -> str:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
+
+    def worn(self) -> bool:
+        """Whether the last solve with the preconditioner took too many iterations."""
+        last = self._last_iterations() if self._is_made else 0
+        if last == 0:
+            return False
+        if self._fresh is None:
+            self._fresh = last
+        return last > max(MANY, WORN * self._fresh)
+
+    def renew(self) -> None:
+        """Forget the preconditioner with its coarse spaces; collective."""
+        self._ksp.reset()
+        self._is_made, self._fresh = False, None
+
+    def set_up(self, widened: bool) -> bool:
+        """Make the preconditioner if there is none that serves; collective.
+
+        See :class:`tribox.app.implicit.linear_way.LinearWay`.
+        """
+        if self.worn():
+            self.renew()
+        anew, self._is_made = not self._is_made, True
+        self.made += anew
+        self._matrix.setNearNullSpace(self._near)
+        self._ksp.setOperators(self._matrix)
+        preconditioner = self._ksp.getPC()
+        preconditioner.setReusePreconditioner(not anew)
+        self._ksp.setUp()
+        preconditioner.setReusePreconditioner(True)
+        return anew
+
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`; the options say what is usual."""
+        self._share = min(self._usual, max(share, CLOSE)) if on_path else self._usual
+        self._ksp.setTolerances(rtol=self._share)
+
+    def snapshot(self) -> Snapshot:
+        """What tells whether the preconditioner is worn."""
+        return {"fresh": self._fresh, "iterations": self._last_iterations()}
+
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        set_up()
+        self._fresh, self._iterations = kept["fresh"], kept["iterations"]
+
+    def _last_iterations(self) -> float:
+        """Iterations that the last solve, or that before the run was resumed, took to the usual."""
+        taken = float(self._ksp.getIterationNumber())
+        if self._share < self._usual:
+            taken *= math.log(min(self._usual, 0.5)) / math.log(self._share)
+        return taken or self._iterations
+
+
+def rigid_motions_of(problem: Equilibrium) -> PETSc.NullSpace:
+    """Rigid motions, orthonormal, for smoothed aggregation; collective.
+
+    Those of all bodies together serve each of them: smoothed aggregation restricts them to its
+    aggregates, which lie within a body.
+    """
+    nodes = problem.owned // problem.dim
+    position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
+    coordinates = problem.new_vector()
+    coordinates.array[:] = position.reshape(-1)
+    return PETSc.NullSpace().createRigidBody(coordinates)
+
+
+# -- What a tangent was assembled from, so that a run that goes on can make the same one again -----
+
+
+@dataclass(frozen=True, slots=True)
+class Assembly:
+    """All that a tangent depends on.
+
+    Attributes:
+        x: (n,), m, displacements; before: those that pressures were carried from, or None.
+        step: duration and contact modes.
+        origins: of each body, from where its material points were evaluated.
+        states: of the contacts at the start of the step; searches: where their candidate facets
+            were searched for.
+        loads: what loads with forms were set to; platens: m, their displacements where prescribed.
+        acts: whether each prescribed part, and then each platen, was there.
+    """
+
+    x: Floats
+    before: Floats | None
+    step: StepMode
+    origins: tuple[Origin | None, ...]
+    states: tuple[ContactState, ...]
+    searches: Local
+    loads: tuple[Floats, ...]
+    platens: tuple[float | None, ...]
+    acts: tuple[bool, ...]
+
+    @classmethod
+    def of(
+        cls, problem: Equilibrium, x: PETSc.Vec, step: StepMode, before: PETSc.Vec | None
+    ) -> Assembly:
+        """What the tangent at ``x`` has just been assembled from."""
+        return cls(
+            x.array_r.copy(),
+            None if before is None else before.array_r.copy(),
+            step,
+            tuple(solid.tangent_origin for solid in problem.solids),
+            tuple(term.state for term in problem.contacts),
+            of_searches(problem.contacts),
+            tuple(load.amount for load in problem.loads),
+            tuple(platen.displacement for platen in problem.platens),
+            tuple(part.acts for part in problem.constraints.parts),
+        )
+
+    def snapshot(self, problem: Equilibrium) -> Snapshot:
+        """All of it."""
+        bodies = enumerate(zip(problem.solids, self.origins, strict=True))
+        return {
+            "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
+            "x": Nodal(self.x),
+            "before": None if self.before is None else Nodal(self.before),
+            "step": of_step(self.step),
+            "states": of_contacts(self.states),
+            "searches": self.searches,
+            "loads": list(self.loads),
+            "platens": list(self.platens),
+            "acts": list(self.acts),
+        }
+
+    @classmethod
+    def restored(cls, problem: Equilibrium, kept: Snapshot) -> Assembly:
+        """What :meth:`snapshot` has seen."""
+        return cls(
+            kept["x"],
+            kept["before"],
+            to_step(kept["step"]),
+            tuple(map(to_origin, problem.solids, kept["origins"])),
+            tuple(to_contacts(problem.contacts, kept["states"])),
+            Local(kept["searches"] or {}),
+            tuple(kept["loads"]),
+            tuple(kept["platens"]),
+            tuple(kept["acts"]),
+        )
+
+    @contextmanager
+    def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        """Context in which all but the displacements is as in the assembly; x and before, m."""
+        now = Assembly.of(problem, problem.new_vector(), self.step, None)
+        repeat_searches(problem.contacts, self.searches.arrays)
+        self._put(problem)
+        for solid, origin in zip(problem.solids, self.origins, strict=True):
+            solid.remake_tangent(origin)
+        try:
+            yield _vector(problem, self.x), _vector(problem, self.before)
+        finally:
+            now._put(problem)
+            for solid in problem.solids:
+                solid.remake_tangent(None)
+
+    def _put(self, problem: Equilibrium) -> None:
+        """Put in the contacts' histories, and the loads and supports of the tangent."""
+        for term, state in zip(problem.contacts, self.states, strict=True):
+            term.adopt(state)
+        for load, amount in zip(problem.loads, self.loads, strict=True):
+            load.amount = amount
+        for platen, displacement in zip(problem.platens, self.platens, strict=True):
+            platen.displacement = displacement
+        for part, acts in zip(problem.constraints.parts, self.acts, strict=True):
+            part.acts = acts
+
+
+def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:
+    if values is None:
+        return None
+    out = problem.new_vector()
+    out.array[:] = values
+    return out

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from pydantic import BaseModel
 
+from tribox.app.case.case import Case
 from tribox.app.case.given import given_keys
 from tribox.app.errors import InputError
-from tribox.app.report.inputs import input_tables
-from tribox.app.report.pictures import Picture, pictures_of
+from tribox.app.figures.units import fitting
 from tribox.app.report.tables import (
     Table,
     comparison_tables,
@@ -34,6 +38,104 @@ from tribox.app.report.verdicts import (
 from tribox.app.results import Results, read
 from tribox.app.results.directory import write_text
 from tribox.app.results.reading import files_of_one_run
+
+# -- The figures of a results directory, to stand in the page itself -------------------------------
+
+_KNOWN = {
+    "history": ("Forces and friction", "Normal force, friction force and their ratio over the run"),
+    "mesh": ("Mesh", "The bodies with their cells before anything moved"),
+    "deformed": ("Deformed bodies", "The deformed bodies, and the tractions between them"),
+    "animation": ("Animation", "The deformed bodies in the course of the run"),
+    "energy": ("Energies", "Work and energies over the run"),
+    "effective_viscosity": (
+        "Effective viscosity",
+        "Effective viscosity over the velocity, on logarithmic axes",
+    ),
+    "friction_map": ("Friction map", "Friction over the velocity at steady points"),
+    "stribeck": ("Stribeck view", "Friction coefficient over the velocity"),
+    "force_displacement": (
+        "Force and displacement",
+        "Force of platens and tools over their displacement",
+    ),
+    "phase": ("Phase plot", "Velocity over displacement"),
+    "sweep_comparison": (
+        "Comparison",
+        "Forces of pairs and tools, springback and thickness at the end of each run",
+    ),
+    "sweep": ("Sweep", "Forces at the end of each run over the swept value"),
+}
+_ORDER = ("sweep", "mesh", "deformed", "history", "force_displacement", "energy")
+_KINDS = {".png": "image/png", ".gif": "image/gif"}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure.
+
+    Attributes:
+        title: above it; alt: what it shows, for those who cannot see it.
+        source: the image itself, as a data address; width, height: in points of the image.
+    """
+
+    title: str
+    alt: str
+    source: str
+    width: int
+    height: int
+
+
+def pictures_of(directory: Path, subject: str) -> list[Picture]:
+    """All figures of a results directory, those that tell most first.
+
+    Args:
+        directory: of the results.
+        subject: title of the run, for the alternative texts.
+
+    Raises:
+        InputError: one is no picture.
+    """
+    from PIL import Image
+
+    found = (p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS)
+    paths = [p for p in found if p.is_file() and not p.is_symlink()]
+    pictures = []
+    for path in sorted(paths, key=_rank):
+        if ".part" in path.name:
+            continue
+        title, shows = _title(path.stem)
+        try:
+            data = base64.b64encode(path.read_bytes()).decode("ascii")
+            with Image.open(path, formats=[path.suffix[1:]]) as image:
+                width, height = image.size
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            raise InputError(
+                f"{path}: is no picture that can be read ({error}); tribox plot draws it again"
+            ) from None
+        source = f"data:{_KINDS[path.suffix]};base64,{data}"
+        pictures.append(Picture(title, f"{shows}. {subject}", source, width, height))
+    return pictures
+
+
+def _rank(path: Path) -> tuple[int, str]:
+    places = [place for place, name in enumerate(_ORDER) if path.stem.startswith(name)]
+    return (min(places, default=len(_ORDER)), path.name)
+
+
+def _title(stem: str) -> tuple[str, str]:
+    """Title and description of a figure, by the longest known beginning of its name."""
+    known = [name for name in _KNOWN if stem.startswith(name)]
+    if not known:
+        words = stem.replace("_", " ").replace("-", " ")
+        return words.capitalize(), f"Figure {words}"
+    name = max(known, key=len)
+    title, shows = _KNOWN[name]
+    rest = stem.removeprefix(name).replace("_", " ").replace("-", " ").strip()
+    # Names of fields hold no dash, and begin with a letter.
+    if found := re.fullmatch(r"deformed-(?:([A-Za-z]\w*)-)?(\d+)-(.+)", stem):
+        field = f"{found[1].replace('_', ' ')}, " if found[1] else ""
+        rest = f"{field}end of stage {found[2]}, {found[3]}"
+    return (f"{title}: {rest}", f"{shows}: {rest}") if rest else (title, shows)
+
 
 NAME = "report.html"
 TEMPLATE = "template.html"
@@ -177,3 +279,156 @@ def _version(summary: dict[str, Any], parts: Sequence[RunPart]) -> str:
     """The version of the program that made the results; "" where no run tells."""
     told = dict(parts[0].facts) if parts else {}
     return str(summary.get("versions", {}).get("tribox") or told.get("tribox", ""))
+
+
+# -- The case of a run as tables of keys, values and meanings; what was given is marked ------------
+
+_TITLES = {"geometry": "Geometry", "solver": "Solver", "output": "Output", "sweep": "Sweep"}
+_NAMED = {
+    "contact": ("Contact", lambda table: f"{table['slave']} on {table['master']}"),
+    "boundary": ("Boundary", lambda table: table["surface"]),
+    "stage": ("Stage", lambda table: table["name"]),
+    "probe": ("Probe", lambda table: table.get("name", "")),
+}
+
+
+_RAISED = {"^2": "²", "^3": "³", "*": " "}
+_QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)(?: (.*))?")
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One key of a case.
+
+    Attributes:
+        key: within its table, such as "film.thickness"; value: with its unit.
+        given: whether the case file gave it; meaning: what the key is.
+    """
+
+    key: str
+    value: str
+    given: bool
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class InputTable:
+    """One table of a case: its title and its keys, those that were given first."""
+
+    title: str
+    inputs: Sequence[Input]
+
+    @property
+    def resolved(self) -> int:
+        """Number of keys that were not given."""
+        return sum(not one.given for one in self.inputs)
+
+
+def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
+    """The tables of a case, in the order of a case file.
+
+    Args:
+        case: resolved, as it was run.
+        given: dotted keys of what the case file gave; None: not known, all count as given.
+    """
+    known = None if given is None else frozenset(given)
+    data = case.model_dump(mode="json", exclude_none=True, exclude={"title"})
+    tables = []
+    for name, value in data.items():
+        for title, path, entries in _tables(name, value):
+            found = [_input(case, path, key, entry, known) for key, entry in _flat(entries)]
+            ordered = sorted(found, key=lambda one: not one.given)
+            if ordered:
+                tables.append(InputTable(title, ordered))
+    return tables
+
+
+def _tables(name: str, value: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
+    """(title, path, entries) of a key at the top of a case."""
+    if name == "bodies":
+        for body, entries in value.items():
+            yield f"Body {body}", (name, body), entries
+    elif name == "tools":
+        for tool, entries in value.items():
+            yield f"Tool {tool}", (name, tool), entries
+    elif isinstance(value, list):
+        word, called = _NAMED.get(name, (name, lambda table: table.get("name", "")))
+        for index, entries in enumerate(value):
+            yield f"{word} {index}: {called(entries)}".rstrip(": "), (name, index), entries
+    else:
+        yield _TITLES.get(name, name), (name,), value
+
+
+def _flat(entries: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) of nested tables."""
+    for key, value in entries.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+def _input(
+    case: Case, path: tuple[str | int, ...], key: str, value: Any, known: frozenset[str] | None
+) -> Input:
+    whole = ".".join(map(str, (*path, key)))
+    given = known is None or whole in known
+    return Input(key, value_text(value), given, _meaning(case, (*path, *key.split("."))))
+
+
+def value_text(value: Any) -> str:
+    """A value of a case as text: quantities readable, tables over time as pairs."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return "; ".join(" → ".join(map(value_text, row)) for row in value)
+    if isinstance(value, list):
+        return ", ".join(map(value_text, value))
+    return readable(str(value))
+
+
+def _meaning(case: Case, path: Sequence[str | int]) -> str:
+    """The description of a key; empty where the case's tables do not know it."""
+    here: Any = case
+    meaning = ""
+    for part in path:
+        if isinstance(here, BaseModel):
+            fields = type(here).model_fields
+            name = next((n for n, f in fields.items() if part in (n, f.alias)), None)
+            if name is None:
+                return meaning
+            meaning = fields[name].description or ""
+            here = getattr(here, name)
+        elif isinstance(here, Mapping):
+            here = here.get(part)
+        elif isinstance(here, Sequence) and isinstance(part, int):
+            here = here[part]
+        else:
+            break
+    return meaning
+
+
+def readable(text: str) -> str:
+    """A quantity as a resolved case holds it, such as "3e-08 m", exactly, but as "30 nm"."""
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        return text
+    try:
+        number = Decimal(match[1])
+    except InvalidOperation:
+        return text
+    unit = match[2] or ""
+    for old, new in _RAISED.items():
+        unit = unit.replace(old, new)
+    if not 0.1 <= abs(number) < 1000:
+        fit = fitting([float(number)], unit)
+        number, unit = number.scaleb(-fit.power), fit.name
+    return f"{_plain(number)} {unit}".rstrip()
+
+
+def _plain(number: Decimal) -> str:
+    """A number without needless zeros; with a power of ten where it is long."""
+    number = number.normalize()
+    if number == 0 or -5 < number.adjusted() < 6:
+        return f"{number:f}"
+    return f"{number:e}".replace("e+", "e")

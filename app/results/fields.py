@@ -20,7 +20,7 @@ class StressField:
     """Cauchy stress at the centre of every cell, and how far the material has flowed there.
 
     Of bodies that remember, both are those of the last committed step: see
-    :mod:`tribox.forms.bodies.point_values` for how they come from the quadrature points to the
+    :mod:`tribox.forms.bodies.memory_solid` for how they come from the quadrature points to the
     centre.
 
     Attributes:

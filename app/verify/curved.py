@@ -1,16 +1,18 @@
 """Verification over curved tools: drag of a film in the plane and in space, and pressures.
 
-Where the bodies touch is read from their deformed surfaces (:mod:`tribox.app.verify.extent`), so
+Where the bodies touch is read from their deformed surfaces (:mod:`tribox.app.verify.curved`), so
 that the contact's own word on it is what is verified.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize, minimize_scalar
 
 from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
@@ -19,7 +21,6 @@ from tribox.app.simulation.history import Row
 from tribox.app.simulation.observer import Interval, Observer
 from tribox.app.simulation.run_state import RunState
 from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.app.verify.extent import Extent, disc, extent, slip_integral
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from tribox.app.verify.shipped_case import solve
 from tribox.app.verify.space import held
@@ -366,3 +367,231 @@ def surfaces_of(model: Model) -> tuple[dict[str, Ints], dict[str, Floats]]:
         found = np.unique(facet_nodes(space, model.named.facets(name)))
         nodes[name] = found[np.argsort(places[found, 0], kind="stable")]
     return nodes, {name: places[found] for name, found in nodes.items()}
+
+
+# -- Where two bodies touch, found from their deformed surfaces alone ------------------------------
+#
+# Between the ends of a contact the gap is zero (less a penetration, or, of facets that stand on a
+# few points, the chords' height), and a threshold on it finds the ends to a facet at best; beyond
+# an end it grows as the distance to the power 3/2, so slowly that a threshold of 1 % of the
+# indentation places it 3 % too far out. So the free surface outside is used instead: beyond a line
+# contact the gap is Hertz's (Johnson 1985, eq. 4.43 integrated),
+#
+# .. math:: g = \frac{a^2}{2R} \left[\rho\sqrt{\rho^2-1} - \operatorname{arcosh}\rho\right],
+#    \qquad \rho = 1 + (x - x_e)/a,
+#
+# and beyond the ends of any smooth contact of other bodies too it begins like this. The gap of the
+# nodes from about 0.15 to 1.2 half-widths beyond an end is fitted by this function times (c + c'
+# (rho-1)), which leaves the place x_e of the end, the amplitude and a slow change of it free. Which
+# nodes these are follows from their gap, so that no node inside the contact is among them. They are
+# free and bear no contact, so their places are those of the discretised body under the load as a
+# whole: the fit neither asks the contact which points are closed nor is sensitive to what happens
+# in a facet at the end. The tool's surface is the cubic spline through its nodes.
+
+LEAST, MOST = 0.12, 2.9
+"""Gaps between which nodes are fitted, relative to a²/2R: 0.16 to 1.2 a beyond the end."""
+ROUGH = 0.05
+"""Gap, relative to a²/2R, up to which a node counts as touching in the first guess."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """A contact in the plane.
+
+    Attributes:
+        left, right: m, x of its ends.
+        length: m, of the rubber's surface between them, current.
+        reference: m, the same, undeformed.
+    """
+
+    left: float
+    right: float
+    length: float
+    reference: float
+
+    @property
+    def half_width(self) -> float:
+        """m, half the distance of the ends in x."""
+        return 0.5 * (self.right - self.left)
+
+
+def beyond_line(rho: Floats) -> Floats:
+    """Hertz's gap (n,) beyond a line contact over a²/2R, at x/a = rho (n,) >= 1."""
+    out: Floats = rho * np.sqrt(rho**2 - 1.0) - np.arccosh(rho)
+    return out
+
+
+def beyond_point(rho: Floats) -> Floats:
+    """Hertz's gap (n,) beyond a point contact times πR/a², at r/a = rho (n,) >= 1."""
+    out: Floats = np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)
+    return out
+
+
+def extent(rubber: Floats, tool: Floats, undeformed: Floats, radius: float) -> Extent:
+    """The contact of two surfaces that run from left to right.
+
+    Args:
+        rubber: (n, 2), m, current nodes of the surface whose length counts.
+        tool: (m, 2), m, current nodes of the other.
+        undeformed: (n, 2), m, the first surface's nodes before.
+        radius: m, relative radius of the undeformed surfaces.
+
+    Raises:
+        ValueError: the surfaces do not touch, or touch up to their ends.
+    """
+    inside = (rubber[:, 0] > tool[0, 0]) & (rubber[:, 0] < tool[-1, 0])
+    x = rubber[inside, 0]
+    gap = np.abs(CubicSpline(*tool.T)(x) - rubber[inside, 1])
+    left, right = _rough(x, gap, radius)
+    for _ in range(4):
+        a, middle = 0.5 * (right - left), 0.5 * (right + left)
+        unit = 0.5 * a**2 / radius
+        used = (gap > LEAST * unit) & (gap < MOST * unit)
+        west, east = used & (x < middle), used & (x > middle)
+        left = -_end(-x[west], gap[west], a, beyond_line)
+        right = _end(x[east], gap[east], a, beyond_line)
+    return _measured(rubber, undeformed, left, right)
+
+
+def half_width(
+    rubber: Floats, tool: Floats, radius: float, shape: Callable[[Floats], Floats]
+) -> float:
+    """Half-width, m, of a contact that is symmetric about x = 0, from its right end.
+
+    Args:
+        rubber: (n, 2), m, current nodes of one surface, from left to right.
+        tool: (m, 2), m, of the other.
+        radius: m, relative radius of the undeformed surfaces.
+        shape: :func:`beyond_line` or :func:`beyond_point`.
+
+    Raises:
+        ValueError: the surfaces do not touch, or one ends too near the contact.
+    """
+    inside = (rubber[:, 0] >= 0.0) & (rubber[:, 0] < tool[-1, 0])
+    x = rubber[inside, 0]
+    gap = np.abs(CubicSpline(*tool.T)(x) - rubber[inside, 1])
+    unit = gap.max()
+    a = float(x[gap < ROUGH * unit].max(initial=0.0))
+    for _ in range(6):
+        unit = 0.5 * a**2 / radius
+        used = (gap > LEAST * unit) & (gap < MOST * unit) & (x > 0.5 * a)
+        a = _end(x[used], gap[used], a, shape)
+    return a
+
+
+def disc(rubber: Floats, centre: Floats, radius: float) -> float:
+    """Radius, m, of a sphere's circle of contact with a surface below it that was flat.
+
+    All nodes around are fitted at once, with the place of the circle along x free.
+
+    Args:
+        rubber: (n, 3), m, current nodes of the surface; y points towards the sphere.
+        centre: (3,), m, of the sphere.
+        radius: m, of the sphere.
+
+    Raises:
+        ValueError: they do not touch, or too few nodes lie beside the contact.
+    """
+    at = rubber[:, ::2] - centre[::2]
+    at, height = at[near := np.hypot(*at.T) < 0.5 * radius], rubber[near, 1]
+    gap = centre[1] - np.sqrt(radius**2 - np.sum(at**2, axis=1)) - height
+    touching = gap < 0.01 * gap.max()
+    if touching.sum() < 3:
+        raise ValueError("the surfaces do not touch")
+    a, shift = float(np.hypot(*at[touching].T).max()), 0.0
+    for _ in range(6):
+        unit = 0.5 * a**2 / radius
+        used = (gap > LEAST * unit) & (gap < MOST * unit) & (np.hypot(*at.T) > 0.5 * a)
+        if used.sum() < 8:
+            raise ValueError("too few nodes lie beside the contact for its end to be found")
+        a, shift = _circle(at[used], gap[used], a, shift)
+    return a
+
+
+def _circle(at: Floats, gap: Floats, a: float, shift: float) -> tuple[float, float]:
+    """Radius and place in x, m, of the circle that free nodes at (n, 2) are beyond."""
+
+    def misfit(of: Floats) -> float:
+        rho = np.hypot(at[:, 0] / a - of[1], at[:, 1] / a) / of[0]
+        f = beyond_point(np.maximum(rho, 1.0))
+        weight = 1.0 / np.sqrt(f + LEAST)  # what lies inside counts little
+        basis = np.stack([f, f * (rho - 1.0)], axis=1) * weight[:, None]
+        c, *_ = np.linalg.lstsq(basis, gap * weight, rcond=None)
+        return float(np.sum((basis @ c - gap * weight) ** 2)) / float(gap.max()) ** 2
+
+    first = np.array([1.0, shift / a])
+    found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-14})
+    return float(found.x[0]) * a, float(found.x[1]) * a
+
+
+def _rough(x: Floats, gap: Floats, radius: float) -> tuple[float, float]:
+    """Ends of the nodes whose gap is small against a²/2R, m."""
+    near = gap < ROUGH * gap.max()
+    for _ in range(3):
+        if near.sum() < 2:
+            raise ValueError("the surfaces do not touch")
+        a = 0.5 * float(np.ptp(x[near]))
+        near = gap < ROUGH * 0.5 * a**2 / radius
+    if near.sum() < 2:
+        raise ValueError("the surfaces do not touch")
+    return float(x[near][0]), float(x[near][-1])
+
+
+def _end(x: Floats, gap: Floats, a: float, shape: Callable[[Floats], Floats]) -> float:
+    """The end x_e, m, left of free nodes at x (n,), of a contact of half-width ``a`` (m)."""
+    if len(x) < 4:
+        raise ValueError("too few nodes lie beside the contact for its end to be found")
+
+    def misfit(end: float) -> float:
+        rho = 1.0 + (x - end) / a
+        f = shape(rho)
+        basis = np.stack([f, f * (rho - 1.0)], axis=1) / np.sqrt(f)[:, None]
+        wanted = gap / np.sqrt(f)
+        c, *_ = np.linalg.lstsq(basis, wanted, rcond=None)
+        return float(np.sum((basis @ c - wanted) ** 2)) / float(gap.max())
+
+    first = float(x.min())
+    bounds = (first - 0.6 * a, first - 1e-3 * a)
+    found = minimize_scalar(misfit, bounds=bounds, options={"xatol": 1e-7 * a})
+    return float(found.x)
+
+
+def _measured(rubber: Floats, undeformed: Floats, left: float, right: float) -> Extent:
+    """Length of the surface between two x, now and before."""
+    at = np.linspace(left, right, 801)
+    s = _arc(undeformed)
+    here = CubicSpline(rubber[:, 0], rubber[:, 1])(at)
+    length = float(np.hypot(np.diff(at), np.diff(here)).sum())
+    before = CubicSpline(rubber[:, 0], s)(np.array([left, right]))
+    return Extent(left, right, length, float(before[1] - before[0]))
+
+
+def _arc(nodes: Floats) -> Floats:
+    """Length (n,) of a polyline from its first node, m."""
+    steps = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def slip_integral(
+    now: tuple[Floats, Floats], before: tuple[Floats, Floats], found: Extent, dt: float
+) -> float:
+    """∫ v ds over the contact, m²/s: v how fast the tool passes the rubber, along the surface.
+
+    Args:
+        now: current nodes of the rubber (n, 2) and of the tool (m, 2), m.
+        before: those of the last step.
+        found: the contact now.
+        dt: s, between both.
+    """
+    rubber = now[0]
+    at = np.linspace(found.left, found.right, 801)
+    here = CubicSpline(rubber[:, 0], rubber[:, 1])
+    slope = here(at, 1)
+    moved = [
+        np.stack([np.interp(at, new[:, 0], (new - old)[:, i]) for i in (0, 1)], axis=1)
+        for new, old in zip(now, before, strict=True)
+    ]
+    tangent = np.stack([np.ones_like(at), slope], axis=1) / np.sqrt(1.0 + slope**2)[:, None]
+    speed = np.einsum("ni,ni->n", moved[1] - moved[0], tangent) / dt
+    ds = np.sqrt(1.0 + slope**2)
+    return float(np.trapezoid(speed * ds, at))

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import tool_on_rubber
-from tribox.app.verify.extent import Extent, extent, slip_integral
+from tribox.app.verify.curved import Extent, extent, slip_integral
 
 MM = 1e-3
 RADIUS = 5 * MM

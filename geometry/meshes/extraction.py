@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import FACETS, KINDS, NUMBERS, Kind
+from tribox.geometry.meshes.elements import (
+    CORNERS,
+    DIMENSION,
+    FACETS,
+    HEXAHEDRON,
+    INTERVAL,
+    KINDS,
+    NUMBERS,
+    PLACES,
+    QUADRILATERAL,
+    SIDES,
+    Kind,
+)
 from tribox.geometry.meshes.gmsh_model import MeshError, NamedGroups, elements_of, named_groups
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
-from tribox.geometry.meshes.refinement import Parts, refined
 
 _LOWER = {0: {15: 1}, 1: {1: 2, 8: 3}}
 """Of points and of edges, gmsh's kinds of elements and their numbers of nodes."""
@@ -129,3 +142,214 @@ def _by_shape(parts: _Named) -> Parts:
         name: (tag, {kind.shape: rows for kind, rows in blocks.items()})
         for name, (tag, blocks) in parts.items()
     }
+
+
+# -- Meshes of several kinds of cells, divided into quadrilaterals or hexahedra alone --------------
+#
+# One kind of cells is what a mesh can have. Every polygon falls into as many quadrilaterals as it
+# has corners, and every cell with three edges at each corner (a tetrahedron, a hexahedron, a prism)
+# into as many hexahedra: each of them joins a corner, the middles of its edges and of its faces,
+# and the middle of the cell. Middles are means of corners, so that neighbours of any kind fit
+# together.
+#
+# Axis letters: c cells, f facets, a corners, n nodes, i space.
+
+Longs = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+Blocks = Mapping[str, Longs]
+"""Elements (c, a) of each shape."""
+Parts = Mapping[str, tuple[int, Blocks]]
+"""Tag and elements of each body or surface."""
+
+_PLURAL = {
+    "triangle": "triangles",
+    "quadrilateral": "quadrilaterals",
+    "tetrahedron": "tetrahedra",
+    "hexahedron": "hexahedra",
+    "prism": "prisms",
+}
+
+
+def refined(position: Floats, bodies: Parts, surfaces: Parts, source: str) -> MeshArrays:
+    """The mesh divided into cells of one kind; its names stay.
+
+    Args:
+        position: (n, 3) of the nodes.
+        bodies: of first-order cells of any shape of `SIDES`.
+        surfaces: of facets of theirs.
+        source: name of the mesh in messages.
+
+    Raises:
+        MeshError: a facet is not one of a cell, or a cell is too distorted to be divided.
+    """
+    counts: dict[str, int] = {}
+    for _, blocks in bodies.values():
+        for shape, rows in blocks.items():
+            counts[shape] = counts.get(shape, 0) + len(rows)
+    dim = DIMENSION[next(iter(counts))]
+    cell = QUADRILATERAL if dim == 2 else HEXAHEDRON
+    middles = _Middles(position, [b for _, b in bodies.values()])
+    made = {name: Part(tag, middles.divided(blocks)) for name, (tag, blocks) in bodies.items()}
+    try:
+        sides = {n: Part(tag, middles.divided(blocks)) for n, (tag, blocks) in surfaces.items()}
+    except KeyError:
+        raise MeshError(
+            f"{source}: facets of a surface are not on the boundary of any cell"
+        ) from None
+    before = ", ".join(f"{count} {_PLURAL[shape]}" for shape, count in counts.items())
+    total = sum(len(part.nodes) for part in made.values())
+    kinds = "mixed cells" if len(counts) > 1 else "cells"
+    note = f"{kinds} ({before}): refined to {total} {_PLURAL[cell]}"
+    mesh = MeshArrays(cell, middles.positions(), made, sides, notes=(note,))
+    _check_shape(mesh, source)
+    return mesh
+
+
+class _Middles:
+    """Numbers and positions of the middles of edges, faces and cells."""
+
+    def __init__(self, position: Floats, bodies: list[Blocks]) -> None:
+        self._position = [position]
+        self._count = len(position)
+        self._known: dict[int, tuple[Longs, int]] = {}
+        for corners in (2, 3, 4):
+            found = [
+                np.sort(rows[:, list(side)], axis=1)
+                for blocks in bodies
+                for shape, rows in blocks.items()
+                for side in _parts_with(shape, corners)
+            ]
+            if found:
+                self._add(np.concatenate(found), position)
+        self._cells: dict[int, Longs] = {}
+
+    def _add(self, rows: Longs, position: Floats) -> None:
+        unique = np.unique(rows, axis=0)
+        self._known[rows.shape[1]] = (unique, self._count)
+        self._append(position[unique].mean(axis=1))
+
+    def _append(self, places: Floats) -> None:
+        self._position.append(places)
+        self._count += len(places)
+
+    def positions(self) -> Floats:
+        """All nodes (n, 3), those of the mesh first."""
+        return np.concatenate(self._position)
+
+    def of(self, rows: Longs) -> Longs:
+        """Numbers of the middles of edges or faces (f, a).
+
+        Raises:
+            KeyError: one of them is in no cell.
+        """
+        known, first = self._known.get(rows.shape[1], (np.empty((0, rows.shape[1])), 0))
+        wanted = np.sort(rows, axis=1)
+        both = np.concatenate([known, wanted]).astype(np.int64)
+        _, at, back = np.unique(both, axis=0, return_index=True, return_inverse=True)
+        found = at[back.reshape(-1)[len(known) :]]
+        if np.any(found >= len(known)):
+            raise KeyError
+        return np.asarray(first + found, dtype=np.int64)
+
+    def divided(self, blocks: Blocks) -> Longs:
+        """The quadrilaterals, hexahedra or intervals that elements fall into."""
+        return np.concatenate([self._of_shape(shape, rows) for shape, rows in blocks.items()])
+
+    def _of_shape(self, shape: str, rows: Longs) -> Longs:
+        if shape == INTERVAL:
+            middle = self.of(rows)
+            return np.concatenate(
+                [np.stack([rows[:, 0], middle], axis=1), np.stack([middle, rows[:, 1]], axis=1)]
+            )
+        if DIMENSION[shape] == 2:
+            return self._of_polygons(rows)
+        return self._of_solids(shape, rows)
+
+    def _of_polygons(self, rows: Longs) -> Longs:
+        """Four corners: one of the polygon, the middle of an edge, that of the polygon, another."""
+        count = rows.shape[1]
+        edges = [self.of(rows[:, [a, (a + 1) % count]]) for a in range(count)]
+        inside = self.of(rows)
+        return np.concatenate(
+            [np.stack([rows[:, a], edges[a], inside, edges[a - 1]], axis=1) for a in range(count)]
+        )
+
+    def _of_solids(self, shape: str, rows: Longs) -> Longs:
+        first = self._count
+        self._append(self._position[0][rows].mean(axis=1))
+        inside = first + np.arange(len(rows))
+        cells = []
+        for corner, (a, b, c) in enumerate(_around(shape)):
+            edge = {k: self.of(rows[:, [corner, k]]) for k in (a, b, c)}
+            face = {
+                pair: self.of(rows[:, list(_side_with(shape, {corner, *pair}))])
+                for pair in ((a, b), (b, c), (c, a))
+            }
+            lower = (rows[:, corner], edge[a], face[a, b], edge[b])
+            upper = (edge[c], face[c, a], inside, face[b, c])
+            cells.append(np.stack([*lower, *upper], axis=1))
+        return np.concatenate(cells)
+
+
+def _parts_with(shape: str, corners: int) -> list[tuple[int, ...]]:
+    """Edges (two corners) or faces of a cell; in the plane it is a face itself."""
+    if corners == 2:
+        return sorted(_edges(shape))
+    if DIMENSION[shape] == 2:
+        return [tuple(range(CORNERS[shape]))] if CORNERS[shape] == corners else []
+    return [side for side in SIDES[shape] if len(side) == corners]
+
+
+def _edges(shape: str) -> set[tuple[int, int]]:
+    """Pairs of corners that an edge joins."""
+    return {
+        (min(a, b), max(a, b))
+        for side in SIDES[shape]
+        for a, b in zip(side, (*side[1:], side[0]), strict=True)
+    }
+
+
+@lru_cache
+def _around(shape: str) -> tuple[tuple[int, int, int], ...]:
+    """The three corners joined to each corner of a solid, right-handed about it."""
+    place, found = np.array(PLACES[shape]), []
+    for corner in range(CORNERS[shape]):
+        a, b, c = sorted(sum(pair) - corner for pair in _edges(shape) if corner in pair)
+        edges = place[[a, b, c]] - place[corner]
+        found.append((a, b, c) if np.linalg.det(edges) > 0.0 else (a, c, b))
+    return tuple(found)
+
+
+def _side_with(shape: str, corners: set[int]) -> tuple[int, ...]:
+    """The face of a solid that has these corners."""
+    return next(side for side in SIDES[shape] if corners <= set(side))
+
+
+def _check_shape(mesh: MeshArrays, source: str) -> None:
+    """See that no cell is folded or inverted: at its corners and its middle.
+
+    Raises:
+        MeshError: one is; the message gives its place.
+    """
+    cells = mesh.cells
+    x = mesh.position[cells][:, :, : mesh.dim]
+    place = np.array(PLACES[mesh.cell])[:, : mesh.dim]
+    determinants = []
+    for at in (*place, np.zeros(mesh.dim)):
+        # Derivatives of the products of (1/2 ± ξ) along each direction.
+        factors = 0.5 + 2.0 * at * place
+        slopes = np.stack(
+            [
+                2.0 * place[:, j] * np.prod(np.delete(factors, j, axis=1), axis=1)
+                for j in range(mesh.dim)
+            ]
+        )
+        determinants.append(np.linalg.det(np.einsum("ja,cai->cij", slopes, x)))
+    det = np.array(determinants)
+    wrong = np.flatnonzero(~((np.sign(det) == np.sign(det[-1])) & (det != 0.0)).all(axis=0))
+    if len(wrong):
+        where = ", ".join(f"{value:.4g}" for value in x[wrong[0]].mean(axis=0))
+        raise MeshError(
+            f"{source}: {len(wrong)} of the {len(cells)} {_PLURAL[mesh.cell]} that mixed cells are "
+            f"divided into are folded, the first at ({where}); a cell there is too distorted"
+        )

@@ -23,7 +23,7 @@ def source(name: str) -> str:
 def test_every_column_and_array_is_explained():
     arrays = set(re.findall(r'^ {8}"(\w+)": ', source("contact_points.py"), re.MULTILINE))
     assert {"pressure", "alpha", "regime"} <= arrays
-    of_fields = set(re.findall(r'"(\w+)": ', source("field_series.py")))
+    of_fields = set(re.findall(r'"(\w+)": ', source("output_files.py")))
     assert {"displacement", "body", "log_strain"} <= of_fields
     assert arrays | of_fields | set(COLUMNS) | {"label", "steady"} <= explained()
 

@@ -130,7 +130,7 @@ def fit_data(data: object, directory: Path) -> None:
     content, fixed = data  # type: ignore[misc]
     path = directory / "data.csv"
     path.write_bytes(content)
-    with mock.patch("tribox.app.fit.figures.draw_fit"):
+    with mock.patch("tribox.app.fit.run.draw_fit"):
         run_fit(path, None, fixed, [], directory / "fit", force=True)
 
 

@@ -6,8 +6,7 @@ import tomllib
 
 import pytest
 
-from tribox.app.build.case_notes import notes_on
-from tribox.app.build.settling_notes import drive_to_load, shear_compliance, weakening_slip
+from tribox.app.build.case_notes import drive_to_load, notes_on, shear_compliance, weakening_slip
 from tribox.app.case.case import Case
 
 

@@ -29,8 +29,7 @@ from tribox.app.results.inputs import write_case
 from tribox.app.run.interruption import Interruption
 from tribox.app.run.run import run_case
 from tribox.app.run.stage_progress import StagesProgress
-from tribox.app.run.sweep import collate
-from tribox.app.run.sweep_runs import SweepOptions, _to_run
+from tribox.app.run.sweep_runs import SweepOptions, _to_run, collate
 from tribox.app.simulation.simulation import Simulation
 
 COARSE = {

@@ -16,7 +16,7 @@ from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.explicit.stepper import ExplicitOptions, ExplicitStepper
 from tribox.app.simulation.contact_resultants import measure_contact
-from tribox.app.simulation.interval_averages import IntervalAverages
+from tribox.app.simulation.explicit_stage import IntervalAverages
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.explicit_compiled import explicit_contact

@@ -14,9 +14,8 @@ from tribox.app.case import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
-from tribox.app.fit.figures import draw_fit
 from tribox.app.fit.model import RANGES, coordinates, friction
-from tribox.app.fit.run import report, run_fit
+from tribox.app.fit.run import draw_fit, report, run_fit
 from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -215,9 +214,7 @@ def test_the_figure_shows_where_the_threshold_speed_may_lie(tmp_path, monkeypatc
     gamma = {"V_star": None, "V_star_at": None, "gamma": 1e-10}
     for base, name in ((law(alpha=0.2), "V_star"), (law(alpha=0.2, **gamma), "gamma")):
         drawn: list = []
-        monkeypatch.setattr(
-            "tribox.app.fit.figures.save", lambda figure, path: drawn.append(figure)
-        )
+        monkeypatch.setattr("tribox.app.fit.run.save", lambda figure, path: drawn.append(figure))
         draw_fit(data, fitted(data, base, name), tmp_path, "data.csv")
         top = drawn[0].axes[0]
         [band] = top.patches
@@ -235,9 +232,7 @@ def test_rows_of_one_load_that_scatters_are_one_group_below_a_title(tmp_path, mo
         data = measured(truth, rows(0.0, np.tile(V, len(loads)), p), 0.01, 4)
         data = dataclasses.replace(data, observed="friction_coefficient", knows_film=False)
         drawn: list = []
-        monkeypatch.setattr(
-            "tribox.app.fit.figures.save", lambda figure, path: drawn.append(figure)
-        )
+        monkeypatch.setattr("tribox.app.fit.run.save", lambda figure, path: drawn.append(figure))
         draw_fit(data, fitted(data, truth, "mu_s", "V_s"), tmp_path, "my $curve.csv")
         texts = drawn[0].axes[0].get_legend().get_texts()
         assert len(texts) == lines

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import tribox.app.implicit.approach
-from tribox.app.implicit.approach import (
+from tribox.app.implicit import globalisation
+from tribox.app.implicit.globalisation import (
     HeldApproach,
     Pace,
     distance,
@@ -63,7 +63,7 @@ def test_a_start_that_moves_a_loose_body_by_a_facet_strays(way):
 
 def test_a_loose_body_under_load_that_touches_nothing_is_adrift(monkeypatch):
     loads = np.array([2.0])
-    monkeypatch.setattr(tribox.app.implicit.approach, "unbalanced_loads", lambda attempt: loads)
+    monkeypatch.setattr(globalisation, "unbalanced_loads", lambda attempt: loads)
     apart, touching = contact([0.1, 0.2]), contact([0.0, 0.2], closed=True)
     assert is_adrift(attempt_of(apart))
     assert not is_adrift(attempt_of(touching))
@@ -89,7 +89,7 @@ def test_bodies_in_balance_approach_by_soft_contacts_where_they_pressed(monkeypa
     """Without springs; where nothing has pressed yet there is no way to begin with."""
     attempt = attempt_of(contact([0.1]), pressed=pressed)
     balance = np.zeros(1)
-    monkeypatch.setattr(tribox.app.implicit.approach, "unbalanced_loads", lambda attempt: balance)
+    monkeypatch.setattr(globalisation, "unbalanced_loads", lambda attempt: balance)
     attempt.newton = MagicMock(problem=attempt.newton.problem)
     attempt.newton.search.return_value = 3, 1
     attempt.trial = MagicMock(array=np.zeros(2), array_r=np.zeros(2))

@@ -21,9 +21,8 @@ from tribox.app.case.case import Case
 from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit import body_blocks, body_by_body, condensed_bodies
-from tribox.app.implicit.body_blocks import FAILED, TOO_MANY, BodyBlocks
-from tribox.app.implicit.body_by_body import MOST, BodyByBody
+from tribox.app.implicit import body_blocks, condensed_bodies
+from tribox.app.implicit.body_blocks import FAILED, MOST, TOO_MANY, BodyBlocks, BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.coupled_factor import CoupledFactor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
@@ -330,7 +329,7 @@ def resumed(case, directory, number):
 def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, by, monkeypatch, patience):
     """Byte by byte: from where the whole is factorised for good, or for some tangents only."""
     monkeypatch.setattr(condensed_bodies, "PASSES", 1)
-    monkeypatch.setattr(body_by_body, "LIMIT", 3)
+    monkeypatch.setattr(body_blocks, "LIMIT", 3)
     monkeypatch.setattr(body_blocks, "TOO_MANY", patience)
     case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
     run(case, tmp_path / "whole")

@@ -16,9 +16,13 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.implicit import condensed_bodies
-from tribox.app.implicit.body_by_body import BodyByBody
-from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
-from tribox.app.implicit.contact_compliance import ContactCompliance
+from tribox.app.implicit.body_blocks import BodyByBody
+from tribox.app.implicit.condensed_bodies import (
+    CLOSE,
+    CondensedBodies,
+    ContactCompliance,
+    can_condense,
+)
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation

@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from petsc4py import PETSc
 
-from tribox.app.implicit.contact_compliance import ContactCompliance, KeptCompliance
+from tribox.app.implicit.condensed_bodies import ContactCompliance, KeptCompliance
 
 
 def positive(rng, n):

@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.implicit.approach import HeldApproach
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import (
     APPROACH,
     SEARCH,
+    HeldApproach,
     LinearStart,
     PredictedStart,
     SoftContact,

@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 from tests.app.implicit.test_schur_factor import LEFT, RHS, SIZE, petsc, stiffness, unsymmetric
 from tribox.app.equilibrium.matrix_values import values_in_place
-from tribox.app.implicit.kept_bulk import Followers, KeptBulk
+from tribox.app.implicit.condensed_bodies import Followers, KeptBulk
 
 NONE = Followers(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))
 AT = np.ix_(LEFT, LEFT)

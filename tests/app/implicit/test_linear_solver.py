@@ -16,17 +16,18 @@ from tests.contact_boxes import two_boxes
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit import linear_solver, multigrid
+from tribox.app.implicit import linear_solver
 from tribox.app.implicit.coupled_factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import (
     DIRECT_LIMIT,
+    KRYLOV,
     PAYS,
     LinearSolver,
+    Multigrid,
     factorised_again,
     linear_options,
 )
-from tribox.app.implicit.multigrid import KRYLOV, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -353,8 +354,8 @@ def test_coarse_spaces_are_kept_while_the_pattern_widens(pair, monkeypatch):
     patterns, states = set(), []
     for way in (0.0, 0.2, 0.4, 0.4):
         if len(states) == 3:
-            monkeypatch.setattr(multigrid, "MANY", 1)
-            monkeypatch.setattr(multigrid, "WORN", 0.0)
+            monkeypatch.setattr(linear_solver, "MANY", 1)
+            monkeypatch.setattr(linear_solver, "WORN", 0.0)
         x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
         solver.assemble(x)
         patterns.add(problem.pattern_changes)

@@ -20,8 +20,7 @@ from tests.ranks import LIMIT
 from tribox.app.case.given import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.app.report.page import write_report
-from tribox.app.report.pictures import pictures_of
+from tribox.app.report.page import pictures_of, write_report
 from tribox.app.report.tables import end_table, frame_table, load_step_table, sweep_table
 from tribox.app.report.verdicts import UNBALANCED
 from tribox.app.results import read

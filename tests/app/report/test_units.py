@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tribox.app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
-from tribox.app.report.inputs import readable
+from tribox.app.report.page import readable
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,9 @@ from mpi4py import MPI
 from vtkmodules.vtkCommonCore import reference as reference_to
 
 from tests.grid import grid
-from tribox.app.results.bp_files import BpWriter
 from tribox.app.results.cell_strain import CellStrain
-from tribox.app.results.field_series import FieldSeries
 from tribox.app.results.fields import StressField
+from tribox.app.results.output_files import BpWriter, FieldSeries
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks

@@ -9,8 +9,8 @@ import pytest
 
 from tests.contact_boxes import Scene
 from tests.grid import grid
-from tribox.app.results.bp_files import BpWriter
 from tribox.app.results.fields import StressField
+from tribox.app.results.output_files import BpWriter
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.friction.coulomb import FrictionlessLaw

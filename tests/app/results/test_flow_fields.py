@@ -13,8 +13,8 @@ from tests.app.checkpoint.going_on import case_of, run
 from tests.flowing import soft_block
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.results.field_series import FieldSeries
 from tribox.app.results.fields import StressField
+from tribox.app.results.output_files import FieldSeries
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.memory_solid import make_solid

@@ -23,16 +23,19 @@ from tribox.app.results import read
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import BEGINNING, write_table
 from tribox.app.results.status import is_beginning
-from tribox.app.run.sweep import (
+from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
+from tribox.app.run.sweep_runs import (
     NO_SUMMARY,
     Part,
+    SweepOptions,
+    _make_ready,
     _summary_of_part,
+    _to_run,
     collate,
     part_command,
     run_side_by_side,
+    run_sweep,
 )
-from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
-from tribox.app.run.sweep_runs import SweepOptions, _make_ready, _to_run, run_sweep
 from tribox.app.simulation.history import COLUMNS
 
 

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.simulation.combed_pressure import WAVES, off_curve, softer_factor, waves, waves_text
+from tribox.app.simulation.contact_warnings import (
+    WAVES,
+    off_curve,
+    softer_factor,
+    waves,
+    waves_text,
+)
 
 MEAN, SHARE = 5.0, 0.1
 

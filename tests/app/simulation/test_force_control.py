@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import tribox.app.build.model
-import tribox.app.implicit.approach
+import tribox.app.implicit.globalisation
 from tribox.app.build.mesh import make_mesh
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
@@ -140,13 +140,13 @@ def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
 
 def test_springs_let_the_load_move_the_body_to_the_other_at_once(apart, monkeypatch):
     """The first stage goes the whole distance and a little further."""
-    ways, springs = [], tribox.app.implicit.approach._springs
+    ways, springs = [], tribox.app.implicit.globalisation._springs
 
     def noted(bodies, loads, way, place):
         ways.append(way)
         return springs(bodies, loads, way, place)
 
-    monkeypatch.setattr(tribox.app.implicit.approach, "_springs", noted)
+    monkeypatch.setattr(tribox.app.implicit.globalisation, "_springs", noted)
     apart(30e-6)
     simulate(pressed("cylinders", 0.45, 1))
     assert 30e-6 < ways[0] < 33e-6

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.verify.curved import BY_FORCE, SOFT, film_drag, press_nodes, stages
-from tribox.app.verify.extent import beyond_point, disc
+from tribox.app.verify.curved import (
+    BY_FORCE,
+    SOFT,
+    beyond_point,
+    disc,
+    film_drag,
+    press_nodes,
+    stages,
+)
 
 SHORT = stages(4, 4, 0.3e-3)
 POINTWISE = 'contact.0.pressure="pointwise"'

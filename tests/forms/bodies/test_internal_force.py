@@ -12,9 +12,9 @@ import ufl
 import tribox.forms.native.libraries
 import tribox.geometry.native.compiler
 from tests.grid import grid
+from tribox.forms.bodies.compiled_cells import PlaneCells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
-from tribox.forms.bodies.plane_cells import PlaneCells
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.native.compiler import KernelError
 

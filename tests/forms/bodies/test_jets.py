@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.forms.bodies.jets import Jet
+from tribox.forms.bodies.principal_powers import Jet
 
 X, Y = 1.3, 0.7
 

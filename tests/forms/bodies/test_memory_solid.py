@@ -16,8 +16,7 @@ from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear, Perzyna, Voce
 from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import Hencky
-from tribox.forms.bodies.memory_solid import MemorySolid, make_solid
-from tribox.forms.bodies.point_values import fit_weights
+from tribox.forms.bodies.memory_solid import MemorySolid, fit_weights, make_solid
 from tribox.forms.bodies.solid import DEGREE
 
 G, K = 1.0, 5.0

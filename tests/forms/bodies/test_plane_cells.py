@@ -9,8 +9,7 @@ import pytest
 
 from tests.forms.bodies.element_matrices import summed
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
-from tribox.forms.bodies.compiled_cells import compiled_cells
-from tribox.forms.bodies.plane_cells import PlaneCells
+from tribox.forms.bodies.compiled_cells import PlaneCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
-from tribox.forms.bodies.compiled_cells import compiled_cells
+from tribox.forms.bodies.compiled_cells import SpaceCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import (
     Hencky,
@@ -24,7 +24,6 @@ from tribox.forms.bodies.materials import (
     shear_and_bulk,
 )
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.bodies.space_cells import SpaceCells
 from tribox.geometry.compat import cell_nodes
 
 MATERIALS = {

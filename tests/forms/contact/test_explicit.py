@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from tests.conftest import Pair
 from tests.forms.contact.test_penalty import whole_tangent
-from tribox.forms.contact import compiled_pair, explicit_compiled
+from tribox.forms.contact import explicit_compiled
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
@@ -396,12 +396,12 @@ def test_a_structure_that_is_not_that_of_the_compiled_loop_is_refused(pair, monk
     """One field less in Python than in C: every later pointer would be taken for another."""
 
     class Short(ctypes.Structure):
-        _fields_ = compiled_pair.PairStructure._fields_[:-1]
+        _fields_ = explicit_compiled.PairStructure._fields_[:-1]
 
-    code = library(compiled_pair.SOURCES[2])
-    compiled_pair.check_layout(code)
+    code = library(explicit_compiled.SOURCES[2])
+    explicit_compiled.check_layout(code)
     with pytest.raises(RuntimeError, match="same fields in the same order") as error:
-        compiled_pair.check_layout(code, Short)
+        explicit_compiled.check_layout(code, Short)
     assert f"{ctypes.sizeof(Short)};" in str(error.value)
     assert f"{ctypes.sizeof(Short) + 8} bytes" in str(error.value)
     made = []

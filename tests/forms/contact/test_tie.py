@@ -7,14 +7,14 @@ import pytest
 from petsc4py import PETSc
 
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
-from tribox.forms.contact import tie_points
+from tribox.forms.contact import tie
 from tribox.forms.contact.tie import TieTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
 
 
 @pytest.fixture(autouse=True)
 def _reaches_over_the_gap(monkeypatch):
-    monkeypatch.setattr(tie_points, "REACH", 0.5)
+    monkeypatch.setattr(tie, "REACH", 0.5)
 
 
 def scene(shape, fine=False):
@@ -107,6 +107,6 @@ def test_the_pattern_has_room_for_the_tangent(shape):
 
 
 def test_a_tie_with_nothing_beside_it_is_refused(monkeypatch):
-    monkeypatch.setattr(tie_points, "REACH", 1e-3)
+    monkeypatch.setattr(tie, "REACH", 1e-3)
     with pytest.raises(ValueError, match="nothing is tied"):
         scene("Q4")

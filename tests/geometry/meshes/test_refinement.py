@@ -10,10 +10,10 @@ import pytest
 from mpi4py import MPI
 
 from tests.geometry.meshes.test_mesh import group, resultants, strip, write_built
+from tribox.geometry.meshes.extraction import refined
 from tribox.geometry.meshes.foreign import read_msh
 from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import read
-from tribox.geometry.meshes.refinement import refined
 
 
 def half_and_half():
