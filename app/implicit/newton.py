@@ -47,6 +47,7 @@ class NewtonPhase:
         line_search: PETSc's kind; None: that of the options.
         freezes_facets: whether points do not leave their master facets for a neighbour as soon as
             they pass an edge.
+        only_pressed: whether contacts that only touch have no stiffness.
         starts_over: whether the residuals of the phase before are forgotten.
         ends_stalled: whether the phase ends where the residual has stopped to fall.
         ends_wavering: whether it ends where it is near, and gains less than an iteration should.
@@ -56,6 +57,7 @@ class NewtonPhase:
     within: float | None = None
     line_search: str | None = None
     freezes_facets: bool = False
+    only_pressed: bool = False
     starts_over: bool = False
     ends_stalled: bool = False
     ends_wavering: bool = False
@@ -69,8 +71,9 @@ NEWTON_PHASES = (
         "frozen facets", within=EDGED, freezes_facets=True, starts_over=True, ends_stalled=True
     ),
     # On the far side of a kink the line search may find no decrease however short the step, while
-    # a few whole steps decide which side each point is on.
-    NewtonPhase("whole steps", within=STALLED, line_search="basic"),
+    # a few whole steps decide which side each point is on. The stiffness of contacts that only
+    # touch is no derivative: with it they would come nearer by a few per cent in an iteration.
+    NewtonPhase("whole steps", within=STALLED, line_search="basic", only_pressed=True),
 )
 
 
@@ -317,6 +320,8 @@ class Newton:
         self._phase, self._step = phase, step
         if phase.freezes_facets:
             self._step = step.frozen(problem.contacts, problem.trials)
+        if phase.only_pressed:
+            self._step = step.only_pressed(problem.contacts)
         if phase.line_search is None:
             return self._iterate()
         self._search(phase.line_search)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.equilibrium.test_equilibrium import coulomb
+from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.approach import HeldApproach
 from tribox.app.implicit.attempt import Attempt
@@ -28,6 +30,7 @@ from tribox.app.implicit.newton import (
     KINKED,
     NEWTON_PHASES,
     STALLED,
+    WHOLE_STEPS,
     Inside,
     Newton,
     length_to_least_energy,
@@ -114,6 +117,13 @@ def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reas
     assert given.newton.inside.last is after
 
 
+def test_a_body_that_floats_is_not_pushed_away_from_inside(monkeypatch):
+    seen, given = Scripted(monkeypatch, [2]), attempt(near=False)
+    given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None
+    given.step = given.step.held(HoldingSprings(np.ones(1), np.zeros(1), weak=True))
+    assert solve(given) == (1, 2) and seen.ran == [PredictedStart()]
+
+
 @pytest.mark.parametrize(
     ("ends", "ran"),
     [
@@ -191,3 +201,71 @@ def test_a_step_of_which_no_length_is_good_ends_where_there_are_numbers():
         return 1.0 if abs(length) < 1e-3 else -np.inf
 
     assert 0.0 < length_to_least_energy(asked, 1.0) == tried[-1] < 1e-3
+
+
+def made(pair):
+    problem = pair().problem(coulomb(0.3))
+    x = problem.new_vector()
+    return Newton(problem, LinearSolver(problem, x), x, ImplicitOptions())
+
+
+@pytest.mark.parametrize("phase", NEWTON_PHASES, ids=lambda phase: phase.name)
+def test_whole_steps_at_the_end_have_the_derivative_of_what_touches(pair, monkeypatch, phase):
+    newton = made(pair)
+    newton.residual_of(StepMode())
+    monkeypatch.setattr(Newton, "_iterate", lambda self: (0, 1))
+    newton._run(phase, StepMode())
+    (mode,) = newton._step.pairs(newton.problem.contacts)
+    assert mode[1].only_pressed is (phase is NEWTON_PHASES[-1])
+    assert not WHOLE_STEPS.only_pressed
+
+
+def test_what_is_known_of_steps_from_inside_goes_on_with_a_run(pair):
+    first, second = made(pair), made(pair)
+    first.inside = Inside(last=True, opening=2)
+    second.restore(first.snapshot())
+    assert second.inside == first.inside
+
+
+class Along:
+    """A Newton step of one unit, along which the residual is given, of the way from its start."""
+
+    def __init__(self, newton, monkeypatch, force):
+        start, increment = newton.trial.copy(), newton.trial.copy()
+        start.set(0.0)
+        increment.set(0.0)
+        increment.setValue(0, -1.0)
+        for one in (start, increment):
+            one.assemble()
+        self.newton = newton
+
+        def residual_of(step):
+            newton._residual.set(0.0)
+            newton._residual.array[0] = force(newton.trial.array_r[0])
+            return newton._residual.norm()
+
+        def begins(step):
+            residual_of(step)
+            return start, increment
+
+        newton.trial.set(0.0)
+        monkeypatch.setattr(newton, "residual_of", residual_of)
+        monkeypatch.setattr(newton, "_increment", begins)
+
+    @property
+    def way(self):
+        return float(self.newton.trial.array_r[0])
+
+
+def test_a_step_on_a_tangent_without_stiffness_goes_the_other_way(pair, monkeypatch):
+    """The energy falls towards −0.125, and the Newton step leads uphill."""
+    along = Along(made(pair), monkeypatch, lambda x: x + 0.125)
+    along.newton.step_to_least_energy(StepMode(), 1e-3)
+    assert along.way == pytest.approx(-0.125, abs=0.125 * ENOUGH)
+
+
+@pytest.mark.parametrize("none", [np.nan, np.inf])
+def test_a_step_to_where_there_are_no_numbers_is_halved(pair, monkeypatch, none):
+    along = Along(made(pair), monkeypatch, lambda x: 1.0 if x < 0.3 else none)
+    along.newton.step(StepMode(), falling=False)
+    assert along.way == 0.25
