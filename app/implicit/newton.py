@@ -129,7 +129,7 @@ class Newton:
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
-        self._patient = self._hasty = False
+        self._patient = self._hasty = self._eager = False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -191,14 +191,16 @@ class Newton:
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._hasty = False
+        self._hasty = self._eager = False
         self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
         try:
             return self._run(WHOLE_STEPS, step)
         finally:
             self._tolerance, self._limit = self.options.tolerance, self.options.max_iterations
 
-    def solve(self, step: StepMode, patient: bool = False, hasty: bool = False) -> tuple[int, int]:
+    def solve(
+        self, step: StepMode, patient: bool = False, hasty: bool = False, eager: bool = False
+    ) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
         Args:
@@ -207,11 +209,12 @@ class Newton:
                 where nothing else can be tried.
             hasty: whether a phase that is slow after a few iterations ends: for where something
                 better can be tried.
+            eager: whether a phase ends as soon as an iteration gains little.
 
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._patient, self._hasty = patient, hasty
+        self._patient, self._hasty, self._eager = patient, hasty, eager
         iterations, reason = 0, 0
         for phase in NEWTON_PHASES:
             within = phase.within if phase.within is None or not hasty else KINKED
@@ -398,6 +401,8 @@ class Newton:
             return reasons.DIVERGED_MAX_IT
         if self._hasty and iteration >= HASTY and self._is_slow():
             return reasons.DIVERGED_LINE_SEARCH
+        if self._eager and iteration and self._gains_little():
+            return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_stalled and self._is_stalled():
@@ -412,6 +417,11 @@ class Newton:
         """Whether the residual is far from small, and has not lately fallen to a tenth."""
         last = self.residuals[-1]
         return last > KINKED and last > 0.1 * self.residuals[-STALL_WINDOW]
+
+    def _gains_little(self) -> bool:
+        """Whether the residual is far from small, and the last iteration has not halved it."""
+        before, last = self.residuals[-2:]
+        return last > KINKED and last > 0.5 * before
 
     def _wavers(self) -> bool:
         """Whether the iteration is so near that it should gain far more than it does."""

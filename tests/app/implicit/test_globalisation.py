@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tribox.app.equilibrium.holding_springs import HoldingSprings
@@ -15,6 +16,8 @@ from tribox.app.implicit.approach import HeldApproach
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import (
     APPROACH,
+    FAR,
+    NEARLY,
     SEARCH,
     LinearStart,
     PredictedStart,
@@ -269,3 +272,44 @@ def test_a_step_to_where_there_are_no_numbers_is_halved(pair, monkeypatch, none)
     along = Along(made(pair), monkeypatch, lambda x: 1.0 if x < 0.3 else none)
     along.newton.step(StepMode(), falling=False)
     assert along.way == 0.25
+
+
+@pytest.mark.parametrize(
+    ("left", "rubs", "flows", "tried"),
+    [
+        (0.5 * FAR, False, True, [False]),
+        (0.5 * FAR, True, True, [False]),
+        (2.0 * FAR, False, True, []),
+        (2.0 * FAR, True, False, []),
+        (0.5 * NEARLY, True, True, [True]),
+        (2.0 * NEARLY, True, True, []),
+    ],
+)
+def test_after_a_step_from_inside_a_prediction_is_tried_where_it_may_be_near(
+    left, rubs, flows, tried
+):
+    """Where bodies flow and rub it may be so further off, as long as each iteration gains."""
+    given, seen = attempt(near=False, rubbing=rubs, flows=flows), []
+
+    def solves(step, patient, hasty, eager):
+        seen.append(eager)
+        return 3, 2
+
+    given.newton.residual_of, given.newton.solve = lambda step: left, solves
+    given.newton.trial = SimpleNamespace(array_r=np.zeros(1))
+    given.predictor.predict = lambda *given: 0
+    assert PredictedStart(if_near=True).run(given) == ((3, 2) if tried else (0, -6))
+    assert seen == tried
+
+
+@pytest.mark.parametrize(
+    ("residuals", "little"), [([0.2, 0.11], True), ([0.2, 0.09], False), ([1e-5, 9e-6], False)]
+)
+def test_an_eager_iteration_ends_where_it_gains_little(pair, residuals, little):
+    newton, reasons = made(pair), PETSc.SNES.ConvergedReason
+    before, last = residuals
+    newton.problem.reference_force, newton._phase = 1.0, WHOLE_STEPS
+    for eager in (True, False):
+        newton.residuals, newton._eager = [before], eager
+        ends = newton._test(newton.snes, 1, (0.0, 0.0, last))
+        assert ends == (reasons.DIVERGED_LINE_SEARCH if eager and little else None)
