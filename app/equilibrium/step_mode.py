@@ -87,5 +87,10 @@ class StepMode:
         changed = [replace(mode, friction_as_load=True) for _, mode in self.pairs(contacts)]
         return replace(self, modes=tuple(changed))
 
+    def only_pressed(self, contacts: Sequence[ContactTerm]) -> StepMode:
+        """The same with a tangent in which contacts that only touch have no stiffness."""
+        changed = [replace(mode, only_pressed=True) for _, mode in self.pairs(contacts)]
+        return replace(self, modes=tuple(changed))
+
 
 DEFAULT_STEP = StepMode()

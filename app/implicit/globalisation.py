@@ -29,7 +29,8 @@ class PredictedStart:
     """Newton's method from the predicted start.
 
     Attributes:
-        if_near: whether it is tried only where the prediction leaves little.
+        if_near: whether it is tried only where the prediction leaves little, or, where bodies
+            flow and rub, not much, as long as each iteration gains.
     """
 
     if_near: bool = False
@@ -45,13 +46,18 @@ class PredictedStart:
         failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         if strays(attempt):
             return started, failed
-        newton = attempt.newton
-        if self.if_near and newton.residual_of(attempt.step) > FAR:
-            return started, failed
+        newton, eager = attempt.newton, False
+        if self.if_near:
+            left = newton.residual_of(attempt.step)
+            eager = left > FAR
+            sliding = newton.problem.flows and attempt.predictor.rubbing()
+            if left > (NEARLY if sliding else FAR):
+                return started, failed
         more, reason = newton.solve(
             attempt.step,
             patient=not attempt.has_contacts,
             hasty=attempt.has_contacts and not attempt.predictor.rubbing(),
+            eager=eager,
         )
         return started + more, reason
 
@@ -112,6 +118,7 @@ class SoftContact:
 
 
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
+NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
 
 APPROACH = SoftContact((Softness(0.03),))
 SEARCH = SoftContact(

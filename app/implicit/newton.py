@@ -48,6 +48,7 @@ class NewtonPhase:
         line_search: PETSc's kind; None: that of the options.
         freezes_facets: whether points do not leave their master facets for a neighbour as soon as
             they pass an edge.
+        only_pressed: whether contacts that only touch have no stiffness.
         starts_over: whether the residuals of the phase before are forgotten.
         ends_stalled: whether the phase ends where the residual has stopped to fall.
         ends_wavering: whether it ends where it is near, and gains less than an iteration should.
@@ -57,6 +58,7 @@ class NewtonPhase:
     within: float | None = None
     line_search: str | None = None
     freezes_facets: bool = False
+    only_pressed: bool = False
     starts_over: bool = False
     ends_stalled: bool = False
     ends_wavering: bool = False
@@ -70,8 +72,9 @@ NEWTON_PHASES = (
         "frozen facets", within=EDGED, freezes_facets=True, starts_over=True, ends_stalled=True
     ),
     # On the far side of a kink the line search may find no decrease however short the step, while
-    # a few whole steps decide which side each point is on.
-    NewtonPhase("whole steps", within=STALLED, line_search="basic"),
+    # a few whole steps decide which side each point is on. The stiffness of contacts that only
+    # touch is no derivative: with it they would come nearer by a few per cent in an iteration.
+    NewtonPhase("whole steps", within=STALLED, line_search="basic", only_pressed=True),
 )
 
 
@@ -131,7 +134,7 @@ class Newton:
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
-        self._patient = self._hasty = False
+        self._patient = self._hasty = self._eager = False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -193,14 +196,16 @@ class Newton:
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._hasty = False
+        self._hasty = self._eager = False
         self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
         try:
             return self._run(WHOLE_STEPS, step)
         finally:
             self._tolerance, self._limit = self.options.tolerance, self.options.max_iterations
 
-    def solve(self, step: StepMode, patient: bool = False, hasty: bool = False) -> tuple[int, int]:
+    def solve(
+        self, step: StepMode, patient: bool = False, hasty: bool = False, eager: bool = False
+    ) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
         Args:
@@ -209,11 +214,12 @@ class Newton:
                 where nothing else can be tried.
             hasty: whether a phase that is slow after a few iterations ends: for where something
                 better can be tried.
+            eager: whether a phase ends as soon as an iteration gains little.
 
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._patient, self._hasty = patient, hasty
+        self._patient, self._hasty, self._eager = patient, hasty, eager
         iterations, reason = 0, 0
         if self.is_bounded and not patient:
             self._hasty = False
@@ -342,6 +348,8 @@ class Newton:
         self._phase, self._step = phase, step
         if phase.freezes_facets:
             self._step = step.frozen(problem.contacts, problem.trials)
+        if phase.only_pressed:
+            self._step = step.only_pressed(problem.contacts)
         if phase.line_search is None:
             return self._iterate()
         self._search(phase.line_search)
@@ -420,6 +428,8 @@ class Newton:
             return reasons.DIVERGED_MAX_IT
         if self._hasty and iteration >= HASTY and self._is_slow():
             return reasons.DIVERGED_LINE_SEARCH
+        if self._eager and iteration and self._gains_little():
+            return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_stalled and self._is_stalled():
@@ -434,6 +444,11 @@ class Newton:
         """Whether the residual is far from small, and has not lately fallen to a tenth."""
         last = self.residuals[-1]
         return last > KINKED and last > 0.1 * self.residuals[-STALL_WINDOW]
+
+    def _gains_little(self) -> bool:
+        """Whether the residual is far from small, and the last iteration has not halved it."""
+        before, last = self.residuals[-2:]
+        return last > KINKED and last > 0.5 * before
 
     def _wavers(self) -> bool:
         """Whether the iteration is so near that it should gain far more than it does."""

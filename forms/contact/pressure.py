@@ -225,7 +225,11 @@ def _reach(length: Floats, mode: ContactMode) -> Floats:
 def _law(
     gap: Floats, closed: Bools, mode: ContactMode, penalty: Floats, least: Floats
 ) -> tuple[Floats, Floats]:
-    """Pressure, Pa, negative only within an adhesive gap, and −∂p/∂g, Pa/m, where closed."""
+    """Pressure, Pa, negative only within an adhesive gap, and −∂p/∂g, Pa/m, where closed.
+
+    What only touches has the stiffness that pressing on it would meet: a body that rests on
+    another is not loose, and a flush surface stays closed as it is pressed. That is no derivative.
+    """
     stiffness = mode.penalty_scale * penalty
     if mode.interior is not None:
         pressure, stiffness = mode.interior.law(gap, penalty)
@@ -233,7 +237,8 @@ def _law(
         pressure = -stiffness * gap
     else:
         pressure = np.where(-gap > least, -stiffness * gap, 0.0)
-    return np.where(closed, pressure, 0.0), np.where(closed, stiffness, 0.0)
+    stiff = closed & (pressure != 0.0) if mode.only_pressed else closed
+    return np.where(closed, pressure, 0.0), np.where(stiff, stiffness, 0.0)
 
 
 def _expanded(penalty: float | Floats, count: int, what: str) -> Floats:

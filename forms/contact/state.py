@@ -73,6 +73,7 @@ class ContactMode:
         frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
             they pass an edge; None where the closest point decides.
         friction_as_load: whether friction is a given load without stiffness.
+        only_pressed: whether what touches without a pressure has no stiffness.
         interior: pressures and slacks that take the place of the penalty's law; None: that law.
         dashpots: beside the penalty, in explicit steps.
     """
@@ -82,6 +83,7 @@ class ContactMode:
     adhesive_gap: float = 0.0
     frozen_facets: Ints | None = field(default=None, compare=False)
     friction_as_load: bool = False
+    only_pressed: bool = False
     interior: InteriorPoint | None = field(default=None, compare=False)
     dashpots: Dashpots | None = field(default=None, compare=False)
 

@@ -7,11 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
+from tests.app.equilibrium.test_equilibrium import coulomb
+from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import (
     APPROACH,
+    FAR,
+    NEARLY,
     SEARCH,
     HeldApproach,
     LinearStart,
@@ -28,6 +33,7 @@ from tribox.app.implicit.newton import (
     KINKED,
     NEWTON_PHASES,
     STALLED,
+    WHOLE_STEPS,
     Inside,
     Newton,
     length_to_least_energy,
@@ -114,6 +120,13 @@ def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reas
     assert given.newton.inside.last is after
 
 
+def test_a_body_that_floats_is_not_pushed_away_from_inside(monkeypatch):
+    seen, given = Scripted(monkeypatch, [2]), attempt(near=False)
+    given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None
+    given.step = given.step.held(HoldingSprings(np.ones(1), np.zeros(1), weak=True))
+    assert solve(given) == (1, 2) and seen.ran == [PredictedStart()]
+
+
 @pytest.mark.parametrize(
     ("ends", "ran"),
     [
@@ -191,3 +204,112 @@ def test_a_step_of_which_no_length_is_good_ends_where_there_are_numbers():
         return 1.0 if abs(length) < 1e-3 else -np.inf
 
     assert 0.0 < length_to_least_energy(asked, 1.0) == tried[-1] < 1e-3
+
+
+def made(pair):
+    problem = pair().problem(coulomb(0.3))
+    x = problem.new_vector()
+    return Newton(problem, LinearSolver(problem, x), x, ImplicitOptions())
+
+
+@pytest.mark.parametrize("phase", NEWTON_PHASES, ids=lambda phase: phase.name)
+def test_whole_steps_at_the_end_have_the_derivative_of_what_touches(pair, monkeypatch, phase):
+    newton = made(pair)
+    newton.residual_of(StepMode())
+    monkeypatch.setattr(Newton, "_iterate", lambda self: (0, 1))
+    newton._run(phase, StepMode())
+    (mode,) = newton._step.pairs(newton.problem.contacts)
+    assert mode[1].only_pressed is (phase is NEWTON_PHASES[-1])
+    assert not WHOLE_STEPS.only_pressed
+
+
+def test_what_is_known_of_steps_from_inside_goes_on_with_a_run(pair):
+    first, second = made(pair), made(pair)
+    first.inside = Inside(last=True, opening=2)
+    second.restore(first.snapshot())
+    assert second.inside == first.inside
+
+
+class Along:
+    """A Newton step of one unit, along which the residual is given, of the way from its start."""
+
+    def __init__(self, newton, monkeypatch, force):
+        start, increment = newton.trial.copy(), newton.trial.copy()
+        start.set(0.0)
+        increment.set(0.0)
+        increment.setValue(0, -1.0)
+        for one in (start, increment):
+            one.assemble()
+        self.newton = newton
+
+        def residual_of(step):
+            newton._residual.set(0.0)
+            newton._residual.array[0] = force(newton.trial.array_r[0])
+            return newton._residual.norm()
+
+        def begins(step):
+            residual_of(step)
+            return start, increment
+
+        newton.trial.set(0.0)
+        monkeypatch.setattr(newton, "residual_of", residual_of)
+        monkeypatch.setattr(newton, "_increment", begins)
+
+    @property
+    def way(self):
+        return float(self.newton.trial.array_r[0])
+
+
+def test_a_step_on_a_tangent_without_stiffness_goes_the_other_way(pair, monkeypatch):
+    """The energy falls towards −0.125, and the Newton step leads uphill."""
+    along = Along(made(pair), monkeypatch, lambda x: x + 0.125)
+    along.newton.step_to_least_energy(StepMode(), 1e-3)
+    assert along.way == pytest.approx(-0.125, abs=0.125 * ENOUGH)
+
+
+@pytest.mark.parametrize("none", [np.nan, np.inf])
+def test_a_step_to_where_there_are_no_numbers_is_halved(pair, monkeypatch, none):
+    along = Along(made(pair), monkeypatch, lambda x: 1.0 if x < 0.3 else none)
+    along.newton.step(StepMode(), falling=False)
+    assert along.way == 0.25
+
+
+@pytest.mark.parametrize(
+    ("left", "rubs", "flows", "tried"),
+    [
+        (0.5 * FAR, False, True, [False]),
+        (0.5 * FAR, True, True, [False]),
+        (2.0 * FAR, False, True, []),
+        (2.0 * FAR, True, False, []),
+        (0.5 * NEARLY, True, True, [True]),
+        (2.0 * NEARLY, True, True, []),
+    ],
+)
+def test_after_a_step_from_inside_a_prediction_is_tried_where_it_may_be_near(
+    left, rubs, flows, tried
+):
+    """Where bodies flow and rub it may be so further off, as long as each iteration gains."""
+    given, seen = attempt(near=False, rubbing=rubs, flows=flows), []
+
+    def solves(step, patient, hasty, eager):
+        seen.append(eager)
+        return 3, 2
+
+    given.newton.residual_of, given.newton.solve = lambda step: left, solves
+    given.newton.trial = SimpleNamespace(array_r=np.zeros(1))
+    given.predictor.predict = lambda *given: 0
+    assert PredictedStart(if_near=True).run(given) == ((3, 2) if tried else (0, -6))
+    assert seen == tried
+
+
+@pytest.mark.parametrize(
+    ("residuals", "little"), [([0.2, 0.11], True), ([0.2, 0.09], False), ([1e-5, 9e-6], False)]
+)
+def test_an_eager_iteration_ends_where_it_gains_little(pair, residuals, little):
+    newton, reasons = made(pair), PETSc.SNES.ConvergedReason
+    before, last = residuals
+    newton.problem.reference_force, newton._phase = 1.0, WHOLE_STEPS
+    for eager in (True, False):
+        newton.residuals, newton._eager = [before], eager
+        ends = newton._test(newton.snes, 1, (0.0, 0.0, last))
+        assert ends == (reasons.DIVERGED_LINE_SEARCH if eager and little else None)

@@ -3,11 +3,31 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from tests.contact_boxes import Scene
 from tests.tool_cases import run
+from tribox.app.implicit import interior_point
+from tribox.app.implicit.attempt import Attempt
+from tribox.app.implicit.interior_point import (
+    CLOSE,
+    MOST_WAY,
+    NEAR,
+    OPENINGS,
+    PATIENCE,
+    REACH,
+    SHRINKS,
+    SHRINKS_FLOWING,
+    FromInside,
+    approached,
+)
+from tribox.app.implicit.newton import Inside
+from tribox.forms.friction.coulomb import FrictionlessLaw
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
@@ -153,3 +173,130 @@ def test_a_belt_that_slides_around_a_drum_is_pulled_as_euler_and_eytelwein_say()
     assert pulls["belt_left"] / pulls["belt_right"] == pytest.approx(
         math.exp(0.5 * math.pi * MU), rel=5e-3
     )
+
+
+class Script:
+    """An attempt whose residuals are given, from inside and of the exact law; notes what is done.
+
+    The last residual given stays.
+    """
+
+    def __init__(self, monkeypatch, inside, exact=(1.0,), flows=False):
+        self.done, self.inside, self.exact = [], list(inside), list(exact)
+        self.solutions, self.assembled = [], 0
+        vector = SimpleNamespace(array=np.zeros(1), array_r=np.zeros(1))
+        newton = SimpleNamespace(
+            problem=SimpleNamespace(flows=flows, contacts=[]),
+            options=SimpleNamespace(max_iterations=100),
+            inside=Inside(),
+            trial=vector,
+            begin=lambda x: None,
+            residual_of=self.residual_of,
+            step=lambda step, falling: self.done.append("falling" if falling else "step"),
+            step_to_least_energy=lambda step, first: self.done.append("least energy"),
+            solve=lambda step: self.solutions.pop(0),
+            solver=SimpleNamespace(assemble=lambda *given: self.done.append("assembled")),
+        )
+        step = SimpleNamespace(inside=lambda points: "inside")
+        predictor = SimpleNamespace(restart=lambda *given: 1)
+        self.attempt = Attempt(newton, predictor, vector, step, True, SimpleNamespace())
+        monkeypatch.setattr(interior_point, "starting_points", lambda attempt, barrier: [])
+        monkeypatch.setattr(interior_point, "shortest_facet", lambda problem: 1.0)
+        monkeypatch.setattr(interior_point, "_advanced", self.advanced)
+
+    def residual_of(self, step):
+        left = self.inside if step == "inside" else self.exact
+        return left.pop(0) if len(left) > 1 else left[0]
+
+    def advanced(self, problem, points, shrinks, kept):
+        self.done.append(shrinks)
+        return points
+
+
+@pytest.mark.parametrize(
+    ("flows", "done"),
+    [
+        (False, ["step", "falling", 1.0, "step", SHRINKS, "step", SHRINKS]),
+        (
+            True,
+            [
+                *(1.0, "least energy"),
+                *(1.0, "least energy"),
+                *(1.0, "least energy"),
+                *(SHRINKS_FLOWING, "least energy"),
+                SHRINKS_FLOWING,
+            ],
+        ),
+    ],
+)
+def test_pressures_wait_for_bodies_unless_these_flow(monkeypatch, flows, done):
+    """Which then yield wherever points that want to open hold them; and energy limits the steps."""
+    script = Script(monkeypatch, [3.0, 2.0, 0.5, 0.2, 1e-3], [0.5 * NEAR], flows)
+    assert approached(script.attempt, OPENINGS[0]) == (5, True)
+    assert script.done == done
+
+
+def test_bodies_that_do_not_settle_are_left_to_another_opening(monkeypatch):
+    script = Script(monkeypatch, [2.0])
+    assert approached(script.attempt, OPENINGS[0]) == (PATIENCE, False)
+
+
+@pytest.mark.parametrize(
+    ("exact", "iterations", "found"),
+    [
+        ([0.9 * CLOSE, 0.85 * CLOSE], 2, True),  # friction that weakens: the exact law stays off
+        ([0.9 * CLOSE, 0.5 * CLOSE, 0.5 * NEAR], 3, True),
+        ([2.0 * CLOSE], interior_point.LIMIT, False),
+    ],
+)
+def test_the_exact_law_goes_on_where_it_is_near_or_comes_no_nearer(
+    monkeypatch, exact, iterations, found
+):
+    script = Script(monkeypatch, [1e-6], exact)
+    assert approached(script.attempt, OPENINGS[0]) == (iterations, found)
+
+
+def test_the_opening_that_works_is_remembered_and_the_exact_tangent_kept(monkeypatch):
+    """A solution without an iteration has no tangent of the exact law yet."""
+    script = Script(monkeypatch, [1e-6], [0.5 * NEAR])
+    script.solutions = [(4, -6), (0, 3)]
+    assert FromInside().run(script.attempt) == (6, 3)
+    assert script.attempt.newton.inside.opening == 1
+    assert script.done[-1] == "assembled" and script.done.count("assembled") == 1
+    script.solutions = [(2, 3)]
+    assert FromInside("last").run(script.attempt) == (3, 3)
+    assert script.done.count("assembled") == 1 and not script.solutions
+
+
+def starting_point(gap, pressure="averaged", comm=None, way=1.0, barrier=1e-2):
+    """Of a flat pair, all of it at a gap (m; negative: pressed)."""
+    scene = Scene("Q4", FrictionlessLaw(), pressure=pressure)
+    term, trial = scene.term, scene.term.evaluate(scene.moved(np.zeros_like, -gap), 1.0)
+    if comm is not None:
+        term.surface.vertices = replace(term.surface.vertices, comm=comm)
+    return term, interior_point._starting_point(term, trial, way, barrier)
+
+
+@pytest.mark.parametrize("gap", [0.0, 20.0])
+def test_surfaces_feel_each_other_over_twice_the_gap_between_them(gap):
+    term, at = starting_point(gap)
+    facet = term.surface.facet_length
+    assert at.reach == pytest.approx(max(REACH * facet, 2.0 * gap), rel=1e-9)
+
+
+class AnotherRank:
+    """Beside this rank one whose points are pressed ten times as much."""
+
+    def allreduce(self, value, op=MPI.SUM):
+        if op == MPI.SUM:
+            squares, sums = value
+            return np.array([101.0 * squares, 11.0 * sums])
+        return value
+
+
+def test_points_of_all_ranks_give_the_barrier():
+    depth, barrier = 0.01, 1e-2
+    term, at = starting_point(-depth, "pointwise", AnotherRank(), barrier=barrier)
+    mean = term.penalty.max() * depth * 101.0 / 11.0
+    way = MOST_WAY * term.surface.facet_length
+    assert at.barrier == pytest.approx(barrier * mean * way, rel=1e-9)

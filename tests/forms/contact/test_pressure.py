@@ -129,6 +129,22 @@ def test_touch_is_relative_to_the_size_of_a_facet(rule, share, touches):
 
 
 @pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
+def test_what_only_touches_is_stiff_unless_only_what_presses_is(rule):
+    """It keeps a body from being loose; the derivative of its pressure is none."""
+    made, at = touching("Q4", rule)
+    x, least = made.surface.slave.position[:, 0], 1e-12
+    gap = np.where(x < np.median(x), -DEPTH, 1e-11)
+    normal = made.evaluate(replace(at, gap=gap), AS_IS, least)
+    assert np.all(normal.stiffness == made.penalty)
+    exact = made.evaluate(replace(at, gap=gap), ContactMode(only_pressed=True), least)
+    springs = exact.spring if exact.nodal_pressure is None else exact.nodal_pressure
+    assert 0 < np.count_nonzero(springs) < len(springs)
+    np.testing.assert_array_equal(exact.stiffness, np.where(springs > 0.0, made.penalty, 0.0))
+    for name in ("closed", "spring", "pressure"):
+        np.testing.assert_array_equal(getattr(exact, name), getattr(normal, name))
+
+
+@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
 def test_scaled_and_adhesive_contact(rule):
     """A scaled penalty scales the pressure; an adhesive gap pulls, and counts as no pressure."""
     made, at = touching("Q4", rule)
