@@ -41,7 +41,9 @@ from tribox.app.implicit.newton import (
 from tribox.app.implicit.options import ImplicitOptions
 
 
-def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, flows=False):
+def attempt(
+    near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, flows=False, bounded=False
+):
     problem = SimpleNamespace(
         flows=flows,
         contacts=[None] * contacts,
@@ -49,7 +51,7 @@ def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, 
         constrained_values=lambda x: x.array_r + moved,
     )
     x = SimpleNamespace(array_r=np.zeros(1))
-    newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
+    newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near, is_bounded=bounded)
     bodies = SimpleNamespace(directions=loose)
     predictor = SimpleNamespace(rubbing=lambda: rubbing)
     return Attempt(newton, predictor, x, StepMode(), pressed, bodies)
@@ -62,6 +64,7 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
         return phases_after(attempt(*given, **more), inside)
 
     assert after(near=False) == (inside, APPROACH)
+    assert after(near=False, bounded=True) == (LinearStart(),)  # films bound the steps
     assert after(near=False, pressed=False) == (inside, APPROACH, SEARCH)
     assert after(near=False, loose=[0]) == (inside, APPROACH, held)
     assert after(near=False, pressed=False, loose=[0]) == (held, inside, APPROACH, SEARCH)
