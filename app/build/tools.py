@@ -16,7 +16,7 @@ from tribox.app.build.tool_shapes import tool_surface
 from tribox.app.case.boundary import COMPONENTS, DRIVEN, Spring
 from tribox.app.case.case import Case
 from tribox.app.case.time_tables import TimeTable
-from tribox.app.case.tools import AnyTool, CylinderTool, Tool, ToolRotation
+from tribox.app.case.tools import AnyTool, CylinderTool, RoundTool, Tool
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.nodal_load import NodalLoad
 from tribox.app.equilibrium.rigid_tool import RigidTool, reference_dofs
@@ -116,7 +116,7 @@ def _add(
         if slot < dim:
             how = _component(table, COMPONENTS[slot], 1.0 / thickness)
         else:
-            how = _angle(rotation, length, 1.0 / (length * thickness))
+            how = _angle(table, length, 1.0 / (length * thickness))
         free[slot] = how.is_loaded
         _move(tools, name, part, how)
     moment = None if rotation is None else rotation.moment
@@ -266,8 +266,14 @@ def _component(table: Tool, component: str, share: float) -> _Slot:
     return _Slot(value, force, share)
 
 
-def _angle(rotation: ToolRotation | None, length: float, share: float) -> _Slot:
+def _angle(table: Tool, length: float, share: float) -> _Slot:
     """What moves the angle, times a length (m)."""
+    rotation = table.rotation
+    if rotation is not None and rotation.rim is not None and isinstance(table, RoundTool):
+        rim, turned = rotation.rim, length / table.radius
+        if isinstance(rim, TimeTable):
+            return _Slot(of_time(lambda time: turned * rim(time)))
+        return _Slot(of_drive(-turned if rotation.clockwise else turned))
     if rotation is not None and rotation.angle is not None:
         angle = rotation.angle
         return _Slot(of_time(lambda time: length * angle(time)))

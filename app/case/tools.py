@@ -19,7 +19,14 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from tribox.app.case.geometry import Scale
-from tribox.app.case.motions import COMPONENTS, DRIVEN, Component, Displacement, Velocity
+from tribox.app.case.motions import (
+    COMPONENTS,
+    DRIVEN,
+    Component,
+    Displacement,
+    Travel,
+    Velocity,
+)
 from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
@@ -131,10 +138,18 @@ class ToolRotation(Model):
 
     angle: Annotated[TimeTable, Program("rad")] | None = Field(
         default=None,
-        description="angle, against the clock seen from the axis's arrow head (or rate, moment)",
+        description="angle, against the clock seen from the arrow head of the axis (or one below)",
     )
     rate: Annotated[TimeTable, Program("rad/s")] | None = Field(
         default=None, description="angular velocity; it is integrated in time"
+    )
+    rim: Travel | None = Field(
+        default=None,
+        description="way of the rim of a round shape, against the clock: the angle times the "
+        'radius; or "driven": the rim moves with the velocity of the stage',
+    )
+    clockwise: Flag = Field(
+        default=False, description='whether rim = "driven" turns the tool with the clock'
     )
     moment: Annotated[TimeTable, Program("N*m")] | None = Field(
         default=None,
@@ -156,10 +171,13 @@ class ToolRotation(Model):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Keys that do not fit together."""
-        given = [key for key in ("angle", "rate", "moment") if getattr(self, key) is not None]
+        keys = ("angle", "rate", "rim", "moment")
+        given = [key for key in keys if getattr(self, key) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none"
-            yield Problem(place, f"give one of angle, rate and moment, found {found}")
+            yield Problem(place, f"give one of angle, rate, rim and moment, found {found}")
+        if self.clockwise and self.rim != DRIVEN:
+            yield Problem((*place, "clockwise"), 'goes with rim = "driven" only', True)
         if self.inertia is not None and self.moment is None:
             yield Problem((*place, "inertia"), "goes with moment only", self.inertia)
 
@@ -249,6 +267,8 @@ class Tool(Model):
             yield "displacement", component
         if self.spring is not None and self.spring.end == DRIVEN:
             yield "spring", "end"
+        if self.rotation is not None and self.rotation.rim == DRIVEN:
+            yield "rotation", "rim"
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """Points and directions of the shape, which have as many numbers as space dimensions."""
@@ -277,6 +297,13 @@ class Tool(Model):
             if self.rotation.centre is None and not self.has_centre:
                 reason = f'missing; a shape "{self.shape}" has no centre of its own'
                 yield Problem((*place, "rotation", "centre"), reason)
+            if self.rotation.rim is not None and not self.has_centre:
+                reason = f'a shape "{self.shape}" has no rim; give angle, rate or moment'
+                yield Problem((*place, "rotation", "rim"), reason)
+            for key in ("centre", "axis") if self.rotation.rim is not None else ():
+                if key in self.rotation.model_fields_set and hasattr(self, key):
+                    reason = f"with rim, a {self.shape} turns about its own {key}"
+                    yield Problem((*place, "rotation", key), reason)
 
     def _switching_problems(self, place: Place) -> Iterator[Problem]:
         """Stages of motion without a component that is moved there only."""
@@ -501,6 +528,8 @@ class MeshTool(Tool):
     def _as_text(self, value: Path) -> str:
         return str(value)
 
+
+RoundTool = CircleTool | CylinderTool | SphereTool
 
 AnyTool = Annotated[
     PlaneTool | CircleTool | CylinderTool | SphereTool | PolylineTool | MeshTool,

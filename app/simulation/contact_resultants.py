@@ -375,7 +375,7 @@ def contact_columns(
         "area_ratio": mean(lambda m: m.area_ratio),
         "stick_fraction": mean(lambda m: m.stick),
         "viscous_fraction": mean(lambda m: m.viscous),
-        "max_penetration": max((m.penetration for m in pairs), default=0.0),
+        "max_penetration": 0.0 + max((m.penetration for m in pairs), default=0.0),
         **_summed_vectors(pairs, thickness),
     }
 

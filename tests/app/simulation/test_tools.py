@@ -121,6 +121,22 @@ def test_a_free_roller_rolls_and_friction_gives_it_no_moment(mesh):
     assert stuck["force_x"] < -0.2 * stuck["force_y"]
 
 
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_a_driven_rim_turns_a_round_tool_with_the_velocity_of_the_stage(mesh, clockwise):
+    rim, stages = {"rim": "driven", "clockwise": clockwise}, rolled()["stage"]
+    stages[1] |= {"velocity": "200 um/s"}
+    turned = {"tools": {"punch": circle(displacement=down(), rotation=rim)}, "stage": stages}
+    driven = run(block_case(mesh, **rolled() | turned))
+    turn = 200e-6 / 2e-3 * (-1.0 if clockwise else 1.0)
+    assert last(driven)["rotation"] == pytest.approx(turn, rel=1e-12)
+    assert driven.rows[-1].driven_displacement == pytest.approx(200e-6, rel=1e-12)
+    way = {"rim": [["1 s", "0 m"], ["2 s", f"{turn * 2e-3!r} m"]]}
+    turned["tools"] = {"punch": circle(displacement=down(), rotation=way)}
+    given = last(run(block_case(mesh, **rolled() | turned | {"stage": rolled()["stage"]})))
+    assert last(driven)["force_x"] == pytest.approx(given["force_x"], rel=1e-9)
+    assert np.sign(given["force_x"]) == np.sign(-turn) and abs(given["force_x"]) > 0.0
+
+
 def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
     tables = rolled(angle=[["1 s", "0 rad"], ["2 s", "0.3 rad"]])
     tables["stage"] = [{"name": "all", "duration": "2 s", "steps": 40}]
