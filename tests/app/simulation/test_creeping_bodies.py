@@ -173,6 +173,8 @@ def block(section, **keys: Any):
     rubber = data["bodies"]["rubber"] | keys.pop("rubber", {})
     data["bodies"]["rubber"] = {key: value for key, value in rubber.items() if value is not None}
     data["stage"][0]["steps"] = keys.pop("steps", 40)
+    if "way" in keys:
+        data["boundary"][1]["displacement"] = keys.pop("way")
     return run(case_of(data | keys, fields_every=0))
 
 
