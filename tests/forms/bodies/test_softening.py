@@ -14,6 +14,7 @@ from tests.app.checkpoint.going_on import case_of
 from tests.app.simulation.test_creeping_bodies import block
 from tests.forms.bodies.test_viscous_points import BRANCHES, PLANE, identity, some
 from tests.tool_cases import run
+from tribox.app.results.probes import BodyProbes
 from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
 from tribox.forms.bodies.softening import LARGEST, Mullins, PointsBeside, SofteningPoints
 from tribox.forms.bodies.viscous_points import Viscoelastic, ViscousPoints
@@ -119,9 +120,6 @@ surface = "rubber_top"
 [[stage]]
 name = "pull"
 duration = 4
-[[probe]]
-name = "whole"
-body = "rubber"
 [solver]
 tolerance = 1e-11
 """
@@ -175,6 +173,10 @@ def test_a_bar_pulled_let_go_and_pulled_again_follows_the_closed_form(pulled):
     last = done.rows[-1]
     assert last.strain_energy == pytest.approx(0.0, abs=1e-6 * lost)
     assert abs(last.energy_error) < 0.01 * max(row.external_work for row in done.rows)
+    probe = BodyProbes(done.model, [("whole", "rubber")])
+    assert dict(zip(probe.columns, probe.rows()[0], strict=True))["softening_dissipation"] == (
+        pytest.approx(lost, rel=1e-6)
+    )
 
 
 def test_both_solvers_find_the_same():
