@@ -89,21 +89,23 @@ def material_of(body: Body) -> Material:
 def with_branches(
     body: ElastomerBody, given: NeoHookean | MooneyRivlin | Yeoh | Ogden | OwnMaterial
 ) -> Material:
-    """The material with the branches of a body, if there are any.
+    """The material with the branches of a body and its softening, if there are any.
 
     Args:
         body: what the case says.
         given: of its constants alone.
     """
+    softening = body.mullins.law_of() if body.mullins is not None else None
     if body.prony is None:
-        return given
+        return given if softening is None else Viscoelastic(given, softening=softening)
     relaxed, share = given, body.relaxed_share
     if body.moduli == "instantaneous":
         relaxed = given.softened(share)
     whole = relaxed.shear_modulus / share
     times = body.branch_times()
     pairs = zip(body.prony, times, strict=True)
-    return Viscoelastic(relaxed, tuple(Branch(part * whole, time) for (part, _), time in pairs))
+    branches = tuple(Branch(part * whole, time) for (part, _), time in pairs)
+    return Viscoelastic(relaxed, branches, softening)
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:

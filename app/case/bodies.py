@@ -17,6 +17,7 @@ from tribox.app.case.time_tables import Row, Rows
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
+    from tribox.forms.bodies.softening import Mullins
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 MOST_TERMS = 6  # of Ogden's sum
@@ -194,8 +195,34 @@ def _too_far(log_factor: float) -> str:
 Shift = Annotated[WlfShift | ArrheniusShift, Field(discriminator="law")]
 
 
+class MullinsTable(Model):
+    """η = 1 − erf((W_m − W)/(m + beta W_m))/r, the share of the stress that is left."""
+
+    r: Annotated[float, Quantity(gt=1.0)] = Field(
+        description="1/r is the largest share of the stress that is lost"
+    )
+    m: Annotated[float, Quantity("Pa", gt=0.0)] = Field(
+        description="strain energy (J/m^3 = Pa) from whose order on the body softens"
+    )
+    beta: Annotated[float, Quantity(ge=0.0)] = Field(
+        default=0.0, description="share of the largest energy that is added to m"
+    )
+
+    def law_of(self) -> Mullins:
+        """The softening."""
+        from tribox.forms.bodies.softening import Mullins
+
+        return Mullins(self.r, self.m, self.beta)
+
+
 class _Elastomer(_Body):
-    """What bodies have whose resistance to distortion may relax."""
+    """What bodies have whose resistance to distortion may relax, or soften."""
+
+    mullins: MullinsTable | None = Field(
+        default=None,
+        description="softening by the largest load that a point has had (Mullins; Ogden & "
+        "Roxburgh): below its largest energy W_m its stress is less",
+    )
 
     prony: Annotated[tuple[Row, ...], Rows(_SHARE, _TIME, rising=False)] | None = Field(
         default=None,

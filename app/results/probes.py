@@ -24,6 +24,7 @@ from tribox.app.simulation.run_state import RunState
 from tribox.forms.bodies.deformation import BodyPoints
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.viscous_points import Viscoelastic
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.ordering import order_by_place
 
@@ -189,6 +190,7 @@ class BodyProbes:
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
         self._flows = model.problem.flows
         self._branches = max((len(s.dissipated_by_part) for s in model.problem.solids), default=0)
+        self._softens = any(_softens(solid) for solid in model.problem.solids)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -206,6 +208,7 @@ class BodyProbes:
             "strain_energy",
             *[f"{kind}equivalent_plastic_strain" for kind in ("", "max_")] * self._flows,
             *(f"viscous_dissipation_{branch + 1}" for branch in range(self._branches)),
+            *["softening_dissipation"] * self._softens,
         )
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -215,6 +218,7 @@ class BodyProbes:
                 *(name, body.solid.name, *map(float, body.values(self._components))),
                 *(body.plastic_strain() if self._flows else ()),
                 *body.by_branch(self._branches),
+                *([body.by_softening()] if self._softens else ()),
             )
             for name, body in self._probes
         ]
@@ -275,6 +279,13 @@ class _Body:
         self._problem.comm.Allreduce(local, total, op=MPI.SUM)
         return [float(lost) * self._thickness for lost in total]
 
+    def by_softening(self) -> float:
+        """What softening has dissipated, J: what the branches have not; collective."""
+        local = 0.0
+        if _softens(self.solid):
+            local = float(self.solid.dissipated[0] - self.solid.dissipated_by_part.sum())
+        return self._problem.comm.allreduce(local, op=MPI.SUM) * self._thickness
+
     def plastic_strain(self) -> tuple[float, float]:
         """Mean over the undeformed volume and largest equivalent plastic strain; collective."""
         found, comm = self._stress.plastic_strain(), self._problem.comm
@@ -283,6 +294,11 @@ class _Body:
         total = comm.allreduce(float(self._points.weight.reshape(-1) @ found), op=MPI.SUM)
         largest = comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX)
         return total / self._reference, largest
+
+
+def _softens(solid: Solid) -> bool:
+    """Whether a body softens by its largest load."""
+    return isinstance(solid.material, Viscoelastic) and solid.material.softening is not None
 
 
 def _largest(values: Floats, place: Floats, comm: MPI.Comm) -> tuple[float, Floats]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from tribox.forms.contact.kinematics import relate
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -160,10 +161,22 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
         "energy": term.interface_energy(trial),
         "dissipated": weight @ parts.total + fading_loss(term, trial),
         "numerical": 0.5
-        * (weight @ _dot(response.traction - term.state.friction_traction, k.slip)),
+        * (weight @ _dot(response.traction - term.state.friction_traction, _way(term, trial))),
         "area_ratio": closed @ trial.area_ratio,
     }
     return {name: float(value) for name, value in out.items()}
+
+
+def _way(term: ContactTerm, trial: ContactTrial) -> Floats:
+    """Slip (q, i), m, of a step, that of points which have opened in it included.
+
+    Their friction at the begin of the step did work by the trapezoidal rule too.
+    """
+    k = trial.kinematics
+    opened = ~k.closed & (term.state.friction_traction != 0.0).any(axis=1)
+    if trial.anchor is None or not opened.any():
+        return k.slip
+    return relate(trial.position, trial.projection, trial.anchor, k.closed | opened).slip
 
 
 def fading_loss(term: ContactTerm, trial: ContactTrial) -> float:

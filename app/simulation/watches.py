@@ -22,7 +22,7 @@ from tribox.app.simulation.time_text import time_text
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.bodies.memory_solid import MemorySolid
-from tribox.forms.bodies.viscous_points import ViscousPoints
+from tribox.forms.bodies.viscous_points import Viscoelastic
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -256,9 +256,9 @@ class _CreepWatch:
     def __init__(self, problem: Equilibrium) -> None:
         self._problem = problem
         self._bodies = [
-            (body, body.law.branches)
+            (body, body.material.branches)
             for body in problem.solids
-            if isinstance(body, MemorySolid) and isinstance(body.law, ViscousPoints)
+            if isinstance(body, MemorySolid) and isinstance(body.material, Viscoelastic)
         ]
         size = sum(len(branches) for _, branches in self._bodies)
         self._lost, self._in_long, self._longest = np.zeros((3, size))

@@ -15,12 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import centre_rows, rows_at
-from tribox.forms.bodies.lanes import LANES, in_lanes
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native.libraries import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
+
+LANES = 8  # cells that the loops take at a time
+
+
+def in_lanes(table: NDArray[Any]) -> NDArray[Any]:
+    """Rows (c, k) of the cells as (blocks, k, LANES), the last cell repeated to fill the last."""
+    missing = -len(table) % LANES
+    padded = np.concatenate([table, table[-1:].repeat(missing, axis=0)])
+    return np.ascontiguousarray(padded.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))
 
 
 class CompiledCells(Protocol):

@@ -60,7 +60,7 @@ class PointStress:
         domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
         self._constants = [ufl.Constant(domain) for _ in range(3)]
         variables = [ufl.variable(c) for c in self._constants]
-        k = _of_invariants(variables, self._space)
+        k = of_invariants(variables, self._space)
         parts = material.energy(k, dict(material.parameters()))
         self._distortional, self._volumetric = (
             [expand_derivatives(ufl.diff(part, v)) for v in variables] for part in parts
@@ -109,7 +109,7 @@ def _plane_stress(w: Sequence[Floats | float], invariants: Sequence[Floats], F: 
     return out
 
 
-def _of_invariants(variables: Sequence[Any], space: bool) -> Kinematics:
+def of_invariants(variables: Sequence[Any], space: bool) -> Kinematics:
     """Kinematics in which the invariants stand for themselves."""
     first, second, third = variables
     if space:

@@ -46,7 +46,8 @@ from numpy.typing import NDArray
 
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.point_state import DISSIPATED
+from tribox.forms.bodies.point_state import DISSIPATED, MaterialPoints
+from tribox.forms.bodies.softening import Mullins, PointsBeside, SofteningPoints
 from tribox.forms.native.libraries import library
 
 Floats = NDArray[np.float64]
@@ -67,15 +68,17 @@ class Branch:
 
 @dataclass(frozen=True, slots=True)
 class Viscoelastic:
-    """An elastomer with branches.
+    """An elastomer with branches, or that softens, or both.
 
     Attributes:
         elastic: what is left of it when all branches are relaxed.
         branches: beside it.
+        softening: of the relaxed energy, by the largest that a point has had; None: there is none.
     """
 
     elastic: Material
-    branches: tuple[Branch, ...]
+    branches: tuple[Branch, ...] = ()
+    softening: Mullins | None = None
 
     @property
     def shear_modulus(self) -> float:
@@ -95,9 +98,14 @@ class Viscoelastic:
         """The relaxed strain energy."""
         return self.elastic.energy(k, c)
 
-    def points(self, space: bool) -> ViscousPoints:
-        """Its branches."""
-        return ViscousPoints(self.branches, space)
+    def points(self, space: bool) -> MaterialPoints:
+        """Its branches, and what softens."""
+        parts: list[MaterialPoints] = []
+        if self.branches:
+            parts.append(ViscousPoints(self.branches, space))
+        if self.softening is not None:
+            parts.append(SofteningPoints(self.elastic, self.softening, space))
+        return parts[0] if len(parts) == 1 else PointsBeside(parts)
 
 
 @dataclass(frozen=True, slots=True)

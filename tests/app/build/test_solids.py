@@ -18,6 +18,8 @@ from tribox.forms.bodies.hardening import (
     Voce,
 )
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.softening import Mullins
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
 BODY = TypeAdapter(Body)
 
@@ -34,6 +36,15 @@ def test_elastomers():
     ogden = made(material="ogden", mu=["1 MPa", "-2 kPa"], alpha=[1.3, -2], K="1 GPa")
     assert ogden == Ogden((1e6, -2e3), (1.3, -2.0), 1e9)
     assert ogden.shear_modulus == pytest.approx(0.5 * (1.3e6 + 4e3))
+
+
+def test_softening_of_the_relaxed_energy():
+    table = {"r": 2, "m": "1 kJ/m^3", "beta": 0.1}
+    keys = {"material": "neo-hookean", "G": 8, "K": 99, "mullins": table}
+    assert made(**keys) == Viscoelastic(NeoHookean(8.0, 99.0), (), Mullins(2.0, 1e3, 0.1))
+    both = made(**keys, prony=[[0.25, 3]], moduli="instantaneous")
+    assert both.elastic == NeoHookean(6.0, 99.0) and both.branches == (Branch(2.0, 3.0),)
+    assert both.softening == Mullins(2.0, 1e3, 0.1) and both.shear_modulus == 8.0
 
 
 @pytest.mark.parametrize(

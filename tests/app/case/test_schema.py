@@ -41,6 +41,7 @@ DOCUMENTED = {
     ),
     "`[bodies.NAME.rate]`": ("JohnsonCookRate", "PerzynaRate"),
     "`[bodies.NAME.shift]`": ("WlfShift", "ArrheniusShift"),
+    "`[bodies.NAME.mullins]`": ("MullinsTable",),
     "`[bodies.NAME.velocity]`": ("BodyVelocity",),
     "`[[contact]]`": ("Contact",),
     "`[contact.film]`": ("Film",),

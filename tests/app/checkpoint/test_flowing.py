@@ -26,6 +26,8 @@ STRUCK = {
     "y": [["0 s", "0 mm"], ["10 us", "-0.03 mm"]],
 }
 PRONY = [[0.3, "0.2 s"], [0.2, "2 s"]]
+MULLINS = {"r": 1.5, "m": "20 kPa", "beta": 0.1}
+BACK = [["2 MPa", 20], ["1 MPa", 0]]
 CASES: dict[str, dict[str, Any]] = {
     "creep": changed(
         BLOCK,
@@ -33,9 +35,10 @@ CASES: dict[str, dict[str, Any]] = {
         | {
             "stage": [STAGES[0] | {"rate_dependent": False}, STAGES[1]],
             "bodies.elastomer.prony": PRONY,
+            "bodies.elastomer.mullins": MULLINS,
         },
     ),
-    "implicit": soft_block(probe=PROBES),
+    "implicit": soft_block(probe=PROBES, bodies__aluminium__kinematic=BACK),
     "cut": soft_block(rated=True, solver={"max_iterations": 3}),
     "explicit": soft_block(
         rated=True,
@@ -43,6 +46,8 @@ CASES: dict[str, dict[str, Any]] = {
         stage=[{"name": "strike", "duration": "20 us", "steps": 2}],
         boundary=[BOTTOM, {"surface": "top", "displacement": STRUCK}],
         bodies__elastomer__density=1100,
+        bodies__elastomer__mullins=MULLINS,
+        bodies__aluminium__kinematic=BACK,
     ),
 }
 
@@ -70,8 +75,10 @@ def test_a_run_that_goes_on_writes_the_same_bytes(name, tmp_path, monkeypatch):
 
 def on_two(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, float]]:
     """Differences of a run on all ranks, and of one begun there and ended on one, from one's."""
-    creeps = {"bodies__elastomer__prony": PRONY}
-    case = case_of(soft_block(probe=PROBES, **creeps) | {"solver": {"tolerance": 1e-11}})
+    keys = {"prony": PRONY, "mullins": MULLINS}
+    remembers = {f"bodies__elastomer__{key}": value for key, value in keys.items()}
+    remembers["bodies__aluminium__kinematic"] = BACK
+    case = case_of(soft_block(probe=PROBES, **remembers) | {"solver": {"tolerance": 1e-11}})
     if comm.rank == 0:
         run(case, directory / "one")
     run(case, directory / "two", comm)

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from tests.app.checkpoint.going_on import case_of
 from tests.app.checkpoint.going_on import run as run_on
-from tests.tool_cases import run
+from tests.tool_cases import block_mesh, run
 
 ROOT = Path(__file__).parents[3]
 PRONY = [(0.3, 0.1), (0.2, 1.0)]
@@ -173,6 +173,8 @@ def block(section, **keys: Any):
     rubber = data["bodies"]["rubber"] | keys.pop("rubber", {})
     data["bodies"]["rubber"] = {key: value for key, value in rubber.items() if value is not None}
     data["stage"][0]["steps"] = keys.pop("steps", 40)
+    if "way" in keys:
+        data["boundary"][1]["displacement"] = keys.pop("way")
     return run(case_of(data | keys, fields_every=0))
 
 
@@ -239,6 +241,133 @@ def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
     done = run(case_of(data, fields_every=0))
     factor, _, _ = rolling_resistance(0.3)
     last = done.rows[-1]
-    assert abs(last.force_x / last.force_y) == pytest.approx(factor * 1e-3 / 0.5, rel=0.03)
+    assert abs(last.force_x / last.force_y) == pytest.approx(factor * 1e-3 / 1.0, rel=0.03)
     energy = done.rows[-1]
     assert abs(energy.energy_error) < 1e-3 * energy.external_work
+
+
+def linear_slide(V, G, G1, tau, K, height, radius, depth, spacing=20e-6, reach=80e-3):
+    """Load, N/m, and hysteretic friction over it of a rigid cylinder in steady sliding.
+
+    Linear viscoelasticity of a layer on a rigid ground, without friction: of a wave of pressure
+    of the number k that travels at V the compliance is that of the elastic layer with the complex
+    modulus at the frequency k V; the contact is where pressures are positive.
+    """
+    n = 2 * round(reach / spacing / 2)
+    k = 2.0 * math.pi * np.fft.rfftfreq(n, spacing)[1:]
+    lag = -1j * k * V * tau
+    g = G + G1 * lag / (1.0 + lag)
+    nu, m = (3.0 * K - 2.0 * g) / (2.0 * (3.0 * K + g)), np.minimum(k * height, 50.0)
+    kappa = 3.0 - 4.0 * nu
+    below = kappa * np.cosh(2.0 * m) + 2.0 * m**2 + 5.0 - 12.0 * nu + 8.0 * nu**2
+    compliance = (1.0 - nu) / (g * k) * (kappa * np.sinh(2.0 * m) - 2.0 * m) / below
+    kernel = np.fft.irfft(np.concatenate([[height / (K + 4.0 / 3.0 * G)], compliance]), n)
+    place = np.arange(-round(1.5e-3 / spacing), round(1.5e-3 / spacing) + 1)
+    influence, x = kernel[(place[:, None] - place[None, :]) % n], place * spacing
+    gap = depth - x**2 / (2.0 * radius)
+    touching = gap > 0.0
+    for _ in range(100):
+        p = np.zeros_like(x)
+        p[touching] = np.linalg.solve(influence[np.ix_(touching, touching)], gap[touching])
+        now = (touching & (p >= 0.0)) | (~touching & (gap - influence @ p > 1e-9 * depth))
+        if (now == touching).all():
+            break
+        touching = now
+    return p.sum() * spacing, (p @ x) / p.sum() / radius
+
+
+@pytest.mark.long
+def test_a_drive_pays_for_the_interface_and_for_the_bulk():
+    """The shipped slide with a film, coarse, at the peak of the bulk's loss: all of the work."""
+    data = tomllib.loads((ROOT / "cases" / "viscoelastic-slide.toml").read_text())
+    del data["sweep"]
+    data["geometry"]["blocks"]["rubber"] |= {"x": ["-6 mm", "9 mm"], "elements": [150, 4]}
+    slide = {"velocities": [0.03], "slip_step": "0.1 mm", "min_steps": 40, "max_steps": 40}
+    data["stage"] = [data["stage"][0] | {"steps": 2}, {"name": "slide"} | slide]
+    done = run(case_of(data, fields_every=0))
+    first, last = done.rows[-11], done.rows[-1]
+
+    def spent(name):
+        return getattr(last, name) - getattr(first, name)
+
+    work, interface, bulk = map(spent, ("external_work", "dissipation", "viscous_dissipation"))
+    # What the track holds still falls by 1 % of the work.
+    stored, numerical = spent("strain_energy"), spent("numerical_dissipation")
+    assert interface + bulk + stored - numerical == pytest.approx(work, rel=1e-3)
+    assert abs(stored) < 0.02 * work and bulk > 20.0 * interface > 0.0
+    load, friction = linear_slide(0.03, 1e6, 1.5e6, 0.01, 50e6, 2e-3, 8e-3, 80e-6)
+    assert last.force_y == pytest.approx(-load * 10e-3, rel=0.05)
+    taken = work - interface + numerical
+    assert taken / (1e-3 * -last.force_y) == pytest.approx(friction, rel=0.08)
+
+
+OWN = """
+import ufl
+
+class Rubber:
+    def __init__(self, G, K):
+        self.given = {"G": G, "L": K - 2.0 / 3.0 * G}
+
+    def parameters(self):
+        return self.given
+
+    def energy(self, k, c):
+        log_j = ufl.ln(k.J)
+        return 0.5 * c["G"] * (k.I1 - 3.0) - c["G"] * log_j, 0.5 * c["L"] * log_j**2
+"""
+
+
+def carried(how, path):
+    """The pulled cell as another case: of the same stress everywhere."""
+    data = tomllib.loads(CELL)
+    rubber, [stage] = data["bodies"]["rubber"], data["stage"]
+    rubber["K"] = 2e7
+    data["boundary"][2]["displacement"] = {"y": [[0.0, 0.0], [0.4, 0.4]]}
+    stage |= {"duration": 0.4, "steps": 8}
+    data["solver"] = {"tolerance": 1e-11}
+    if how == "in space":
+        data["geometry"] = {
+            "kind": "blocks",
+            "blocks": {"rubber": {axis: ["0 m", "1 m"] for axis in "xyz"} | {"elements": [1] * 3}},
+        }
+        data["boundary"] += [
+            {"surface": f"rubber_{side}", "displacement": {"z": 0}} for side in ("front", "back")
+        ]
+    elif how == "tied":
+        half = {"x": ["0 m", "1 m"], "elements": [2, 1]}
+        data["geometry"]["blocks"] = {
+            "rubber": half | {"y": ["0 m", "0.5 m"]},
+            "upper": half | {"y": ["0.5 m", "1 m"], "elements": [3, 1]},
+        }
+        data["bodies"]["upper"] = dict(rubber)
+        data["contact"] = [{"slave": "upper_bottom", "master": "rubber_top", "tied": True}]
+        data["contact"][0]["penalty"] = "1e11 Pa/m"
+        data["boundary"][2]["surface"] = "upper_top"
+        data["boundary"].append({"surface": "upper_left", "displacement": {"x": 0}})
+    elif how == "own mesh":
+        mesh = block_mesh(path / "block.msh", (4, 2), scale=1e3)  # 4 m x 1 m
+        data["geometry"] = {"mesh": str(mesh), "thickness": "0.25 m"}
+        data["bodies"] = {"block": rubber}
+        for boundary in data["boundary"]:
+            boundary["surface"] = boundary["surface"].removeprefix("rubber_")
+    elif how == "own energy":
+        (path / "rubber.py").write_text(OWN)
+        moduli = {"G": 5e5, "K": 2e7}
+        rubber |= moduli | {"material": "python", "class": f"{path}/rubber.py:Rubber"}
+        rubber |= {"parameters": moduli, "moduli": "long-term"}
+    return run(case_of(data, fields_every=0)).rows[-1]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return carried("plain", tmp_path_factory.mktemp("plain"))
+
+
+@pytest.mark.parametrize("how", ["in space", "tied", "own mesh", "own energy"])
+def test_whatever_carries_the_branches_they_cost_the_same(how, plain, tmp_path):
+    """A tie gives way by the penalty."""
+    found = carried(how, tmp_path)
+    bar = 1e-4 if how == "tied" else 1e-8
+    for name in ("external_work", "strain_energy", "viscous_dissipation"):
+        assert getattr(found, name) == pytest.approx(getattr(plain, name), rel=bar), name
+    assert plain.viscous_dissipation > 0.1 * plain.external_work

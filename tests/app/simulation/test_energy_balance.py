@@ -61,3 +61,62 @@ def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
     work = max(row.external_work for row in run.rows)
     assert len(run.rows) == 4
     assert max(abs(row.energy_error) for row in run.rows) < 3e-4 * work
+
+
+ROUND = """
+[geometry]
+kind = "blocks"
+[geometry.blocks.rubber]
+x = ["-2 mm", "3 mm"]
+y = ["-0.5 mm", "0 mm"]
+elements = [50, 2]
+[bodies.rubber]
+material = "neo-hookean"
+G = "1 MPa"
+K = "5 MPa"
+[tools.bump]
+shape = "circle"
+centre = ["0 mm", "8 mm"]
+radius = "8 mm"
+displacement = { x = "driven", y = [["0 s", "0 um"], ["1 s", "-60 um"]] }
+[[contact]]
+slave = "rubber_top"
+master = "bump"
+film = { thickness = "1 um" }
+[contact.friction]
+law = "friction-map"
+preset = "friction-map"
+mu_s = 0.1
+K_T = "1e11 Pa/m"
+V_star = "1 mm/s"
+V_star_at = "1 um"
+eta_b = "0.2 Pa*s"
+[[boundary]]
+surface = "rubber_bottom"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+rate_dependent = false
+[[stage]]
+name = "slide"
+velocities = ["0.1 m/s"]
+slip_step = "0.1 mm"
+min_steps = 14
+max_steps = 14
+"""
+
+
+def test_friction_of_points_that_open_within_a_step_is_in_the_balance():
+    """A film drags up to where it ends: a step of a twentieth of it, all that it drags from there.
+
+    Without its half at the rear 1.1 % of the drive's work is missing.
+    """
+    run = Simulation(build_model(Case.model_validate(tomllib.loads(ROUND)), MPI.COMM_SELF))
+    run.run(Observer())
+    first, last = run.rows[-9], run.rows[-1]
+    work, error = (
+        getattr(last, name) - getattr(first, name) for name in ("external_work", "energy_error")
+    )
+    assert last.viscous_fraction > 0.99 and abs(error) < 1e-3 * work

@@ -15,40 +15,66 @@ from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Perzyna, Voce
+from tribox.forms.bodies.hardening import Backstress, Perzyna, Voce
+from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.memory_solid import make_solid
+from tribox.forms.bodies.softening import Mullins
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
 HARDENING = (100e6, 180e6, 10.0, 100e6)
+BACK = (Backstress(2e9, 40.0), Backstress(50e6))  # 50 MPa at last, and one that goes on
+RUBBER = NeoHookean(1e6, 20e6)
+KINDS = {  # of what points remember
+    "flows": None,
+    "reverses": ElastoPlastic(26e9, 70e9, Voce(*HARDENING), None, BACK),
+    "creeps": Viscoelastic(RUBBER, (Branch(1e6, 1.0), Branch(5e5, 0.1))),
+    "softens": Viscoelastic(RUBBER, (Branch(1e6, 1.0),), Mullins(1.5, 2e4, 0.1)),
+}
+SQUARE, CUBE = ("quadrilateral", (4, 4)), ("hexahedron", (2, 2, 2))
 
 
 class Billet:
-    """A square block between platens that it sticks to, compressed by its upper side."""
+    """A square block or cube between platens that it sticks to, compressed by its upper side."""
 
-    def __init__(self, formulation="q1-sri", section="plane-strain", rate=None, units=(1.0, 1.0)):
+    def __init__(
+        self,
+        formulation="q1-sri",
+        section="plane-strain",
+        rate=None,
+        units=(1.0, 1.0),
+        kinematic=(),
+        material=None,
+    ):
         """Units: metres and pascals over those of the numbers."""
         metre, pascal = units
-        mesh = grid("quadrilateral", (4, 4), [1.0 / metre] * 2)
-        self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
+        cell, counts = CUBE if section == "3D" else SQUARE
+        dim = len(counts)
+        mesh = grid(cell, counts, [1.0 / metre] * dim)
+        self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
         stress, saturation, exponent, modulus = HARDENING
         law = Voce(stress / pascal, saturation / pascal, exponent, modulus / pascal)
-        material = ElastoPlastic(26e9 / pascal, 70e9 / pascal, law, rate)
-        cells = np.arange(16, dtype=np.int32)
+        material = material or ElastoPlastic(26e9 / pascal, 70e9 / pascal, law, rate, kinematic)
+        cells = np.arange(np.prod(counts), dtype=np.int32)
         density = 2700.0
         self.solid = make_solid("billet", self.u, cells, material, formulation, density, section)
-        self.sides = [self.side(y, axis) for y in (0.0, 1.0 / metre) for axis in (0, 1)]
+        self.sides = [self.side(y, axis) for y in (0.0, 1.0 / metre) for axis in range(dim)]
+        self.top = self.sides[dim + 1]
         self.problem = Equilibrium(self.u, [self.solid], [], self.sides)
         self.metre = metre
 
     def side(self, y, axis):
         space = self.u.function_space
-        facets = dolfinx.mesh.locate_entities_boundary(space.mesh, 1, lambda x: np.isclose(x[1], y))
+        dim = space.mesh.topology.dim - 1
+        facets = dolfinx.mesh.locate_entities_boundary(
+            space.mesh, dim, lambda x: np.isclose(x[1], y)
+        )
         return Prescribed(component_dofs(space, facets, axis))
 
     def press(self, depth):
-        self.sides[3].value = -depth / self.metre
+        self.top.value = -depth / self.metre
 
     def force(self):
-        return self.problem.reaction(self.sides[3])
+        return self.problem.reaction(self.top)
 
 
 def pressed(billet, depths, tolerance=1e-8, dt=1.0):
@@ -74,11 +100,12 @@ def test_newton_converges_quadratically_while_all_of_it_flows(section):
             assert after <= max(30.0 * before**2, 1e-9)
 
 
-def test_a_step_that_fails_leaves_no_trace():
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_that_fails_leaves_no_trace(kind):
     """Bits: with a step in between that turns cells inside out, and without."""
     states = []
     for fails in (False, True):
-        billet = Billet()
+        billet = Billet(material=KINDS[kind])
         _, stepper, _ = pressed(billet, [0.02, 0.05])
         if fails:
             billet.press(0.99)
@@ -91,6 +118,31 @@ def test_a_step_that_fails_leaves_no_trace():
         states.append((stepper.x.array.copy(), billet.solid.points.committed))
     for one, other in zip(*states, strict=True):
         np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * np.abs(one).max())
+
+
+@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric", "3D"])
+def test_pressed_and_pulled_back_with_a_backstress(section):
+    """Newton's method and energies in all sections; pulled, the metal bears less than pressed."""
+    reversals = []
+    for kinematic in (BACK, ()):
+        billet = Billet(section=section, kinematic=kinematic)
+        results, stepper, balance = pressed(billet, [0.01, 0.02, 0.03, 0.04], 1e-11)
+        down, spent = billet.force(), [balance.plastic]
+        for depth in (0.0395, 0.034, 0.03):
+            billet.press(depth)
+            results.append(stepper.advance(1.0))
+            balance.add(stepper.x, [])
+            spent.append(balance.plastic)
+        for result in results[1:]:
+            assert result.iterations <= 8
+            small = [r for r in result.residuals if r < 1e-3]
+            for before, after in pairwise(small):
+                assert after <= max(100.0 * before**2, 1e-9)
+        assert spent[0] == spent[1] < spent[2] < spent[3]
+        assert abs(balance.error) < 0.01 * balance.work
+        reversals.append(-billet.force() / down)
+    with_it, without = reversals
+    assert 0.3 < with_it < 0.85 * without
 
 
 def test_the_way_is_nearly_the_same_in_more_steps():
@@ -145,21 +197,25 @@ def test_units_do_not_matter():
     assert found[1][2] == found[0][2]
 
 
-@pytest.mark.parametrize("rate", [None, Perzyna(reference_rate=500.0, exponent=1.0)])
-def test_slow_explicit_steps_give_the_implicit_solution(rate):
+@pytest.mark.parametrize(
+    ("rate", "kinematic"),
+    [(None, ()), (Perzyna(reference_rate=500.0, exponent=1.0), ()), (None, BACK)],
+    ids=["plain", "rate", "backstress"],
+)
+def test_slow_explicit_steps_give_the_implicit_solution(rate, kinematic):
     depth, duration = 0.02, 0.02
-    steady = Billet(rate=rate)
+    steady = Billet(rate=rate, kinematic=kinematic)
     times = np.linspace(0.0, 1.0, 41)[1:]
     smooth = times**3 * (10.0 - 15.0 * times + 6.0 * times**2)
     _, _, balance = pressed(steady, depth * smooth, dt=duration / 40)
-    moved = Billet(rate=rate)
+    moved = Billet(rate=rate, kinematic=kinematic)
     stepper = ExplicitStepper(moved.problem, ExplicitOptions(damping=2e3))
     count = int(np.ceil(duration / (0.9 * stepper.stable_step())))
     for step in range(1, count + 1):
         s = step / count
         moved.press(depth * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
         stepper.advance(duration / count)
-    force = float(stepper.residual[moved.sides[3].dofs].sum())
+    force = float(stepper.residual[moved.top.dofs].sum())
     assert force == pytest.approx(steady.force(), rel=5e-3)
     strains = [billet.solid.plastic_strain() for billet in (steady, moved)]
     np.testing.assert_allclose(strains[1], strains[0], rtol=0, atol=0.02 * strains[0].max())

@@ -1,0 +1,270 @@
+r"""Softening of rubber by its largest load (Mullins): points that remember their largest energy.
+
+R. W. Ogden, D. G. Roxburgh, Proc. R. Soc. Lond. A 455 (1999) 2861, with the third constant that
+commercial codes have. Below the largest distortional energy W_m that a point has had, its stress
+is that of the distortional energy W times
+
+    η = 1 − erf x/r,   x = (W_m − W)/s,   s = m + β W_m,
+
+and η = 1 where W = W_m. The work of loading to W_m and back is what was lost,
+
+    D(W_m) = (s/r) (g(W_m/s) − g(0)),   g(x) = x erf x + exp(−x²)/√π,
+
+which only grows with W_m; stored is W − (s/r) (g(W_m/s) − g(x)). Both are exact: there is no step
+in them. Beside the forms of the energy the points add what softening takes away,
+
+    −(1 − η) P,   −(1 − η) A + η' P ⊗ P,   η' = 2 exp(−x²)/(√π r s) where W < W_m.
+
+State: W_m, J/m³. Axis letters: n points, p components of F and P, a, b invariants: J, I1, I2 in
+space, of the plane J and I1 in it and the stretch across it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from scipy.special import erf
+from ufl.algorithms import expand_derivatives
+
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.point_state import MaterialPoints, PointUpdate
+from tribox.forms.bodies.point_stress import of_invariants
+from tribox.forms.bodies.ufl_values import values_of
+
+Floats = NDArray[np.float64]
+LARGEST = "largest_energy"
+TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]])  # ∂²det/∂F²
+
+
+@dataclass(frozen=True, slots=True)
+class Mullins:
+    """Constants of the softening.
+
+    Attributes:
+        r: the largest loss of stress is 1/r of it; above 1.
+        m: Pa (J/m³), above 0: energies far below it soften little.
+        beta: makes the softening of large energies more gradual; 0 or above.
+    """
+
+    r: float
+    m: float
+    beta: float = 0.0
+
+    def width(self, largest: Floats) -> Floats:
+        """The s, J/m³, of the largest energies (n,)."""
+        return self.m + self.beta * largest
+
+    def lost(self, largest: Floats) -> Floats:
+        """D (n,), J/m³, of the largest energies (n,)."""
+        s = self.width(largest)
+        return np.asarray(s / self.r * (_area(largest / s) - _area(np.zeros_like(s))))
+
+
+def _area(x: Floats) -> Floats:
+    """An antiderivative of erf, even in x."""
+    return np.asarray(x * erf(x) + np.exp(-x * x) / math.sqrt(math.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class AddedUpdate:
+    """What an update of n points gives, see :class:`tribox.forms.bodies.point_state.PointUpdate`.
+
+    At points that are not valid all but the state is NaN, and the state is that of the begin.
+    """
+
+    P: Floats
+    state: Floats
+    A: Floats | None
+    elastic: Floats
+    dissipation: Floats
+    valid: bool
+
+
+class SofteningPoints:
+    """What softening takes, see :class:`tribox.forms.bodies.point_state.MaterialPoints`.
+
+    Attributes:
+        components: p.
+    """
+
+    flows, added, rated = False, True, False
+    columns: Mapping[str, slice] = {LARGEST: slice(0, 1)}
+
+    def __init__(
+        self, elastic: Material, softening: Mullins, space: bool, held: bool = False
+    ) -> None:
+        """Differentiate the energy.
+
+        Args:
+            elastic: what is softened.
+            softening: its constants.
+            space: 9 components of F instead of the plane's 5.
+            held: whether the largest energy is held, as in the first moment of unloading: beyond
+                it η goes on as it came.
+        """
+        self.elastic, self.softening, self.space, self._held = elastic, softening, space, held
+        self.components = 9 if space else 5
+        domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
+        self._constants = [ufl.Constant(domain) for _ in range(3)]
+        variables = [ufl.variable(c) for c in self._constants]
+        k = of_invariants(variables, space)
+        energy = elastic.energy(k, dict(elastic.parameters()))[0]
+        slopes = [ufl.diff(energy, v) for v in variables]
+        self._first = [expand_derivatives(e) for e in (energy, *slopes)]
+        curved = [ufl.diff(slopes[a], variables[b]) for a in range(3) for b in range(a, 3)]
+        self._second = [expand_derivatives(e) for e in curved]
+
+    def start(self, points: int) -> Floats:
+        """State (points, 1) of a body that nothing has happened to."""
+        return np.zeros((points, 1))
+
+    def frozen(self) -> SofteningPoints:
+        """The same with the largest energy held."""
+        return SofteningPoints(self.elastic, self.softening, self.space, held=True)
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> AddedUpdate:
+        """See ``MaterialPoints.update``; there is no volumetric part and no rate."""
+        with np.errstate(all="ignore"):
+            W, P, A = self._distortion(F, tangent)
+            before = state[:, 0]
+            largest = before if self._held else np.maximum(before, W)
+            s, r = self.softening.width(largest), self.softening.r
+            x = (largest - W) / s
+            below = (x > 0.0) | self._held
+            less = erf(x) / r
+            if A is not None:
+                slope = np.where(below, 2.0 / math.sqrt(math.pi) * np.exp(-x * x) / (r * s), 0.0)
+                A = slope[:, None, None] * (P[:, :, None] * P[:, None, :]) - less[:, None, None] * A
+            P = -less[:, None] * P
+            elastic = s / r * (_area(x) - _area(largest / s))
+            lost = self.softening.lost
+            dissipation = np.where(largest > before, lost(largest) - lost(before), 0.0)
+        good = np.isfinite(P).all(axis=1) & np.isfinite(W)
+        for values in (P, A, elastic, dissipation):
+            if values is not None:
+                values[~good] = np.nan
+        end = np.where(good, largest, before)[:, None]
+        return AddedUpdate(P, end, A, elastic, np.maximum(dissipation, 0.0), bool(good.all()))
+
+    def _distortion(self, F: Floats, tangent: bool) -> tuple[Floats, Floats, Floats | None]:
+        """Distortional energy (n,), J/m³, P (n, p) and A (n, p, p), Pa, as if nothing had softened.
+
+        By the chain rule over the invariants: P = W_a g_a, A = W_ab g_a ⊗ g_b + W_a ∂g_a/∂F.
+        """
+        values, g = self._invariants(F)
+        given = dict(zip(self._constants, values, strict=True))
+        size = len(F)
+        W, *slopes = (np.broadcast_to(v, size) for v in values_of(self._first, given))
+        P = np.einsum("an,anp->np", slopes, g)
+        if not tangent:
+            return W, P, None
+        second = [np.broadcast_to(v, size) for v in values_of(self._second, given)]
+        A = sum(w[:, None, None] * H for w, H in zip(slopes, self._curvatures(F, g), strict=True))
+        pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+        for (a, b), w in zip(pairs, second, strict=True):
+            outer = g[a][:, :, None] * g[b][:, None, :]
+            both = outer if a == b else outer + outer.transpose(0, 2, 1)
+            A = A + w[:, None, None] * both
+        return W, P, np.asarray(A)
+
+    def _invariants(self, F: Floats) -> tuple[Sequence[Floats], Floats]:
+        """The three invariants (n,), and their derivatives (a, n, p); NaN where J ≤ 0."""
+        if self.space:
+            f = F.reshape(-1, 3, 3)
+            cofactors = np.stack([np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)], axis=1)
+            J, first = np.einsum("ni,ni->n", f[:, 0], cofactors[:, 0]), (f**2).sum(axis=(1, 2))
+            slope = 2.0 * (first[:, None, None] * f - f @ f.transpose(0, 2, 1) @ f)
+            g = np.stack([cofactors, 2.0 * f, slope]).reshape(3, -1, 9)
+            return [np.where(J > 0.0, J, np.nan), first, (cofactors**2).sum(axis=(1, 2))], g
+        flat, across = F[:, :4], F[:, 4]
+        turned = flat @ TURNED
+        g = np.zeros((3, len(F), 5))
+        g[0, :, :4], g[1, :, :4], g[2, :, 4] = turned, 2.0 * flat, 1.0
+        J = 0.5 * (flat * turned).sum(axis=1)
+        good = (J > 0.0) & (across > 0.0)
+        return [np.where(good, J, np.nan), (flat**2).sum(axis=1), across], g
+
+    def _curvatures(self, F: Floats, g: Floats) -> Sequence[Floats]:
+        """Second derivatives (n, p, p) or (p, p) of the invariants by F."""
+        if not self.space:
+            flat = np.zeros((2, 5, 5))
+            flat[0, :4, :4], flat[1, :4, :4] = TURNED, 2.0 * np.eye(4)
+            return [flat[0], flat[1], np.zeros((5, 5))]
+        f, one = F.reshape(-1, 3, 3), np.eye(3)
+        alternating = np.zeros((3, 3, 3))
+        for i in range(3):
+            alternating[i, i - 2, i - 1], alternating[i, i - 1, i - 2] = 1.0, -1.0
+        volume = np.einsum("ikm,JLM,nmM->niJkL", alternating, alternating, f)
+        C, b = f.transpose(0, 2, 1) @ f, f @ f.transpose(0, 2, 1)
+        first = (f**2).sum(axis=(1, 2))
+        second = 4.0 * np.einsum("niJ,nkL->niJkL", f, f) - 2.0 * np.einsum("niL,nkJ->niJkL", f, f)
+        second += 2.0 * np.einsum("n,ik,JL->niJkL", first, one, one)
+        second -= 2.0 * np.einsum("ik,nLJ->niJkL", one, C)
+        second -= 2.0 * np.einsum("nik,JL->niJkL", b, one)
+        return [volume.reshape(-1, 9, 9), 2.0 * np.eye(9), second.reshape(-1, 9, 9)]
+
+
+class PointsBeside:
+    """Kinds of points whose stresses are added to one body: branches and softening."""
+
+    flows, added = False, True
+
+    def __init__(self, parts: Sequence[MaterialPoints]) -> None:
+        """Take them, of one number of components; their columns have names of their own."""
+        self.parts, self.components = tuple(parts), parts[0].components
+        widths = [part.start(0).shape[1] for part in parts]
+        ends = np.cumsum([0, *widths])
+        self._places = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+    @property
+    def rated(self) -> bool:
+        """Whether the duration of a step counts for any."""
+        return any(part.rated for part in self.parts)
+
+    @property
+    def columns(self) -> Mapping[str, slice]:
+        """Where the variables lie in a state."""
+        return {
+            name: slice(at.start + place.start, at.stop + place.start)
+            for part, place in zip(self.parts, self._places, strict=True)
+            for name, at in part.columns.items()
+        }
+
+    def start(self, points: int) -> Floats:
+        """State (points, s) of a body that nothing has happened to."""
+        return np.hstack([part.start(points) for part in self.parts])
+
+    def frozen(self) -> PointsBeside:
+        """The same with what they remember held."""
+        return PointsBeside([part.frozen() for part in self.parts])
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> AddedUpdate:
+        """See ``MaterialPoints.update``: the sums."""
+        found: list[PointUpdate] = [
+            part.update(F, np.ascontiguousarray(state[:, place]), dt, tangent, volumetric)
+            for part, place in zip(self.parts, self._places, strict=True)
+        ]
+
+        def total(values: Sequence[Any]) -> Floats:
+            return np.asarray(sum(values[1:], start=values[0]))
+
+        return AddedUpdate(
+            P=total([one.P for one in found]),
+            state=np.hstack([one.state for one in found]),
+            A=total([one.A for one in found]) if tangent else None,
+            elastic=total([one.elastic for one in found]),
+            dissipation=total([one.dissipation for one in found]),
+            valid=all(one.valid for one in found),
+        )
