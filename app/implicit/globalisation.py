@@ -135,19 +135,20 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """
     if not attempt.has_contacts or attempt.newton.is_bounded:
         return (LinearStart(),)
-    near = attempt.newton.is_near()
+    near, elastic = attempt.newton.is_near(), not attempt.newton.problem.flows
     held = (HeldApproach(),) if attempt.bodies.directions else ()
     floats = attempt.step.holding is not None
     if near:
-        rubs = floats or (attempt.pressed and attempt.predictor.rubbing())
+        rubs = floats or (elastic and attempt.pressed and attempt.predictor.rubbing())
         return () if rubs else (inside,)
     if floats:
-        return (*held, APPROACH)
-    elastic = not attempt.newton.problem.flows
+        return (APPROACH,) if not elastic and is_moved(attempt) else (*held, APPROACH)
     if elastic and attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
         return (*held, APPROACH, inside)
     if attempt.pressed:
-        return (inside, APPROACH, *held)
+        # What tools move on, and metal that they bend, springs would only hold back.
+        driven = not elastic and is_moved(attempt)
+        return (inside, APPROACH, *(() if driven else held))
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
     return (*found, APPROACH, SEARCH)
 

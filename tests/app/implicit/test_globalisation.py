@@ -49,7 +49,7 @@ def attempt(near, contacts=1, pressed=True, loose=(), rubbing=False, moved=0.0, 
         constrained_values=lambda x: x.array_r + moved,
     )
     x = SimpleNamespace(array_r=np.zeros(1))
-    newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near)
+    newton = SimpleNamespace(problem=problem, trial=None, is_near=lambda: near, is_bounded=False)
     bodies = SimpleNamespace(directions=loose)
     predictor = SimpleNamespace(rubbing=lambda: rubbing)
     return Attempt(newton, predictor, x, StepMode(), pressed, bodies)
@@ -67,11 +67,13 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     assert after(near=False, pressed=False, loose=[0]) == (held, inside, APPROACH, SEARCH)
     driven = {"near": False, "pressed": False, "loose": [0], "moved": 1e-3}
     assert after(**driven) == (inside, held, APPROACH, SEARCH)
+    assert after(near=False, loose=[0], moved=1e-3, flows=True) == (inside, APPROACH)
     assert after(near=True, pressed=False) == (inside,)
     assert after(near=False, rubbing=True) == (inside, APPROACH)
     assert after(near=False, rubbing=True, moved=1e-3) == (APPROACH, inside)
     assert after(near=False, rubbing=True, moved=1e-3, flows=True) == (inside, APPROACH)
     assert after(near=True, rubbing=True) == ()
+    assert after(near=True, rubbing=True, flows=True) == (inside,)
     for near in (True, False):
         assert after(near, contacts=0) == (LinearStart(),)
 
