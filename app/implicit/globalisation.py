@@ -130,25 +130,25 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
-    bodies rub, a shorter step is better if the iteration came near, and softer contacts are tried
-    sooner. Bodies that forces alone bring together find each other sooner by springs.
+    elastic bodies rub, a shorter step is better if the iteration came near, and softer contacts are
+    tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
+    would only hold back metal that tools bend.
     """
     if not attempt.has_contacts or attempt.newton.is_bounded:
         return (LinearStart(),)
-    near, elastic = attempt.newton.is_near(), not attempt.newton.problem.flows
-    held = (HeldApproach(),) if attempt.bodies.directions else ()
+    near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     floats = attempt.step.holding is not None
+    rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     if near:
-        rubs = floats or (elastic and attempt.pressed and attempt.predictor.rubbing())
-        return () if rubs else (inside,)
+        return () if floats or rubs else (inside,)
+    bent = attempt.pressed and flows and is_moved(attempt)
+    held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (APPROACH,) if not elastic and is_moved(attempt) else (*held, APPROACH)
-    if elastic and attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
+        return (*held, APPROACH)
+    if rubs and is_moved(attempt):
         return (*held, APPROACH, inside)
     if attempt.pressed:
-        # What tools move on, and metal that they bend, springs would only hold back.
-        driven = not elastic and is_moved(attempt)
-        return (inside, APPROACH, *(() if driven else held))
+        return (inside, APPROACH, *held)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
     return (*found, APPROACH, SEARCH)
 

@@ -114,16 +114,15 @@ class FromInside:
 
 
 def order(attempt: Attempt) -> list[int]:
-    """Numbers of the openings, the best first.
+    """Numbers of the openings, the best first: what worked last does again.
 
-    What worked last does again; but where metal flows the central path comes first, and last before
-    anything presses: it begins at a prediction, which knows nothing of a first contact.
+    Before anything presses no central path is followed: it begins at a prediction, which knows
+    nothing of a first contact.
     """
-    inside = attempt.newton.inside
-    if not attempt.newton.problem.flows:
-        return sorted(range(len(OPENINGS)), key=lambda number: number != inside.opening)
-    numbers = range(len(OPENINGS_FLOWING))
-    return sorted(numbers, key=lambda number: OPENINGS_FLOWING[number].central != attempt.pressed)
+    last, flows = attempt.newton.inside.opening, attempt.newton.problem.flows
+    openings = OPENINGS_FLOWING if flows else OPENINGS
+    may = [n for n, one in enumerate(openings) if attempt.pressed or not one.central]
+    return sorted(may, key=lambda number: number != last)
 
 
 def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
