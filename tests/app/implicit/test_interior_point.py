@@ -97,6 +97,23 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     assert rows[0].normal_force == pytest.approx(rows[-1].normal_force / 3.0, rel=1e-4)
 
 
+def bending(stroke):
+    """A punch that bends a strip over a die, by a stroke, m."""
+    return {
+        "die": {
+            "points": [[0.0201, -0.04], [0.0201, 0], [0.08, 0]],
+            "fillet_radius": 5e-3,
+            "continued": [True, True],
+        },
+        "punch": {
+            "points": [[0.0185, 0.04], [0.0185, 1e-3], [-0.005, 1e-3]],
+            "fillet_radius": 2.5e-3,
+            "continued": [True, True],
+            "displacement": down(stroke),
+        },
+    }
+
+
 @pytest.mark.parametrize(
     ("metal", "friction", "most"),
     [
@@ -107,22 +124,21 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     ids=["elastic", "friction", "flowing"],
 )
 def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut(metal, friction, most):
-    tools = {
-        "die": {
-            "points": [[0.0201, -0.04], [0.0201, 0], [0.08, 0]],
-            "fillet_radius": 5e-3,
-            "continued": [True, True],
-        },
-        "punch": {
-            "points": [[0.0185, 0.04], [0.0185, 1e-3], [-0.005, 1e-3]],
-            "fillet_radius": 2.5e-3,
-            "continued": [True, True],
-            "displacement": down(6e-4),
-        },
-    }
-    rows = run(strip([80, 2], 0.06, tools, 4, friction, metal)).state.rows
+    rows = run(strip([80, 2], 0.06, bending(6e-4), 4, friction, metal)).state.rows
     assert len(rows) == 4 and max(row.newton_iterations for row in rows) <= most
     assert abs(rows[-1].energy_error) <= 0.01 * rows[-1].external_work
+
+
+def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
+    """Linear laws pull at what wants to open, and fail; from then on the path does it."""
+    friction = {"law": "coulomb", "mu": 0.1}
+    tools, metal = bending(2.4e-3), {"material": "AA1050-O"}
+    simulation = run(strip([80, 2], 0.06, tools, 8, friction, metal))
+    rows = simulation.state.rows
+    assert [row.attempts for row in rows] == [1] * 8
+    assert sum(row.newton_iterations for row in rows) <= 180
+    inside = simulation.stepper.newton.inside
+    assert inside.last and OPENINGS_FLOWING[inside.opening].central
 
 
 MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04
