@@ -130,21 +130,22 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
-    bodies rub, a shorter step is better if the iteration came near, and softer contacts are tried
-    sooner. Bodies that forces alone bring together find each other sooner by springs.
+    elastic bodies rub, a shorter step is better if the iteration came near, and softer contacts are
+    tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
+    would only hold back metal that tools bend.
     """
     if not attempt.has_contacts or attempt.newton.is_bounded:
         return (LinearStart(),)
-    near = attempt.newton.is_near()
-    held = (HeldApproach(),) if attempt.bodies.directions else ()
+    near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     floats = attempt.step.holding is not None
+    rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     if near:
-        rubs = floats or (attempt.pressed and attempt.predictor.rubbing())
-        return () if rubs else (inside,)
+        return () if floats or rubs else (inside,)
+    bent = attempt.pressed and flows and is_moved(attempt)
+    held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
         return (*held, APPROACH)
-    elastic = not attempt.newton.problem.flows
-    if elastic and attempt.pressed and attempt.predictor.rubbing() and is_moved(attempt):
+    if rubs and is_moved(attempt):
         return (*held, APPROACH, inside)
     if attempt.pressed:
         return (inside, APPROACH, *held)

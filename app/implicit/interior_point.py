@@ -41,14 +41,18 @@ class Opening:
         barrier: μ over mean pressure and way: more finds contacts that change much.
         kept: least share of pressures and slacks that an iteration leaves: more is slower, and
             keeps vertices from opening and closing in turn.
+        central: whether it stays on the central path, from the prediction on.
     """
 
     barrier: float
-    kept: float
+    kept: float = 0.0
+    central: bool = False
 
 
 # What solves the most steps in the fewest iterations comes first.
 OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
+# Metal flows where linear laws pull at what wants to open: it may take laws that never pull.
+OPENINGS_FLOWING = (Opening(1e-6, central=True), *OPENINGS)
 SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
@@ -65,6 +69,12 @@ TURNED = 0.02  # first step away from a state of which the tangent lost its stif
 CLOSE, ENDED = 1e-2, 0.9  # its residual there at most, and over that before at least
 PATIENCE = 12  # iterations after which the bodies should move no further
 LIMIT = 20  # iterations for one opening
+# On the central path μ falls where the residual is below EASED and the last step was WHOLE of
+# Newton's or more, faster below EASY; to where the exact law, which may stall on its kinks, is
+# solved but for NEARER.
+PATIENCE_CENTRAL, LIMIT_CENTRAL = 18, 25
+EASED, EASY, SHRINKS_FAST, WHOLE = 0.1, 1e-2, 1e-2, 0.3
+NEARER = 1e-6
 
 Points = list[InteriorPoint | None]
 
@@ -82,13 +92,15 @@ class FromInside:
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`tribox.app.implicit.attempt.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        last = attempt.newton.inside.opening
-        others = [number for number in range(len(OPENINGS)) if number != last]
-        tried = {"all": [last, *others], "last": [last], "others": others}
+        numbers = order(attempt)
+        tried = {"all": numbers, "last": numbers[:1], "others": numbers[1:]}
+        openings = OPENINGS_FLOWING if attempt.newton.problem.flows else OPENINGS
         for number in tried[self.openings]:
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
-            more, found = approached(attempt, OPENINGS[number])
+            opening = openings[number]
+            way = followed if opening.central else approached
+            more, found = way(attempt, opening)
             iterations += more
             if found:
                 more, reason = attempt.newton.solve(attempt.step)
@@ -99,6 +111,18 @@ class FromInside:
                 attempt.newton.inside.opening = number
                 break
         return iterations, reason
+
+
+def order(attempt: Attempt) -> list[int]:
+    """Numbers of the openings, the best first: what worked last does again.
+
+    Before anything presses no central path is followed: it begins at a prediction, which knows
+    nothing of a first contact.
+    """
+    last, flows = attempt.newton.inside.opening, attempt.newton.problem.flows
+    openings = OPENINGS_FLOWING if flows else OPENINGS
+    may = [n for n, one in enumerate(openings) if attempt.pressed or not one.central]
+    return sorted(may, key=lambda number: number != last)
 
 
 def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
@@ -135,6 +159,43 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
             newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
     return iterations, newton.residual_of(attempt.step) < NEAR
+
+
+def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
+    """Iterate on the central path; iterations, and whether the exact law should go on; collective.
+
+    It begins where the prediction is, and with a barrier so low that the prediction is nearly on
+    the path. The laws are smooth, and a short step is the sign of a kink that has become too sharp:
+    then the barrier waits.
+
+    Args:
+        attempt: its trial is in the end what was found.
+        opening: how it begins.
+    """
+    newton, problem = attempt.newton, attempt.newton.problem
+    found = starting_points(attempt, opening.barrier)
+    points: Points = [None if at is None else at.central() for at in found]
+    step = attempt.step.inside(points)
+    attempt.return_to_start()
+    exact, length = np.inf, 1.0
+    limit = min(LIMIT_CENTRAL, newton.options.max_iterations)
+    for iteration in range(limit):
+        left = newton.residual_of(step)
+        if not np.isfinite(left) or (left > SETTLED and iteration >= PATIENCE):
+            return iteration, False
+        if left > EASED and iteration >= PATIENCE_CENTRAL:
+            return iteration, False
+        shrinks = 1.0
+        if left < EASED and (abs(length) >= WHOLE or iteration == 0):
+            shrinks = SHRINKS_FAST if left < EASY else SHRINKS_FLOWING
+        points = _advanced(problem, points, shrinks, opening.kept)
+        step = attempt.step.inside(points)
+        if left < NEARER**0.5:
+            last, exact = exact, newton.residual_of(attempt.step)
+            if exact < NEARER or ENDED * last < exact < CLOSE:
+                return iteration, True
+        length = newton.step_to_least_energy(step, TURNED * shortest_facet(problem))
+    return limit, newton.residual_of(attempt.step) < NEAR
 
 
 def shortest_facet(problem: Equilibrium) -> float:

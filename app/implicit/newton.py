@@ -276,8 +276,8 @@ class Newton:
         start.destroy()
         increment.destroy()
 
-    def step_to_least_energy(self, step: StepMode, first: float) -> None:
-        """Make one Newton step, as long as the forces along it do work; collective.
+    def step_to_least_energy(self, step: StepMode, first: float) -> float:
+        """Make one Newton step, as long as the forces along it do work; its length; collective.
 
         Where the tangent has lost its stiffness along the step, that leads uphill: the step is made
         the other way, and becomes longer until the forces turn round.
@@ -297,9 +297,10 @@ class Newton:
             return left if np.isfinite(left) else -np.inf
 
         furthest = increment.norm(PETSc.NormType.INFINITY)
-        length_to_least_energy(work, 1.0 if whole >= 0.0 else -min(1.0, first / furthest))
+        length = length_to_least_energy(work, 1.0 if whole >= 0.0 else -min(1.0, first / furthest))
         start.destroy()
         increment.destroy()
+        return length
 
     def _increment(self, step: StepMode) -> tuple[PETSc.Vec, PETSc.Vec]:
         """The trial, and what a Newton step subtracts from it; both to be destroyed; collective."""

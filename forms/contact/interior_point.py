@@ -12,6 +12,9 @@ bodies with laws that are *linear* in gap and slip.
   permanent slip y > 0 of the step, with e + y e/\ell = q, the trial slip, and
   y (\ell - |e|^2/\ell) = \nu.
 
+Where these are solved at each gap and slip, the laws are smooth but not linear, and contacts never
+pull: the central path (:class:`CentralPoint`, :class:`CentralSlip`).
+
 Axis letters: q points, v vertices, i, j space.
 """
 
@@ -28,6 +31,8 @@ from tribox.geometry.surfaces.facets import Floats
 KEPT = 0.1  # least share of permanent slip, and of the distance to slip, that an iteration leaves
 BEYOND = 1.01  # pressure that the law is asked at, over that at which it would slip
 ROUND_OFF = 1e-12  # least distance to slip over the threshold
+HALVINGS = 52  # of the interval of an elastic slip on the central path: to the last digit
+LEAST_BARRIER = 1e-14  # of the slip, over the threshold squared: less is lost beside 1
 TINY = float(np.finfo(float).tiny)
 
 Answer = Callable[[Floats, FrictionState], FrictionResponse]  # of pressure, Pa, and state
@@ -96,6 +101,10 @@ class InteriorSlip:
         permanent = self.barrier / slack - pull * ((1.0 + size) * longer - 2.0 * outwards)
         d_threshold = (by_threshold / along)[:, None] * ahead
         return LinearSlip(self.elastic + change, permanent, d_trial, d_threshold)
+
+    def central(self) -> CentralSlip:
+        """With elastic slips that stay on the central path."""
+        return CentralSlip(self.elastic, self.permanent, self.threshold, self.barrier)
 
     def advanced(
         self, trial: Floats, threshold: Floats, following: Floats, shrinks: float
@@ -186,6 +195,11 @@ class InteriorPoint:
         out = self.pressure + self.barrier / below - stiffness * (gap + self.pressure / penalty)
         return out, stiffness
 
+    def central(self) -> CentralPoint:
+        """With laws that stay on the central path."""
+        slip = None if self.slip is None else self.slip.central()
+        return CentralPoint(self.pressure, self.slack, self.barrier, self.reach, slip)
+
     def advanced(self, gap: Floats, penalty: Floats, barrier: float, kept: float) -> InteriorPoint:
         """After a Newton step to ``gap``, m, with the next barrier; both stay positive.
 
@@ -200,3 +214,71 @@ class InteriorPoint:
             self.reach,
             self.slip,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class CentralSlip(InteriorSlip):
+    """Elastic slips on the central path, whatever the trial slip is."""
+
+    def linear(self, trial: Floats, threshold: Floats) -> LinearSlip:
+        r"""The elastic slip of a trial slip and a threshold, and its derivatives there.
+
+        With :math:`a = |e|/\ell`, :math:`t = |q|/\ell` and :math:`\kappa = \nu/\ell^2`
+
+        .. math:: a + \frac{\kappa a}{1 - a^2} = t, \qquad 0 \le a < 1
+
+        Args:
+            trial: q, (q, i), m, elastic slip of the last step and slip of this one.
+            threshold: (q,), m, under the present pressure.
+        """
+        reached = np.maximum(threshold, ROUND_OFF * self.threshold)
+        length = np.linalg.norm(trial, axis=1)
+        wanted = length / reached
+        barrier = np.maximum(self.barrier / reached**2, LEAST_BARRIER)
+        low, high = np.zeros_like(wanted), np.minimum(wanted, 1.0)
+        for _ in range(HALVINGS):  # Newton's method is slow beside the pole at 1
+            ahead = 0.5 * (low + high)
+            over = ahead * (1.0 + barrier / (1.0 - ahead**2)) > wanted
+            low, high = np.where(over, low, ahead), np.where(over, ahead, high)
+        left = 1.0 - low**2
+        across = 1.0 / (1.0 + barrier / left)
+        along = 1.0 / (1.0 + barrier * (1.0 + low**2) / left**2)
+        direction = trial / np.maximum(length, TINY)[:, None]
+        d_trial = (along - across)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+        for i in range(trial.shape[1]):
+            d_trial[:, i, i] += across
+        by_threshold = low - along * (wanted - 2.0 * barrier * low / left)
+        return LinearSlip(
+            elastic=(reached * low)[:, None] * direction,
+            permanent=barrier * reached / left,
+            d_trial=d_trial,
+            d_threshold=np.where(reached > threshold, 0.0, by_threshold)[:, None] * direction,
+        )
+
+    def advanced(
+        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float
+    ) -> CentralSlip:
+        """See :class:`InteriorSlip`: the next path, at the threshold that follows."""
+        at = self.linear(trial, threshold)
+        reached = np.maximum(following, ROUND_OFF * self.threshold)
+        return CentralSlip(at.elastic, at.permanent, reached, shrinks * self.barrier)
+
+
+@dataclass(frozen=True, slots=True)
+class CentralPoint(InteriorPoint):
+    r"""Contact pressures on the central path, whatever the gap is: p s = \mu.
+
+    .. math:: p(g) = \frac{K}{2} \left( \sqrt{g^2 + 4 \mu/K} - g \right)
+    """
+
+    def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+        """See :class:`InteriorPoint`."""
+        root = np.sqrt(gap**2 + 4.0 * self.barrier / penalty)
+        apart = 2.0 * self.barrier / np.maximum(root + np.abs(gap), TINY)  # without cancellation
+        pressure = np.where(gap > 0.0, apart, 0.5 * penalty * (root - gap))
+        return pressure, pressure / np.maximum(root, TINY)
+
+    def advanced(self, gap: Floats, penalty: Floats, barrier: float, kept: float) -> CentralPoint:
+        """See :class:`InteriorPoint`: the next path. Nothing need be kept from one to the next."""
+        pressure = np.maximum(self.law(gap, penalty)[0], TINY)
+        return CentralPoint(pressure, self.barrier / pressure, barrier, self.reach, self.slip)

@@ -70,11 +70,13 @@ def test_what_is_tried_after_the_prediction_depends_on_where_it_failed():
     assert after(near=False, pressed=False, loose=[0]) == (held, inside, APPROACH, SEARCH)
     driven = {"near": False, "pressed": False, "loose": [0], "moved": 1e-3}
     assert after(**driven) == (inside, held, APPROACH, SEARCH)
+    assert after(near=False, loose=[0], moved=1e-3, flows=True) == (inside, APPROACH)
     assert after(near=True, pressed=False) == (inside,)
     assert after(near=False, rubbing=True) == (inside, APPROACH)
     assert after(near=False, rubbing=True, moved=1e-3) == (APPROACH, inside)
     assert after(near=False, rubbing=True, moved=1e-3, flows=True) == (inside, APPROACH)
     assert after(near=True, rubbing=True) == ()
+    assert after(near=True, rubbing=True, flows=True) == (inside,)
     for near in (True, False):
         assert after(near, contacts=0) == (LinearStart(),)
 

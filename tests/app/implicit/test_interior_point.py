@@ -16,15 +16,24 @@ from tribox.app.implicit import interior_point
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.interior_point import (
     CLOSE,
+    EASED,
+    EASY,
+    LIMIT_CENTRAL,
     MOST_WAY,
     NEAR,
+    NEARER,
     OPENINGS,
+    OPENINGS_FLOWING,
     PATIENCE,
+    PATIENCE_CENTRAL,
     REACH,
     SHRINKS,
+    SHRINKS_FAST,
     SHRINKS_FLOWING,
+    WHOLE,
     FromInside,
     approached,
+    followed,
 )
 from tribox.app.implicit.newton import Inside
 from tribox.forms.friction.coulomb import FrictionlessLaw
@@ -88,6 +97,23 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     assert rows[0].normal_force == pytest.approx(rows[-1].normal_force / 3.0, rel=1e-4)
 
 
+def bending(stroke):
+    """A punch that bends a strip over a die, by a stroke, m."""
+    return {
+        "die": {
+            "points": [[0.0201, -0.04], [0.0201, 0], [0.08, 0]],
+            "fillet_radius": 5e-3,
+            "continued": [True, True],
+        },
+        "punch": {
+            "points": [[0.0185, 0.04], [0.0185, 1e-3], [-0.005, 1e-3]],
+            "fillet_radius": 2.5e-3,
+            "continued": [True, True],
+            "displacement": down(stroke),
+        },
+    }
+
+
 @pytest.mark.parametrize(
     ("metal", "friction", "most"),
     [
@@ -98,22 +124,21 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     ids=["elastic", "friction", "flowing"],
 )
 def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut(metal, friction, most):
-    tools = {
-        "die": {
-            "points": [[0.0201, -0.04], [0.0201, 0], [0.08, 0]],
-            "fillet_radius": 5e-3,
-            "continued": [True, True],
-        },
-        "punch": {
-            "points": [[0.0185, 0.04], [0.0185, 1e-3], [-0.005, 1e-3]],
-            "fillet_radius": 2.5e-3,
-            "continued": [True, True],
-            "displacement": down(6e-4),
-        },
-    }
-    rows = run(strip([80, 2], 0.06, tools, 4, friction, metal)).state.rows
+    rows = run(strip([80, 2], 0.06, bending(6e-4), 4, friction, metal)).state.rows
     assert len(rows) == 4 and max(row.newton_iterations for row in rows) <= most
     assert abs(rows[-1].energy_error) <= 0.01 * rows[-1].external_work
+
+
+def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
+    """Linear laws pull at what wants to open, and fail; from then on the path does it."""
+    friction = {"law": "coulomb", "mu": 0.1}
+    tools, metal = bending(2.4e-3), {"material": "AA1050-O"}
+    simulation = run(strip([80, 2], 0.06, tools, 8, friction, metal))
+    rows = simulation.state.rows
+    assert [row.attempts for row in rows] == [1] * 8
+    assert sum(row.newton_iterations for row in rows) <= 180
+    inside = simulation.stepper.newton.inside
+    assert inside.last and OPENINGS_FLOWING[inside.opening].central
 
 
 MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04
@@ -183,7 +208,7 @@ class Script:
 
     def __init__(self, monkeypatch, inside, exact=(1.0,), flows=False):
         self.done, self.inside, self.exact = [], list(inside), list(exact)
-        self.solutions, self.assembled = [], 0
+        self.solutions, self.assembled, self.lengths = [], 0, []
         vector = SimpleNamespace(array=np.zeros(1), array_r=np.zeros(1))
         newton = SimpleNamespace(
             problem=SimpleNamespace(flows=flows, contacts=[]),
@@ -193,7 +218,7 @@ class Script:
             begin=lambda x: None,
             residual_of=self.residual_of,
             step=lambda step, falling: self.done.append("falling" if falling else "step"),
-            step_to_least_energy=lambda step, first: self.done.append("least energy"),
+            step_to_least_energy=self.step_to_least_energy,
             solve=lambda step: self.solutions.pop(0),
             solver=SimpleNamespace(assemble=lambda *given: self.done.append("assembled")),
         )
@@ -203,6 +228,10 @@ class Script:
         monkeypatch.setattr(interior_point, "starting_points", lambda attempt, barrier: [])
         monkeypatch.setattr(interior_point, "shortest_facet", lambda problem: 1.0)
         monkeypatch.setattr(interior_point, "_advanced", self.advanced)
+
+    def step_to_least_energy(self, step, first):
+        self.done.append("least energy")
+        return self.lengths.pop(0) if self.lengths else 1.0
 
     def residual_of(self, step):
         left = self.inside if step == "inside" else self.exact
@@ -239,6 +268,59 @@ def test_pressures_wait_for_bodies_unless_these_flow(monkeypatch, flows, done):
 def test_bodies_that_do_not_settle_are_left_to_another_opening(monkeypatch):
     script = Script(monkeypatch, [2.0])
     assert approached(script.attempt, OPENINGS[0]) == (PATIENCE, False)
+
+
+CENTRAL = OPENINGS_FLOWING[0]
+
+
+def test_the_barrier_of_a_central_path_waits_for_whole_steps_and_falls_fast_at_the_end(monkeypatch):
+    """It begins at the prediction, and ends where the exact law is nearly solved."""
+    inside = [2.0 * EASED, 0.9 * EASED, 0.9 * EASED, 0.9 * EASY, 0.9 * NEARER**0.5]
+    script = Script(monkeypatch, inside, [0.9 * NEARER], flows=True)
+    script.attempt.start, script.lengths = np.array([7.0]), [1.0, 0.9 * WHOLE, -1.1 * WHOLE]
+    assert followed(script.attempt, CENTRAL) == (4, True)
+    shrinks = [1.0, SHRINKS_FLOWING, 1.0, SHRINKS_FAST]
+    each = [one for shrink in shrinks for one in (shrink, "least energy")]
+    assert script.done == [*each, SHRINKS_FAST]
+    assert script.attempt.trial.array[0] == 7.0
+
+
+@pytest.mark.parametrize(
+    ("left", "iterations"),
+    [(1.1, PATIENCE), (1.1 * EASED, PATIENCE_CENTRAL), (0.9 * EASED, LIMIT_CENTRAL)],
+)
+def test_a_central_path_that_bodies_do_not_come_to_is_left(monkeypatch, left, iterations):
+    script = Script(monkeypatch, [left], flows=True)
+    script.attempt.start = np.zeros(1)
+    assert followed(script.attempt, CENTRAL) == (iterations, False)
+
+
+@pytest.mark.parametrize(
+    ("flows", "pressed", "last", "tried"),
+    [
+        (False, True, 1, [OPENINGS[1], OPENINGS[0], OPENINGS[2]]),
+        (True, True, 0, [CENTRAL, *OPENINGS]),
+        (True, True, 1, [OPENINGS[0], CENTRAL, *OPENINGS[1:]]),
+        (True, False, 0, [*OPENINGS]),
+    ],
+)
+def test_bodies_that_flow_may_take_the_central_path_once_they_press(
+    monkeypatch, flows, pressed, last, tried
+):
+    """What worked last comes first; a prediction knows nothing of a first contact."""
+    script, seen = Script(monkeypatch, [1.0], flows=flows), []
+    script.attempt.pressed, script.attempt.newton.inside.opening = pressed, last
+
+    def fails(attempt, opening):
+        seen.append(opening)
+        return 1, False
+
+    for way in ("approached", "followed"):
+        monkeypatch.setattr(interior_point, way, fails)
+    assert FromInside().run(script.attempt) == (len(tried), -6) and seen == tried
+    seen.clear()
+    assert FromInside("last").run(script.attempt) == (1, -6)
+    assert FromInside("others").run(script.attempt) == (len(tried) - 1, -6) and seen == tried
 
 
 @pytest.mark.parametrize(

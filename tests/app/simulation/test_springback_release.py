@@ -118,9 +118,39 @@ def test_a_tool_that_lets_go_takes_its_forces_off_evenly(tmp_path, motion, relea
         assert rows[-1].strain_energy < 1e-15 * rows[1].strain_energy
         assert abs(one.state.motion.of_body("block", "displacement_y")[-1]) < 1e-12
         assert one.state.motion.force_balance(["press", "let go"]) < 1e-7
+        # The work of friction that is taken off is that of loads: nothing of it is numerical.
+        lost = [row.numerical_dissipation for row in rows[1:]]
+        assert lost == [lost[0]] * len(lost) != [0.0] * len(lost)
     # Work: all of the strain energy is given back, but for the error of the trapezoidal rule.
     wrong = [abs(one.rows[-1].energy_error - one.rows[1].energy_error) for one in found.values()]
     assert wrong[1] < 0.4 * wrong[0] < 0.04 * simulation.rows[1].strain_energy
+
+
+def test_what_still_holds_a_node_bears_its_force_when_another_surface_lets_go():
+    """A confined block; bottom and top hold all that the side has held, and go on to."""
+    fast = {"x": 0, "y": 0}
+    data = {
+        "geometry": {
+            "kind": "blocks",
+            "blocks": {"block": {"x": [0, 2], "y": [0, 1], "elements": [2, 1]}},
+        },
+        "bodies": {"block": {"material": "neo-hookean", "E": 10, "nu": 0.3}},
+        "contact": [],
+        "boundary": [
+            {"surface": "block_right", "displacement": {"x": 0}},
+            {"surface": "block_bottom", "displacement": fast},
+            {"surface": "block_top", "displacement": {"x": 0, "y": [[0, 0], [1, -0.1]]}},
+        ],
+        "stage": [
+            {"name": "press", "duration": 1, "steps": 1},
+            {"name": "let go", "duration": 1, "steps": 2, "release": ["block_right"]},
+        ],
+    }
+    simulation = run_data(data)
+    side = simulation.state.motion.of_surface("block_right", "force_x")
+    floor = simulation.state.motion.of_surface("block_bottom", "force_y")
+    assert abs(side[0]) > 0.1 * abs(floor[0]) > 0.0
+    assert side[1:] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_two_bodies_that_let_go_of_each_other_spring_back_both():

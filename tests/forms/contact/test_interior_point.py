@@ -7,7 +7,13 @@ import pytest
 
 from tests.contact_boxes import Scene
 from tests.forms.contact.test_tangent import State, coulomb, film_map
-from tribox.forms.contact.interior_point import KEPT, InteriorPoint, InteriorSlip
+from tribox.forms.contact.interior_point import (
+    KEPT,
+    CentralPoint,
+    CentralSlip,
+    InteriorPoint,
+    InteriorSlip,
+)
 from tribox.forms.contact.state import ContactMode
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.settling import presliding_length
@@ -89,16 +95,67 @@ def test_little_is_kept_of_what_an_iteration_would_take_away():
     np.testing.assert_allclose(left, np.minimum(KEPT * threshold, 0.5 * threshold))
 
 
+def test_pressures_on_the_central_path_have_the_product_at_every_gap():
+    """Far from contact too, and as the barrier falls they become the penalty's."""
+    gap, penalty = np.array([-1e-3, -1e-7, 0.0, 1e-7, 1e-3, 1e6]), np.full(6, PENALTY)
+    at = InteriorPoint(np.ones(6), np.ones(6), 2.0, 1.0).central()
+    pressure, stiffness = at.law(gap, penalty)
+    assert np.all(pressure > 0.0) and np.all(stiffness > 0.0)
+    # p s, of which the slack is lost to cancellation where it is small: p² / K + p g = μ.
+    np.testing.assert_allclose((pressure / penalty + gap)[1:] * pressure[1:], 2.0, rtol=1e-9)
+    step = 1e-3 * np.maximum(np.abs(gap), 1e-6)
+    slope = (at.law(gap - step, penalty)[0] - at.law(gap + step, penalty)[0]) / (2.0 * step)
+    np.testing.assert_allclose(stiffness, slope, rtol=1e-4)
+    for _ in range(3):
+        at = at.advanced(gap, penalty, 1e-12 * at.barrier, 0.1)
+        assert np.all(at.pressure > 0.0) and np.all(at.slack > 0.0)
+    np.testing.assert_allclose(at.law(gap, penalty)[0], penalty * np.maximum(-gap, 0.0), atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_slips_on_the_central_path_fulfil_their_equations_and_end_at_the_return_mapping(dim):
+    start, trial, threshold = slips(dim)
+    at = start.central()
+    new = at.linear(trial, threshold)
+    length = np.linalg.norm(new.elastic, axis=1)
+    along = new.elastic * (1.0 + new.permanent / threshold)[:, None]
+    np.testing.assert_allclose(along, trial, rtol=1e-12)
+    np.testing.assert_allclose(new.permanent * (threshold - length**2 / threshold), 0.1)
+    rng, small = np.random.default_rng(7), 1e-6
+    aside, longer = rng.standard_normal(trial.shape), rng.standard_normal(len(threshold))
+    ends = [
+        at.linear(trial + side * aside, threshold + side * longer).elastic
+        for side in (small, -small)
+    ]
+    expected = np.einsum("qij,qj->qi", new.d_trial, aside) + new.d_threshold * longer[:, None]
+    np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * small), expected, atol=1e-8)
+    last = at.advanced(trial, threshold, 2.0 * threshold, 1e-13)
+    assert np.all(last.threshold == 2.0 * threshold)
+    share = np.minimum(1.0, 2.0 * threshold / np.linalg.norm(trial, axis=1))
+    np.testing.assert_allclose(
+        last.linear(trial, last.threshold).elastic, share[:, None] * trial, atol=1e-6
+    )
+
+
+def test_a_slip_without_a_threshold_is_all_permanent():
+    """Where a film begins to carry all of the pressure no asperity holds."""
+    start, trial, threshold = slips(2)
+    new = start.central().linear(trial, np.zeros_like(threshold))
+    assert np.abs(new.elastic).max() < 1e-11 and np.abs(new.d_trial).max() < 1e-11
+    assert np.all(np.isfinite(new.permanent)) and not new.d_threshold.any()
+
+
 STATES = {
     "slip": State(coulomb(0.2), Regime.SLIP, now=(0.13, -0.09, -0.09)),
     "film": State(film_map(), Regime.MIXED, now=(0.13, -0.09, -0.09), film=0.5),
 }
 
 
+@pytest.mark.parametrize("central", [False, True], ids=["linear", "central"])
 @pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
 @pytest.mark.parametrize("shape", ["Q4", "hex8"])
 @pytest.mark.parametrize("state", STATES)
-def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure):
+def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure, central):
     given = STATES[state]
     scene = Scene(shape, given.law, film=given.film, pressure=pressure)
     term = scene.term
@@ -114,6 +171,8 @@ def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure):
     longer = np.maximum(threshold, 1.01 * np.linalg.norm(elastic, axis=1))
     slip = InteriorSlip(elastic, np.full(len(threshold), 0.05), longer, 0.01 * longer)
     inside = InteriorPoint(pressures, 0.01 / pressures, 0.01, 10.0, slip)
+    inside = inside.central() if central else inside
+    assert isinstance(inside, CentralPoint) == isinstance(inside.slip, CentralSlip) == central
     mode = ContactMode(interior=inside)
     x = scene.vector(np.array(given.now)[pick], 0.04, 0.7, 0.01)
     assert scene.error(x, mode=mode) < 1e-7
