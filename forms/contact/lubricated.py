@@ -47,7 +47,7 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.contact.vertex_rows import Coupling
-from tribox.forms.film.reynolds import FilmCells, FilmError, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import FilmError, FilmPlaces, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
@@ -73,6 +73,7 @@ class FilmModel:
         reach: m, gap beyond which oil is only kept.
         steady: whether each step is the steady state of its speed.
         scale: Pa, of the order of the pressures.
+        cells: of the film per facet of the slave.
     """
 
     rough: RoughGap
@@ -83,10 +84,15 @@ class FilmModel:
     reach: float
     steady: bool
     scale: float
+    cells: int = 1
 
 
 class AsperityPressure(AveragedPressure):
-    """Pressure of the asperities from the mean gaps of the vertices."""
+    """Pressure of the asperities from the mean gaps of the vertices.
+
+    Attributes:
+        model: of the film; places: of it; facet_of: (q,) numbers of the points' facets there.
+    """
 
     def __init__(self, surface: ContactSurface, model: FilmModel) -> None:
         """Take the surface; where a penalty is asked for, the stiffness of the closed gap."""
@@ -94,6 +100,11 @@ class AsperityPressure(AveragedPressure):
         stiffness = -float(model.asperities.pressure(step)[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
         self.model = model
+        _, first, self.facet_of = np.unique(
+            surface.slave.facet, return_index=True, return_inverse=True
+        )
+        facets = surface.vertices.of_point[first]
+        self.places = FilmPlaces(facets, surface.vertices.count, model.cells)
 
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
@@ -160,18 +171,17 @@ class LubricatedTerm(ContactTerm):
         self.model, self.compiled = model, None
         self.rule = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule)
-        facet, first, self._face = np.unique(
-            surface.slave.facet, return_index=True, return_inverse=True
-        )
-        self.faces: Longs = surface.vertices.of_point[first]
-        self._weight: Floats = np.zeros(len(facet))
-        self._weight += np.bincount(self._face, surface.slave.weight, len(facet))
+        self.places, self._face = self.rule.places, self.rule.facet_of
+        self.faces: Longs = self.places.facets
+        self._weight: Floats = np.zeros(len(self.faces))
+        self._weight += np.bincount(self._face, surface.slave.weight, len(self.faces))
         self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
         ends = surface.vertices.position[self.faces]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        radius = surface.vertices.position[:, 0] if surface.axisymmetric else np.ones(1)
-        self._axis = radius < 1e-9 * length.max() if surface.axisymmetric else np.zeros(1, bool)
-        self._lengths = length, self._weight / length
+        self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        self._axis = np.zeros(self.places.count, dtype=bool)
+        if surface.axisymmetric:
+            radius = surface.vertices.position[:, 0]
+            self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
 
@@ -179,15 +189,25 @@ class LubricatedTerm(ContactTerm):
 
     def _initial(self) -> FilmHistory:
         """Before the first step."""
-        vertices, (length, width) = self.surface.vertices, self._lengths
+        vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
         gap = vertices.sums(self.surface.slave.weight * np.where(at.on_surface, at.gap, np.inf))
         gap = gap / vertices.area
-        film = np.minimum(self.model.rough.film(gap)[0], self.model.reach)
+        film = self.model.rough.film(places.between @ gap)[0]
+        film = np.minimum(film, self.model.reach)
         content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
-        none = np.zeros(vertices.count)
-        volume, area = content * vertices.area, vertices.area.copy()
-        return FilmHistory(none, film, volume, none.copy(), gap, length, width, area, 0.0)
+        parts = self._parts(np.ones(len(self._face)))
+        volume = content * places.cells(self._length, parts).area
+        none, area = np.zeros(places.count), vertices.area.copy()
+        return FilmHistory(
+            none, film, volume, np.zeros(vertices.count), gap, self._length, parts, area, 0.0
+        )
+
+    def _parts(self, area_ratio: Floats) -> Floats:
+        """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,)."""
+        weighted = (self.surface.slave.weight * area_ratio)[:, None] * self.surface.vertices.shape
+        parts = [np.bincount(self._face, part, len(self.faces)) for part in weighted.T]
+        return np.stack(parts, axis=1).astype(np.float64)
 
     @property
     def _flooded(self) -> bool:
@@ -221,17 +241,18 @@ class LubricatedTerm(ContactTerm):
             along=along,
             turned=turned,
             sign=-1.0 if at.rays is None else 1.0,
-            slopes=np.array([[-1.0, 1.0]]) / history.length[self._face][:, None],
+            pulled=np.zeros(len(self.faces)),
             drawn=np.zeros(len(along)),
             by_film=np.zeros_like(along),
             by_filled=np.zeros_like(along),
             by_pressure=np.zeros_like(along),
+            places=self.places.inside(members),
             solver=None,
             step=None,
             solution=None,
         )
         if mode.rate_dependent and members.any():
-            film = self._with_film(film, kinematics, dt)
+            film = self._with_film(film, normal.gap, kinematics, dt)
         film, response = self._rubbed(film, normal, kinematics, dt, mode)
         self._press(normal, film)
         thickness = np.where(normal.closed, vertices.at_points(film.film), 0.0)
@@ -271,23 +292,22 @@ class LubricatedTerm(ContactTerm):
         return felt_speeds(self.model.steady, inside, self._weight)
 
     def _with_film(
-        self, film: Lubrication, kinematics: ContactKinematics, dt: float
+        self, film: Lubrication, gap: Floats, kinematics: ContactKinematics, dt: float
     ) -> Lubrication:
         """The same with the pressure of the film; not a number where there is no solution."""
-        model, history = self.model, self.state.film
+        model, history, places = self.model, self.state.film, self.places
         assert history is not None
-        here = film.members
-        cells = FilmCells(self.faces, history.length, history.width, history.area)
-        inside: Bools = np.all(here[self.faces], axis=1)
-        part = cells.only(here)
+        here, inside = film.places, np.all(film.members[self.faces], axis=1)
+        part = places.cells(history.length, history.parts).only(here)
         solver = ReynoldsFilm(part, model.rheology, model.rough, model.scale)
-        fixed = part.last() & (self._flooded or model.steady)
-        if self.surface.axisymmetric:
-            fixed &= ~self._axis[here]
-        before = np.where(np.isfinite(history.film), history.film, film.film)[here]
+        fixed = part.last() & (self._flooded or model.steady) & ~self._axis[here]
+        thickness = model.rough.film(places.between[here] @ gap)[0]
+        before = history.film[here]
+        before = np.where(np.isfinite(before), before, thickness)
+        speed = self._felt(inside) @ self.speeds(film.along, kinematics.slip, dt)
         step = FilmStep(
-            film=film.film[here],
-            speed=self._felt(inside) @ self.speeds(film.along, kinematics.slip, dt),
+            film=thickness,
+            speed=np.repeat(speed, model.cells),
             fixed=fixed,
             content=np.full(len(before), model.oil),
             dt=np.inf if model.steady else dt,
@@ -295,21 +315,27 @@ class LubricatedTerm(ContactTerm):
             volume=None if model.steady else history.volume[here],
         )
         solution = self._solved(solver, step, here)
-        pressure, filled = np.zeros_like(film.film), np.ones_like(film.film)
+        film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
-            pressure[here] = np.nan
-        else:
-            pressure[here], filled[here] = solution.pressure, solution.filled
+            return replace(film, pressure=np.where(film.members, np.nan, 0.0))
+        mean = places.means(part, here, history.area)
+        pulled = np.zeros(len(self.faces))
+        pulled[inside] = places.pulls(step.film, solution.pressure, part, history.length[inside])
         return replace(
-            film, pressure=pressure, filled=filled, solver=solver, step=step, solution=solution
+            film,
+            pressure=mean @ solution.pressure,
+            filled=np.where(film.members, places.means(part, here) @ solution.filled, 1.0),
+            pulled=pulled,
         )
 
     def _solved(self, solver: ReynoldsFilm, step: FilmStep, here: Bools) -> FilmSolution | None:
         """The film from the last w, that of the last step, or from full and empty places."""
         history = self.state.film
         assert history is not None
-        upstream = np.where(np.arange(len(step.film)) < np.argmin(step.film), 0.05, -0.1)
-        starts = [history.unknown[here], upstream, upstream[::-1]]
+        number = solver.cells.band.number
+        first = number < number[np.argmin(step.film)]
+        starts = [history.unknown[here]]
+        starts += [np.where(first == up, 0.05, -0.1) for up in (True, False)]
         if self._guess is not None:
             starts.insert(0, self._guess[here])
         for start in starts:
@@ -402,16 +428,14 @@ class LubricatedTerm(ContactTerm):
         vertices, slip = self.surface.vertices, kinematics.slip
         h, ratio = vertices.at_points(film.film), self.state.area_ratio
         p_f, filled = vertices.at_points(film.pressure), vertices.at_points(film.filled)
-        gradient = np.einsum("qk,qk->q", film.slopes, film.pressure[vertices.of_point])
-        drawn = np.where(closed, film.sign * 0.5 * ratio * h * gradient, 0.0)
-        by_film = film.by_film + (drawn / h)[:, None] * film.along
+        drawn = np.where(closed, film.sign * 0.5 * ratio * film.pulled[self._face], 0.0)
         traction = response.traction + drawn[:, None] * film.along
         parts = response.dissipation
         if self.model.share == "map":
             squared = np.einsum("qi,qi->q", slip, slip) * filled
             resistance = np.zeros_like(squared)
             np.divide(parts.viscous, squared, out=resistance, where=squared > 0.0)
-            film = replace(film, drawn=drawn, by_film=by_film, by_filled=resistance[:, None] * slip)
+            film = replace(film, drawn=drawn, by_filled=resistance[:, None] * slip)
             return film, replace(response, traction=traction)
         rate = np.linalg.norm(slip, axis=1) / (dt * h)
         eta = self.model.rheology.viscosity(rate, p_f)
@@ -428,7 +452,7 @@ class LubricatedTerm(ContactTerm):
         film = replace(
             film,
             drawn=drawn,
-            by_film=by_film - thinner,
+            by_film=film.by_film - thinner,
             by_filled=(per_slip * eta.value / filled)[:, None] * slip,
             by_pressure=(per_slip * eta.d_pressure)[:, None] * slip,
         )
@@ -466,32 +490,33 @@ class LubricatedTerm(ContactTerm):
         history, film = self.state.film, trial.normal_contact.lubrication
         assert history is not None and film is not None
         weight, faces = self.surface.slave.weight, len(self.faces)
-        here, gap = film.members, trial.normal_contact.gap
+        here, gap = film.places, trial.normal_contact.gap
         assert gap is not None and trial.slave_tangents is not None
-        grown = np.bincount(self._face, weight * trial.area_ratio, faces) / self._weight
         longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
         longer = np.bincount(self._face, weight * longer, faces) / self._weight
-        length, width = self._lengths
-        area = self.surface.vertices.sums(weight * trial.area_ratio)
+        length, parts = self._length * longer, self._parts(trial.area_ratio)
+        area = self.places.cells(length, parts).area
+        thickness = np.full(self.places.count, self.model.reach)
+        thickness[here] = self.model.rough.film(self.places.between[here] @ gap)[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:
             volume[here], unknown[here] = film.solution.volume, film.solution.unknown
             supplied += float(film.solution.supply.sum()) * trial.dt
         if self._flooded:  # what no film has is under oil
-            flooded = area * np.minimum(film.film, self.model.reach)
+            flooded = area * np.minimum(thickness, self.model.reach)
             volume = np.where(here & (film.solution is not None), volume, flooded)
         elif film.solution is None:
-            volume = np.where(here, np.minimum(volume, area * film.film), volume)
+            volume = np.where(here, np.minimum(volume, area * thickness), volume)
         return FilmHistory(
             unknown=unknown,
-            film=np.where(here, film.film, self.model.reach),
+            film=thickness,
             volume=volume,
             pressure=film.pressure,
-            gap=np.where(here, gap, np.inf),
-            length=length * longer,
-            width=width * grown / longer,
-            area=area,
+            gap=np.where(film.members, gap, np.inf),
+            length=length,
+            parts=parts,
+            area=self.surface.vertices.sums(weight * trial.area_ratio),
             supplied=supplied,
         )
 
@@ -515,53 +540,123 @@ class LubricatedTangent(PairTangent):
         normal, film = trial.normal_contact, trial.normal_contact.lubrication
         if film is None or not film.members.any():
             return None
-        take = np.nonzero(trial.kinematics.closed)[0]
-        needs = normal.needs()
+        take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
         gaps = self._gap_rows(state, trial, needs)
         gaps = scipy.sparse.diags(1.0 / self.surface.vertices.area) @ gaps
-        speeds = self._speed_rows(state, trial, take)
-        product = np.zeros((gaps.shape[1], gaps.shape[1]))
-        by_gap, by_speed = _field_slopes(film)
-        for field, vectors in self._field_vectors(state, trial, film, take).items():
-            left = self._vertex_rows(trial, take, vectors, needs)
-            change = by_gap[field] @ gaps.toarray()
-            if field in by_speed:
-                change += speeds.T.dot(by_speed[field].T).T
-            product += left.T @ change
-        matrix = scipy.sparse.csr_matrix(product)
+        own, pressed, filled = (
+            self._vertex_rows(trial, take, vectors, needs)
+            for vectors in self._field_vectors(trial, film, take)
+        )
+        pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
+        parts = [gaps, own, pressed, filled, pulled, speeds]
+        nodes = self.surface.nodes
         if trial.carried is not None:
             operator = trial.carried.operator(self.surface.first_master)
-            matrix = (operator.T @ matrix @ operator).tocsr()
-        return Coupling(self.surface.nodes, self.surface.nodes, matrix)
+            parts = [part @ operator for part in parts]
+        dim = self.surface.dim
+        used = np.unique(np.concatenate([part.indices for part in parts]) // dim)
+        column = (used[:, None] * dim + np.arange(dim)).reshape(-1)
+        gaps, own, pressed, filled, pulled, speeds = (part.tocsc()[:, column] for part in parts)
+        product = (own.T @ gaps).toarray()
+        if film.solution is not None:
+            product += self._through_film(state, trial, (pressed, filled, pulled), (gaps, speeds))
+        size = len(column)
+        every = np.arange(size + 1, dtype=np.int32) * np.int32(size)
+        index = np.tile(np.arange(size, dtype=np.int32), size)
+        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, every), (size, size))
+        nodes = self.surface.nodes[used]
+        return Coupling(nodes, nodes, matrix)
+
+    def _through_film(
+        self,
+        state: ContactState,
+        trial: ContactTrial,
+        left: tuple[scipy.sparse.spmatrix, ...],
+        right: tuple[scipy.sparse.spmatrix, ...],
+    ) -> Floats:
+        """The part (c, c) of the tangent that goes through the film's equations.
+
+        Args:
+            state: of the last step.
+            trial: of the tangent.
+            left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
+            right: R (v, c) and S (f′, c).
+        """
+        (pressed, filled, pulled), (gaps, speeds) = left, right
+        film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
+        assert film is not None and film.solver is not None and film.step is not None
+        assert film.solution is not None and history is not None and gap is not None
+        assert isinstance(self.rule, AsperityPressure)
+        places, part, here = self.rule.places, film.solver.cells, film.places
+        between = places.between[here]
+        slope = self.rule.model.rough.film(between @ gap)[1]
+        d_film = scipy.sparse.diags(slope) @ between @ gaps
+        slopes = film.solver.slopes(film.step, film.solution)
+        finer = np.repeat(np.arange(speeds.shape[0]), places.per_facet)
+        d_unknown = slopes.unknown(d_film, speeds.tocsr()[finer])
+        length = history.length[np.all(film.members[places.facets], axis=1)]
+        by_film, by_pressure = places.pull_slopes(
+            film.step.film, film.solution.pressure, part, length
+        )
+        of_pressure = places.means(part, here, history.area).T @ pressed + by_pressure.T @ pulled
+        of_filled = places.means(part, here).T @ filled
+        through = scipy.sparse.diags(slopes.by_pressure) @ of_pressure
+        through = through + scipy.sparse.diags(slopes.by_filled) @ of_filled
+        out: Floats = through.T @ d_unknown + (pulled.T @ (by_film @ d_film)).toarray()
+        return out
 
     def _field_vectors(
-        self, state: ContactState, trial: ContactTrial, film: Lubrication, take: Longs
-    ) -> dict[str, Floats]:
-        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,), by field."""
+        self, trial: ContactTrial, film: Lubrication, take: Longs
+    ) -> tuple[Floats, Floats, Floats]:
+        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,).
+
+        Of gaps without the film's equations, and of the film's pressure and filling.
+        """
         vertices, n = self.surface.vertices, trial.kinematics.normal[take]
-        shape, slopes = vertices.shape[take][:, :, None], film.slopes[take][:, :, None]
-        thickness = vertices.at_points(film.film)[take]
-        along = film.along[take][:, None, :]
-        share = film.sign * 0.5 * state.area_ratio[take] * thickness
-        return {
-            "carried": -shape * n[:, None, :],
-            "asperity": shape * trial.response.d_traction_d_pressure[take][:, None, :],
-            "film": shape * film.by_film[take][:, None, :],
-            "filled": shape * film.by_filled[take][:, None, :],
-            "pressure": shape * film.by_pressure[take][:, None, :]
-            + share[:, None, None] * slopes * along,
-        }
+        shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
+        ratio, carried = film.ratio[at][:, :, None], -shape * n[:, None, :]
+        by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
+        own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
+        own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]
+        pressed = ratio * carried + shape * film.by_pressure[take][:, None, :]
+        return own, pressed, shape * film.by_filled[take][:, None, :]
+
+    def _pull_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
+        film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
+        assert film is not None and isinstance(self.rule, AsperityPressure)
+        inside = np.all(film.members[self.rule.places.facets], axis=1)
+        number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
+        facet = trial.projection.facet[take]
+        master = surface.target.weights(facet, trial.projection.xi[take])
+        shape = np.concatenate([slave.shape[take], -master], axis=1)
+        share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
+        values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
+        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        return self._of_facets(number, nodes, values, int(np.count_nonzero(inside)))
+
+    def _of_facets(
+        self, number: Longs, nodes: Longs, values: Floats, count: int
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
+        dim = self.surface.dim
+        column = nodes[:, :, None] * dim + np.arange(dim)
+        row = np.broadcast_to(number[:, None, None], column.shape)
+        place = row.reshape(-1), column.reshape(-1)
+        return scipy.sparse.csr_matrix((values.reshape(-1), place), (count, self._places * dim))
 
     def _speed_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs
     ) -> scipy.sparse.csr_matrix:
-        """S: change (f, m·i) of half the sliding speed of the film's faces."""
+        """S: change (f′, m·i) of half the sliding speed that the film's facets feel."""
         film, surface = trial.normal_contact.lubrication, self.surface
-        columns = self._places * surface.dim
         assert film is not None and trial.anchor is not None
+        assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
-            return scipy.sparse.csr_matrix((0, columns))
-        _, face = np.unique(surface.slave.facet, return_inverse=True)
+            return scipy.sparse.csr_matrix((0, self._places * surface.dim))
+        facets, face = self.rule.places.facets, self.rule.facet_of
         total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
         v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
         rows, places = self.generalised_rows(state, trial, take)
@@ -569,52 +664,10 @@ class LubricatedTangent(PairTangent):
         d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
         scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
         values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
-        column = places[:, :, None] * surface.dim + np.arange(surface.dim)
-        row = np.broadcast_to(face[take][:, None, None], column.shape)
-        out = scipy.sparse.csr_matrix(
-            (values.reshape(-1), (row.reshape(-1), column.reshape(-1))),
-            (len(total), columns),
-        )
-        # Faces of the film: those of which both vertices are its own.
-        _, first = np.unique(surface.slave.facet, return_index=True)
-        inside: Bools = np.all(film.members[surface.vertices.of_point[first]], axis=1)
+        out = self._of_facets(face[take], places, values, len(total))
+        inside: Bools = np.all(film.members[facets], axis=1)
         steady = not np.isfinite(film.step.dt)
         return scipy.sparse.csr_matrix(felt_speeds(steady, inside, total)) @ out
-
-
-def _field_slopes(film: Lubrication) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """∂X/∂g (v, v) and ∂X/∂u (v, f) of the fields on which tractions depend."""
-    count, here = len(film.members), np.nonzero(film.members)[0]
-    d_film, by_film = np.diag(np.where(film.members, film.d_film, 0.0)), np.zeros((count, count))
-    asperity = np.diag(film.ratio * film.d_asperity)
-    if film.solver is None or film.step is None or film.solution is None:
-        return {
-            "carried": asperity,
-            "asperity": asperity,
-            "film": d_film,
-            "filled": by_film,
-            "pressure": by_film,
-        }, {}
-    slopes = film.solver.slopes(film.step, film.solution)
-    filled, pressure = np.zeros((count, count)), by_film
-    pressure[np.ix_(here, here)] = slopes.pressure * film.d_film[here]
-    filled[np.ix_(here, here)] = slopes.filled * film.d_film[here]
-    faces = slopes.pressure_by_speed.shape[1]
-    pressure_u, filled_u = np.zeros((count, faces)), np.zeros((count, faces))
-    pressure_u[here], filled_u[here] = slopes.pressure_by_speed, slopes.filled_by_speed
-    by_gap = {
-        "carried": asperity + film.ratio[:, None] * pressure,
-        "asperity": asperity,
-        "film": d_film,
-        "filled": filled,
-        "pressure": pressure,
-    }
-    by_speed = {
-        "carried": film.ratio[:, None] * pressure_u,
-        "filled": filled_u,
-        "pressure": pressure_u,
-    }
-    return by_gap, by_speed
 
 
 def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> Floats:

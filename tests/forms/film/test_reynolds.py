@@ -207,8 +207,8 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
             return film.solve(moved, found.unknown)
 
         plus, minus = at(e), at(-e)
-        d_p = slopes.pressure @ dh + slopes.pressure_by_speed @ du
-        d_filled = slopes.filled @ dh + slopes.filled_by_speed @ du
+        d_w = slopes.unknown(dh, du)
+        d_p, d_filled = slopes.by_pressure * d_w, slopes.by_filled * d_w
         for exact, low, high in (
             (d_p, minus.pressure, plus.pressure),
             (d_filled, minus.filled, plus.filled),
