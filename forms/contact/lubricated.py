@@ -33,7 +33,7 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from tribox.forms.contact.kinematics import ContactKinematics, Variations, vary
+from tribox.forms.contact.kinematics import ContactKinematics, Variations
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import (
@@ -170,7 +170,7 @@ class LubricatedTerm(ContactTerm):
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.rule = AsperityPressure(surface, model)
-        self.linearised = LubricatedTangent(surface, self.rule)
+        self.linearised = LubricatedTangent(surface, self.rule, arcs=True)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
         self._weight: Floats = np.zeros(len(self.faces))
@@ -482,6 +482,8 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
+        # Where a film is, the next slip begins at the place below, pressed or not.
+        self.state.ahead[trial.kinematics.closed] = 0.0
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
@@ -658,7 +660,7 @@ class LubricatedTangent(PairTangent):
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
         facets, face = self.rule.places.facets, self.rule.facet_of
         total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
-        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
         d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
         d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
