@@ -26,6 +26,8 @@ with R the rows of the gaps, S those of half the sliding speeds of the facets, a
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -246,7 +248,7 @@ class LubricatedTerm(ContactTerm):
             by_film=np.zeros_like(along),
             by_filled=np.zeros_like(along),
             by_pressure=np.zeros_like(along),
-            places=self.places.inside(members),
+            part=self.places.part(members),
             solver=None,
             step=None,
             solution=None,
@@ -283,48 +285,41 @@ class LubricatedTerm(ContactTerm):
         out: Floats = mean * (-0.5 / dt)
         return out
 
-    def _felt(self, inside: Bools) -> Floats:
-        """Table (f′, f) from the faces' speeds to those that the film of some of them feels.
-
-        A steady state has one speed: where part of a contact sticks there is none, and the mean
-        is taken.
-        """
-        return felt_speeds(self.model.steady, inside, self._weight)
-
     def _with_film(
         self, film: Lubrication, gap: Floats, kinematics: ContactKinematics, dt: float
     ) -> Lubrication:
         """The same with the pressure of the film; not a number where there is no solution."""
-        model, history, places = self.model, self.state.film, self.places
+        model, history, part = self.model, self.state.film, film.part
         assert history is not None
-        here, inside = film.places, np.all(film.members[self.faces], axis=1)
-        part = places.cells(history.length, history.parts).only(here)
-        solver = ReynoldsFilm(part, model.rheology, model.rough, model.scale)
-        fixed = part.last() & (self._flooded or model.steady) & ~self._axis[here]
-        thickness = model.rough.film(places.between[here] @ gap)[0]
-        before = history.film[here]
+        cells = part.of(self.places.cells(history.length, history.parts))
+        solver = ReynoldsFilm(cells, model.rheology, model.rough, model.scale)
+        fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
+        thickness = model.rough.film(part.between @ gap)[0]
+        before = history.film[part.here]
         before = np.where(np.isfinite(before), before, thickness)
-        speed = self._felt(inside) @ self.speeds(film.along, kinematics.slip, dt)
+        felt = felt_speeds(model.steady, part.inside, self._weight)
+        speed = felt @ self.speeds(film.along, kinematics.slip, dt)
         step = FilmStep(
             film=thickness,
-            speed=np.repeat(speed, model.cells),
+            speed=np.repeat(np.broadcast_to(speed, np.count_nonzero(part.inside)), model.cells),
             fixed=fixed,
             content=np.full(len(before), model.oil),
             dt=np.inf if model.steady else dt,
             before=None if model.steady else before,
-            volume=None if model.steady else history.volume[here],
+            volume=None if model.steady else history.volume[part.here],
         )
-        solution = self._solved(solver, step, here)
+        solution = self._solved(solver, step, part.here)
         film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
             return replace(film, pressure=np.where(film.members, np.nan, 0.0))
-        mean = places.means(part, here, history.area)
-        pulled = np.zeros(len(self.faces))
-        pulled[inside] = places.pulls(step.film, solution.pressure, part, history.length[inside])
+        length, pulled = history.length[part.inside], np.zeros(len(self.faces))
+        pulled[part.inside] = part.pulls(thickness, solution.pressure, length)
+        whole = np.where(film.members, part.sums(cells.area, np.ones(len(thickness))), 1.0)
+        full = part.sums(cells.area, solution.filled) / whole
         return replace(
             film,
-            pressure=mean @ solution.pressure,
-            filled=np.where(film.members, places.means(part, here) @ solution.filled, 1.0),
+            pressure=part.sums(cells.area, solution.pressure) / history.area,
+            filled=np.where(film.members, full, 1.0),
             pulled=pulled,
         )
 
@@ -492,14 +487,14 @@ class LubricatedTerm(ContactTerm):
         history, film = self.state.film, trial.normal_contact.lubrication
         assert history is not None and film is not None
         weight, faces = self.surface.slave.weight, len(self.faces)
-        here, gap = film.places, trial.normal_contact.gap
+        here, gap = film.part.here, trial.normal_contact.gap
         assert gap is not None and trial.slave_tangents is not None
         longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
         longer = np.bincount(self._face, weight * longer, faces) / self._weight
         length, parts = self._length * longer, self._parts(trial.area_ratio)
         area = self.places.cells(length, parts).area
         thickness = np.full(self.places.count, self.model.reach)
-        thickness[here] = self.model.rough.film(self.places.between[here] @ gap)[0]
+        thickness[here] = self.model.rough.film(film.part.between @ gap)[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:
@@ -544,37 +539,44 @@ class LubricatedTangent(PairTangent):
             return None
         take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
         gaps = self._gap_rows(state, trial, needs)
-        gaps = scipy.sparse.diags(1.0 / self.surface.vertices.area) @ gaps
+        gaps.data /= np.repeat(self.surface.vertices.area, np.diff(gaps.indptr))
         own, pressed, filled = (
             self._vertex_rows(trial, take, vectors, needs)
             for vectors in self._field_vectors(trial, film, take)
         )
         pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
         parts = [gaps, own, pressed, filled, pulled, speeds]
-        nodes = self.surface.nodes
+        every = scipy.sparse.vstack(parts, format="csr")
         if trial.carried is not None:
-            operator = trial.carried.operator(self.surface.first_master)
-            parts = [part @ operator for part in parts]
+            every = every @ trial.carried.operator(self.surface.first_master)
+        # The film couples all that it feels: from here on all of it is dense.
         dim = self.surface.dim
-        used = np.unique(np.concatenate([part.indices for part in parts]) // dim)
-        column = (used[:, None] * dim + np.arange(dim)).reshape(-1)
-        gaps, own, pressed, filled, pulled, speeds = (part.tocsc()[:, column] for part in parts)
-        product = (own.T @ gaps).toarray()
+        used = np.unique(every.indices // dim)
+        number = np.full(every.shape[1] // dim, -1)
+        number[used] = np.arange(len(used))
+        column = number[every.indices // dim] * dim + every.indices % dim
+        every = scipy.sparse.csr_matrix(
+            (every.data, column, every.indptr), (every.shape[0], len(used) * dim)
+        )
+        ends = np.cumsum([0] + [part.shape[0] for part in parts])
+        rows = [every[low:high] for low, high in itertools.pairwise(ends)]
+        change = rows[0].toarray()
+        product = rows[1].T @ change
         if film.solution is not None:
-            product += self._through_film(state, trial, (pressed, filled, pulled), (gaps, speeds))
-        size = len(column)
-        every = np.arange(size + 1, dtype=np.int32) * np.int32(size)
+            product += self._through_film(state, trial, rows[2:5], change, rows[5])
+        nodes, size = self.surface.nodes[used], len(used) * dim
+        start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
         index = np.tile(np.arange(size, dtype=np.int32), size)
-        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, every), (size, size))
-        nodes = self.surface.nodes[used]
+        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
         return Coupling(nodes, nodes, matrix)
 
     def _through_film(
         self,
         state: ContactState,
         trial: ContactTrial,
-        left: tuple[scipy.sparse.spmatrix, ...],
-        right: tuple[scipy.sparse.spmatrix, ...],
+        left: Sequence[scipy.sparse.csr_matrix],
+        gaps: Floats,
+        speeds: scipy.sparse.csr_matrix,
     ) -> Floats:
         """The part (c, c) of the tangent that goes through the film's equations.
 
@@ -582,29 +584,31 @@ class LubricatedTangent(PairTangent):
             state: of the last step.
             trial: of the tangent.
             left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
-            right: R (v, c) and S (f′, c).
+            gaps: R (v, c).
+            speeds: S (f′, c), or of the one speed of all (1, c).
         """
-        (pressed, filled, pulled), (gaps, speeds) = left, right
+        pressed, filled, pulled = left
         film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
         assert film is not None and film.solver is not None and film.step is not None
         assert film.solution is not None and history is not None and gap is not None
         assert isinstance(self.rule, AsperityPressure)
-        places, part, here = self.rule.places, film.solver.cells, film.places
-        between = places.between[here]
-        slope = self.rule.model.rough.film(between @ gap)[1]
-        d_film = scipy.sparse.diags(slope) @ between @ gaps
+        part, area = film.part, film.solver.cells.area
+        slope = self.rule.model.rough.film(part.between @ gap)[1]
+        d_film = slope[:, None] * (part.between @ gaps)
         slopes = film.solver.slopes(film.step, film.solution)
-        finer = np.repeat(np.arange(speeds.shape[0]), places.per_facet)
-        d_unknown = slopes.unknown(d_film, speeds.tocsr()[finer])
-        length = history.length[np.all(film.members[places.facets], axis=1)]
-        by_film, by_pressure = places.pull_slopes(
-            film.step.film, film.solution.pressure, part, length
-        )
-        of_pressure = places.means(part, here, history.area).T @ pressed + by_pressure.T @ pulled
-        of_filled = places.means(part, here).T @ filled
-        through = scipy.sparse.diags(slopes.by_pressure) @ of_pressure
-        through = through + scipy.sparse.diags(slopes.by_filled) @ of_filled
-        out: Floats = through.T @ d_unknown + (pulled.T @ (by_film @ d_film)).toarray()
+        faces, felt = np.arange(slopes.by_speed.shape[1]), speeds.shape[0]
+        feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
+        spread = scipy.sparse.csr_matrix((np.ones(len(faces)), (faces, feels)), (len(faces), felt))
+        balance = slopes.by_film @ d_film + (slopes.by_speed @ spread @ speeds).toarray()
+        d_unknown = slopes.unknown(balance)
+        d_pressure = slopes.by_pressure[:, None] * d_unknown
+        whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
+        d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
+        out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
+        out += filled.T @ d_filled
+        length = history.length[part.inside]
+        by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
+        out += pulled.T @ (by_film @ d_film + by_pressure @ d_pressure)
         return out
 
     def _field_vectors(
@@ -629,7 +633,7 @@ class LubricatedTangent(PairTangent):
         """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
         film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
         assert film is not None and isinstance(self.rule, AsperityPressure)
-        inside = np.all(film.members[self.rule.places.facets], axis=1)
+        inside = film.part.inside
         number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
         facet = trial.projection.facet[take]
         master = surface.target.weights(facet, trial.projection.xi[take])
@@ -658,7 +662,7 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        facets, face = self.rule.places.facets, self.rule.facet_of
+        face = self.rule.facet_of
         total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
         v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
@@ -667,23 +671,26 @@ class LubricatedTangent(PairTangent):
         scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
         values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
         out = self._of_facets(face[take], places, values, len(total))
-        inside: Bools = np.all(film.members[facets], axis=1)
-        steady = not np.isfinite(film.step.dt)
-        return scipy.sparse.csr_matrix(felt_speeds(steady, inside, total)) @ out
+        return felt_speeds(not np.isfinite(film.step.dt), film.part.inside, total) @ out
 
 
-def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> Floats:
-    """Table (f′, f) from the speeds of all faces to those of the faces ``inside`` a film.
+def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr_matrix:
+    """Table (f′, f), or (1, f), from the speeds of all facets to those that a film feels.
+
+    A steady state has one speed: where part of a contact sticks there is none, and the mean of the
+    facets inside the film is taken.
 
     Args:
         steady: whether all feel their mean.
         inside: (f,).
-        weight: (f,), m², of the faces.
+        weight: (f,), m², of the facets.
     """
+    at = np.nonzero(inside)[0]
     if not steady:
-        return np.eye(len(inside))[inside]
-    share = np.where(inside, weight, 0.0)
-    return np.tile(share / max(share.sum(), np.finfo(float).tiny), (np.count_nonzero(inside), 1))
+        place = np.arange(len(at)), at
+        return scipy.sparse.csr_matrix((np.ones(len(at)), place), (len(at), len(inside)))
+    share = weight[at] / max(weight[at].sum(), np.finfo(float).tiny)
+    return scipy.sparse.csr_matrix((share, (np.zeros(len(at), dtype=int), at)), (1, len(inside)))
 
 
 def _turned_right(normal: Floats) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics
-from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import FilmPart, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
@@ -133,7 +133,7 @@ class Lubrication:
         pulled: (f,), Pa, mean of h ∂p_f/∂s, per current area.
         drawn: (q,), Pa, traction along them from the gradient of the film's pressure.
         by_film, by_filled, by_pressure: ∂T/∂h (q, i), Pa/m, ∂T/∂θ, Pa, and ∂T/∂p_f.
-        places: (n,) places that the film has; solver, step, solution: what was solved for them;
+        part: places that the film has; solver, step, solution: what was solved for them;
             None where the film does not feel time, or its equations have no solution.
     """
 
@@ -153,7 +153,7 @@ class Lubrication:
     by_film: Floats
     by_filled: Floats
     by_pressure: Floats
-    places: Bools
+    part: FilmPart
     solver: ReynoldsFilm | None
     step: FilmStep | None
     solution: FilmSolution | None

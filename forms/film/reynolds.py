@@ -34,7 +34,6 @@ five steps a halving, and is h³ where nothing changes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -112,7 +111,7 @@ def _reciprocal(size: Floats) -> Floats:
     return np.divide(1.0, size, out=np.ones_like(size), where=size > 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FilmCells:
     """Where the film's places are, and which are neighbours.
 
@@ -120,17 +119,14 @@ class FilmCells:
         ends: (f, 2) places that a face lies between; length: (f,), m, between them; width: (f,),
             m of rings, or 1 per unit thickness.
         area: (n,), m² per unit thickness, or of rings.
+        band: of matrices between neighbours.
     """
 
     ends: Longs
     length: Floats
     width: Floats
     area: Floats
-
-    @cached_property
-    def band(self) -> Band:
-        """Of matrices between neighbours."""
-        return Band(self.ends, len(self.area))
+    band: Band
 
     @classmethod
     def on_line(cls, position: Floats, rings: bool = False) -> FilmCells:
@@ -141,20 +137,69 @@ class FilmCells:
         area = np.pi * np.diff(edges**2) if rings else np.diff(edges)
         width = 2.0 * np.pi * middle if rings else np.ones(len(number))
         ends = np.stack([number, number + 1], axis=1)
-        return cls(ends, np.diff(position), width, area)
-
-    def only(self, members: Bools) -> FilmCells:
-        """The part (m,) of some places (n,); nothing flows out of it."""
-        number = np.cumsum(members) - 1
-        inside = members[self.ends].all(axis=1)
-        ends = number[self.ends[inside]]
-        return FilmCells(ends, self.length[inside], self.width[inside], self.area[members])
+        return cls(ends, np.diff(position), width, area, Band(ends, len(area)))
 
     def last(self) -> Bools:
         """Places (n,) with fewer than two neighbours: the ends of the film."""
         count = np.bincount(self.ends.reshape(-1), minlength=len(self.area))
         out: Bools = count < 2
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class FilmPart:
+    """Places that a film has, of those that facets are divided into.
+
+    Attributes:
+        members: (v,) vertices; inside: (f,) facets between them; here: (n,) places.
+        between: (m, v), from values at vertices to those of the m places, and its transpose.
+        ends: (e, 2) of these, that each face lies between; faces: (e,) numbers among all faces.
+        band: of matrices between neighbours; per_facet: k, cells on each facet.
+    """
+
+    members: Bools
+    inside: Bools
+    here: Bools
+    between: scipy.sparse.csr_matrix
+    shared: scipy.sparse.csr_matrix
+    ends: Longs
+    faces: Longs
+    band: Band
+    per_facet: int
+
+    def of(self, cells: FilmCells) -> FilmCells:
+        """The cells of these places, of those of all; nothing flows out of them."""
+        length, width = cells.length[self.faces], cells.width[self.faces]
+        return FilmCells(self.ends, length, width, cells.area[self.here], self.band)
+
+    def sums(self, area: Floats, values: Floats) -> Floats:
+        """What vertices get (v, …) of values (m, …) per area (m,)."""
+        weighted = values * (area if values.ndim == 1 else area[:, None])
+        out: Floats = self.shared @ weighted
+        return out
+
+    def pulls(self, film: Floats, pressure: Floats, length: Floats) -> Floats:
+        """Mean of h ∂p/∂s (f′,), Pa, of the facets inside, which are ``length`` (f′,) m long."""
+        a, b = self.ends.T
+        steps = 0.5 * (film[a] + film[b]) * (pressure[b] - pressure[a])
+        out: Floats = steps.reshape(-1, self.per_facet).sum(axis=1) / length
+        return out
+
+    def pull_slopes(
+        self, film: Floats, pressure: Floats, length: Floats
+    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """Derivatives (f′, m) of :meth:`pulls` for film, Pa/m, and pressure."""
+        (a, b), size = self.ends.T, (len(length), len(film))
+        over = np.repeat(1.0 / length, self.per_facet)
+        mean, rise = 0.5 * (film[a] + film[b]) * over, 0.5 * (pressure[b] - pressure[a]) * over
+        start = 2 * self.per_facet * np.arange(len(length) + 1)
+        by_film = np.stack([rise, rise], axis=1).reshape(-1)
+        by_pressure = np.stack([-mean, mean], axis=1).reshape(-1)
+        index = self.ends.reshape(-1)
+        return (
+            scipy.sparse.csr_matrix((by_film, index, start), size),
+            scipy.sparse.csr_matrix((by_pressure, index, start), size),
+        )
 
 
 class FilmPlaces:
@@ -176,6 +221,7 @@ class FilmPlaces:
         self.count = vertices + inner.size
         line = np.concatenate([facets[:, :1], inner, facets[:, 1:]], axis=1)
         self._ends = np.stack([line[:, :-1], line[:, 1:]], axis=2).reshape(-1, 2)
+        self._band = Band(self._ends, self.count)
         share = np.tile(np.arange(1, per_facet) / per_facet, len(facets))
         every = np.arange(vertices)
         row = np.concatenate([every, inner.reshape(-1), inner.reshape(-1)])
@@ -183,11 +229,25 @@ class FilmPlaces:
         data = np.concatenate([np.ones(vertices), 1.0 - share, share])
         place = row, np.concatenate([every, *ends])
         self.between = scipy.sparse.csr_matrix((data, place), (self.count, vertices))
+        self._part: FilmPart | None = None
 
-    def inside(self, members: Bools) -> Bools:
-        """Places (n,) between vertices (v,) that are members."""
-        of_facets = np.all(members[self.facets], axis=1)
-        return np.concatenate([members, np.repeat(of_facets, self.per_facet - 1)])
+    def part(self, members: Bools) -> FilmPart:
+        """Places between vertices (v,) that are members; kept while these stay the same."""
+        known = self._part
+        if known is not None and np.array_equal(known.members, members):
+            return known
+        inside = np.all(members[self.facets], axis=1)
+        here = np.concatenate([members, np.repeat(inside, self.per_facet - 1)])
+        faces = np.nonzero(np.repeat(inside, self.per_facet))[0]
+        ends = (np.cumsum(here) - 1)[self._ends[faces]]
+        between = self.between[here]
+        band = Band(ends, int(np.count_nonzero(here)))
+        part = FilmPart(
+            *(members.copy(), inside, here, between, between.T.tocsr(), ends, faces, band),
+            self.per_facet,
+        )
+        self._part = part
+        return part
 
     def cells(self, length: Floats, parts: Floats) -> FilmCells:
         """Cells of facets (f,), m long, of which the vertices have the areas ``parts`` (f, 2).
@@ -202,41 +262,8 @@ class FilmPlaces:
         shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
         area: Floats = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
         middle = 0.5 * (low + high).reshape(-1)
-        return FilmCells(self._ends, np.repeat(length / k, k), middle, area.astype(np.float64))
-
-    def means(
-        self, part: FilmCells, here: Bools, area: Floats | None = None
-    ) -> scipy.sparse.csr_matrix:
-        """Table (v, m) from places ``here`` to means over vertices of ``area`` (v,).
-
-        Args:
-            part: (m,) cells of these places.
-            here: (n,) m places.
-            area: m² or of rings; None: as much as there are cells.
-        """
-        shared = (scipy.sparse.diags(part.area) @ self.between[here]).T.tocsr()
-        whole = np.asarray(shared.sum(axis=1)).ravel() if area is None else area
-        return scipy.sparse.diags(_reciprocal(whole)) @ shared
-
-    def pulls(self, film: Floats, pressure: Floats, part: FilmCells, length: Floats) -> Floats:
-        """Mean of h ∂p/∂s (f,), Pa, of facets, ``length`` (f,) m long, with cells ``part``."""
-        (a, b), k = part.ends.T, self.per_facet
-        steps = 0.5 * (film[a] + film[b]) * (pressure[b] - pressure[a])
-        out: Floats = steps.reshape(-1, k).sum(axis=1) / length
-        return out
-
-    def pull_slopes(
-        self, film: Floats, pressure: Floats, part: FilmCells, length: Floats
-    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
-        """Derivatives (f, m) of :meth:`pulls` for film, Pa/m, and pressure."""
-        (a, b), size = part.ends.T, (len(length), len(film))
-        over = np.repeat(1.0 / length, self.per_facet)
-        mean, rise = 0.5 * (film[a] + film[b]) * over, 0.5 * (pressure[b] - pressure[a]) * over
-        facet = np.repeat(np.arange(len(length)), self.per_facet)
-        place = np.tile(facet, 2), np.concatenate([a, b])
-        by_film = scipy.sparse.csr_matrix((np.tile(rise, 2), place), size)
-        by_pressure = scipy.sparse.csr_matrix((np.concatenate([-mean, mean]), place), size)
-        return by_film, by_pressure
+        area = area.astype(np.float64)
+        return FilmCells(self._ends, np.repeat(length / k, k), middle, area, self._band)
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +314,7 @@ class FilmSlopes:
 
     Attributes:
         by_pressure, by_filled: ∂p/∂w (n,), Pa, and ∂θ/∂w (n,).
-        by_film: (n, n) and by_speed: (n, f), of the balance, which rises as much as these say.
+        by_film: (n, n) and by_speed: (n, f), of the balance at the same w.
     """
 
     by_pressure: Floats
@@ -297,13 +324,9 @@ class FilmSlopes:
     _entries: Floats
     _band: Band
 
-    def unknown(
-        self, film: scipy.sparse.spmatrix | Floats, speed: scipy.sparse.spmatrix | Floats
-    ) -> Floats:
-        """Change of w (n, r) with changes ``film`` (n, r), m, and ``speed`` (f, r), m/s."""
-        right = self.by_film @ film + self.by_speed @ speed
-        dense = right.toarray() if scipy.sparse.issparse(right) else np.asarray(right)
-        return -self._band.solved(self._entries, dense)
+    def unknown(self, balance: Floats) -> Floats:
+        """Change of w (n,) or (n, r) as the balance rises by (n,) or (n, r)."""
+        return -self._band.solved(self._entries, balance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,8 @@ KINDS = {
     "given oil": {"steady": False, "oil": 0.024},
     "steady oil": {"oil": 0.035},
     "map": {"share": "map", "law": MAP},
+    "three cells": {"cells": 3},
+    "three cells with given oil": {"cells": 3, "steady": False, "oil": 0.024},
 }
 
 
