@@ -560,11 +560,13 @@ class LubricatedTangent(PairTangent):
         )
         ends = np.cumsum([0] + [part.shape[0] for part in parts])
         rows = [every[low:high] for low, high in itertools.pairwise(ends)]
+        nodes = self.surface.nodes[used]
+        if film.solution is None:
+            return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
         change = rows[0].toarray()
         product = rows[1].T @ change
-        if film.solution is not None:
-            product += self._through_film(state, trial, rows[2:5], change, rows[5])
-        nodes, size = self.surface.nodes[used], len(used) * dim
+        product += self._through_film(state, trial, rows[2:5], change, rows[5])
+        size = len(used) * dim
         start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
         index = np.tile(np.arange(size, dtype=np.int32), size)
         matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))

@@ -72,7 +72,7 @@ class Band:
         self.column = np.concatenate([ends.reshape(-1), ends.reshape(-1), every])
         entries = np.ones(len(self.row)), (self.row, self.column)
         pattern = scipy.sparse.csr_matrix(entries, (count, count))
-        self._order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
+        self._order = reverse_cuthill_mckee(pattern, symmetric_mode=True) if count else every
         self.number = np.empty(count, dtype=np.int64)
         self.number[self._order] = every
         apart = self.number[self.column] - self.number[self.row]

@@ -56,7 +56,7 @@ KINDS = {
     "steady oil": {"oil": 0.035},
     "map": {"share": "map", "law": MAP},
     "three cells": {"cells": 3},
-    "three cells with given oil": {"cells": 3, "steady": False, "oil": 0.024},
+    "three cells with given oil": {"cells": 3, "steady": False, "oil": 0.02},
 }
 
 
