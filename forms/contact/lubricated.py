@@ -563,9 +563,9 @@ class LubricatedTangent(PairTangent):
         nodes = self.surface.nodes[used]
         if film.solution is None:
             return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
-        change = rows[0].toarray()
-        product = rows[1].T @ change
-        product += self._through_film(state, trial, rows[2:5], change, rows[5])
+        felt = self._through_film(state, trial, rows[2:5], rows[5].shape[0])
+        right = scipy.sparse.vstack([rows[0], rows[5]], format="csr")
+        product = np.asarray((right.T @ felt.T).T + rows[1].T @ rows[0])
         size = len(used) * dim
         start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
         index = np.tile(np.arange(size, dtype=np.int32), size)
@@ -577,17 +577,18 @@ class LubricatedTangent(PairTangent):
         state: ContactState,
         trial: ContactTrial,
         left: Sequence[scipy.sparse.csr_matrix],
-        gaps: Floats,
-        speeds: scipy.sparse.csr_matrix,
+        speeds: int,
     ) -> Floats:
-        """The part (c, c) of the tangent that goes through the film's equations.
+        """The part of the tangent that goes through the film's equations, by R and S.
 
         Args:
             state: of the last step.
             trial: of the tangent.
             left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
-            gaps: R (v, c).
-            speeds: S (f′, c), or of the one speed of all (1, c).
+            speeds: number s of the speeds that the film feels.
+
+        Returns:
+            (c, v + s), to be multiplied by R and S.
         """
         pressed, filled, pulled = left
         film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
@@ -595,14 +596,16 @@ class LubricatedTangent(PairTangent):
         assert film.solution is not None and history is not None and gap is not None
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
-        slope = self.rule.model.rough.film(part.between @ gap)[1]
-        d_film = slope[:, None] * (part.between @ gaps)
+        d_film = scipy.sparse.diags(self.rule.model.rough.film(part.between @ gap)[1])
+        d_film = d_film @ part.between
         slopes = film.solver.slopes(film.step, film.solution)
-        faces, felt = np.arange(slopes.by_speed.shape[1]), speeds.shape[0]
+        faces = np.arange(slopes.by_speed.shape[1])
         feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
-        spread = scipy.sparse.csr_matrix((np.ones(len(faces)), (faces, feels)), (len(faces), felt))
-        balance = slopes.by_film @ d_film + (slopes.by_speed @ spread @ speeds).toarray()
-        d_unknown = slopes.unknown(balance)
+        spread = scipy.sparse.csr_matrix(
+            (np.ones(len(faces)), (faces, feels)), (len(faces), speeds)
+        )
+        balance = [(slopes.by_film @ d_film).toarray(), (slopes.by_speed @ spread).toarray()]
+        d_unknown = slopes.unknown(np.concatenate(balance, axis=1))
         d_pressure = slopes.by_pressure[:, None] * d_unknown
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
@@ -610,7 +613,8 @@ class LubricatedTangent(PairTangent):
         out += filled.T @ d_filled
         length = history.length[part.inside]
         by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
-        out += pulled.T @ (by_film @ d_film + by_pressure @ d_pressure)
+        out += pulled.T @ (by_pressure @ d_pressure)
+        out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
         return out
 
     def _field_vectors(
