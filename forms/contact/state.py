@@ -158,6 +158,13 @@ class Lubrication:
     step: FilmStep | None
     solution: FilmSolution | None
 
+    @property
+    def share(self) -> float:
+        """What the film carries of the load that it bears with the asperities."""
+        carried = float(self.ratio @ np.where(self.members, self.pressure, 0.0))
+        both = carried + float(self.ratio @ np.where(self.members, self.asperity, 0.0))
+        return carried / both if both > 0.0 else 0.0
+
 
 @dataclass(slots=True)
 class NormalContact:
