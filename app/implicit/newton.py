@@ -256,8 +256,9 @@ class Newton:
         return share < 1.0
 
     def _carried_by_films(self) -> bool:
-        """Whether films carry a share of a load that their kinks do not stand back behind."""
-        films = [t.normal_contact.lubrication for t in self.problem.trials]
+        """Whether films carry enough, now or at the last step, for their kinks to count most."""
+        trials = [*self.problem.trials, *self.problem.committed]
+        films = [trial.normal_contact.lubrication for trial in trials]
         return any(f is not None and f.share > CARRIED for f in films)
 
     def _natural(self, x: PETSc.Vec, y: PETSc.Vec) -> float:
