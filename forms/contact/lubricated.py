@@ -505,6 +505,7 @@ class LubricatedTerm(ContactTerm):
             volume = np.where(here & (film.solution is not None), volume, flooded)
         elif film.solution is None:
             volume = np.where(here, np.minimum(volume, area * thickness), volume)
+            supplied += float(np.sum(volume - history.volume))  # pressed out
         return FilmHistory(
             unknown=unknown,
             film=thickness,
