@@ -52,17 +52,18 @@ class FilmWatch:
             when = f"worst at time {time_text(row.time, row.dt)}, stage {row.stage}"
             faces = term.faces[film.members[term.faces].all(axis=1)]
             length = history.length[film.members[term.faces].all(axis=1)]
-            self._look_at_inlet(f"contact.{index}", film, faces, length, when)
+            cells = term.places.per_facet
+            self._look_at_inlet(f"contact.{index}", film, faces, length, when, cells)
             self._look_at_roughness(f"contact.{index}", term, film, when)
 
     def _look_at_inlet(
-        self, place: str, film: Lubrication, faces: Longs, length: Floats, when: str
+        self, place: str, film: Lubrication, faces: Longs, length: Floats, when: str, cells: int = 1
     ) -> None:
         """Hold the facet at the inlet, and the film before it, against what they should be."""
         assert film.step is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
-        upstream = np.where(film.step.speed >= 0.0, faces[:, 0], faces[:, 1])
+        upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
         downstream = faces.sum(axis=1) - upstream
         at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
         if not len(at):
@@ -70,15 +71,15 @@ class FilmWatch:
         inlet = int(at[np.argmax(length[at])])
         inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
         growth = outside / inside - 1.0
-        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE:
+        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * cells:
             size = length[inlet] / growth ** (2.0 / 3.0)
             self._keep(
                 f"inlet {place}",
-                length[inlet] / size,
-                f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
-                f"there {length[inlet]:.2g} m ({when}): too much load is left to the asperities, "
-                f"and friction is too high; refine the slave at the edges of the contact to "
-                f"{COARSE * size:.2g} m",
+                length[inlet] / (cells * size),
+                f"{place}: the inlet of the film is about {size:.2g} m long and its cells "
+                f"there {length[inlet] / cells:.2g} m ({when}): too much load is left to the "
+                f"asperities, and friction is too high; refine the slave at the edges of the "
+                f"contact, or raise film.cells, until they are {COARSE * size:.2g} m",
             )
         width = 0.5 * float(length[loaded[faces].all(axis=1)].sum())
         ahead = self._ahead(upstream, downstream, length, inlet)
