@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import centre_rows, rows_at
-from tribox.forms.bodies.lanes import LANES, in_lanes
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.bodies.point_cells import LANES, in_lanes
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native.libraries import library
 from tribox.geometry.compat import cell_order
@@ -74,6 +74,12 @@ def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCe
     return space_cells(space, solid) if in_space else plane_cells(space, solid)
 
 
+def _kind(material: Material, kinds: dict[type, int], volumetric: int) -> int:
+    """Number of a material in the sources; that of K/2 (ln J)² alone, if it has no other energy."""
+    alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
+    return volumetric if alone else kinds[type(material)]
+
+
 # -- First-order cells in the plane: forces, energy and tangent by the compiled loops --------------
 #
 # In plane strain, and in half sections of bodies of revolution.
@@ -82,6 +88,7 @@ FORCES = "plane_kernel.c"
 TANGENT = "plane_tangent.c"
 RING = "ring_cells.c"
 _KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
+_VOLUMETRIC = 3
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
 _CELLS += [_POINTER] * 3
@@ -115,7 +122,7 @@ class PlaneCells:
         self._parameters = np.array(list(material.parameters().values()))
         self._result = np.zeros(1)
         self._arguments = (
-            _KINDS[type(material)],
+            _kind(material, _KINDS, _VOLUMETRIC),
             2 if corners == 3 else int(reduced),
             self._parameters.ctypes.data,
             blocks,
@@ -253,6 +260,7 @@ def _edges(four: Ints, position: Floats) -> Floats:
 
 SOURCE = "space_kernel.c"
 _KINDS_IN_SPACE: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}
+_VOLUMETRIC_IN_SPACE = 4
 _CORNERS = {
     dolfinx.mesh.CellType.hexahedron: 8,
     dolfinx.mesh.CellType.tetrahedron: 4,
@@ -298,7 +306,8 @@ class SpaceCells:
         self._parameters = np.array(list(material.parameters().values()))
         self._total = np.zeros(1)
         blocks = len(self._rows)
-        self._kind = _KINDS_IN_SPACE[type(material)], 2 if corners == 4 else int(reduced)
+        kind = _kind(material, _KINDS_IN_SPACE, _VOLUMETRIC_IN_SPACE)
+        self._kind = kind, 2 if corners == 4 else int(reduced)
         self._work = _Work(
             c=self._parameters.ctypes.data,
             edge=self._edges.ctypes.data,

@@ -10,7 +10,8 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
+/* VOLUMETRIC: the volumetric part of HENCKY, at the centre, beside points that remember. */
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, VOLUMETRIC };
 enum part { WHOLE, DISTORTION, VOLUME };
 
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
@@ -148,5 +149,6 @@ INLINE const int32_t *scatter_matrix(const int32_t *start, int nodes, int lanes,
     case 5: LOOP(MOONEY_RIVLIN, 1, 0);                                                             \
     case 6: LOOP(HENCKY, 0, 0);                                                                    \
     case 7: LOOP(HENCKY, 0, 1);                                                                    \
-    default: LOOP(HENCKY, 1, 0);                                                                   \
+    case 8: LOOP(HENCKY, 1, 0);                                                                    \
+    default: LOOP(VOLUMETRIC, 0, 1);                                                               \
     }

@@ -130,7 +130,7 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
     vec K[3][2][3][2] = {}, rows[4][2][3][2], G[2][2], g[2][2], H[2][2][2][2];
-    for (int point = 0; point < 4; ++point) {
+    for (int point = material == VOLUMETRIC ? 4 : 0; point < 4; ++point) {
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);
@@ -225,7 +225,8 @@ EXPORT int tribox_plane_tangent(int material, int kind, const double *c, int64_t
     case 5: LOOP(MOONEY_RIVLIN, 1, 0); break;
     case 6: LOOP(HENCKY, 0, 0); break;
     case 7: LOOP(HENCKY, 0, 1); break;
-    default: LOOP(HENCKY, 1, 0);
+    case 8: LOOP(HENCKY, 1, 0); break;
+    default: LOOP(VOLUMETRIC, 0, 1);
     }
     return 0;
 }

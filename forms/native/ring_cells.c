@@ -200,6 +200,8 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
         gather(u, node, nodes, at);
         for (int point = 0; point < full + reduced; ++point, table += size * LANES) {
             const enum part part = !reduced ? WHOLE : point < full ? DISTORTION : VOLUME;
+            if (material == VOLUMETRIC && part != VOLUME)
+                continue;
             vec tabled[13];
             __builtin_memcpy(tabled, table, size * sizeof(vec));
             struct point here = at_point(nodes, tabled, at);

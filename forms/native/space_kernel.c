@@ -19,7 +19,8 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH };
+/* VOLUMETRIC: the volumetric part of HENCKY, at the centre, beside points that remember. */
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH, VOLUMETRIC };
 enum part { WHOLE, DISTORTION, VOLUME };
 enum shape { HEXAHEDRON, TETRAHEDRON };
 
@@ -145,7 +146,9 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
 INLINE int needs_volume(enum material material, enum part part)
 {
-    return material == NEO_HOOKEAN ? part != DISTORTION : material == HENCKY || part != VOLUME;
+    if (material == NEO_HOOKEAN)
+        return part != DISTORTION;
+    return material == HENCKY || material == VOLUMETRIC || part != VOLUME;
 }
 
 /* Adds the volumetric part of an energy. */
@@ -584,6 +587,8 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             vec G[3][3], g[3][3];
             double x[3], dN[8][3];
             law.part = !reduced ? WHOLE : point < 8 ? DISTORTION : VOLUME;
+            if (material == VOLUMETRIC && law.part != VOLUME)
+                continue;
             law.weight = place_of(shape, point, x);
             columns(E, x, G);
             columns(e, x, g);
