@@ -120,9 +120,8 @@ class MemorySolid(Solid):
         dt = self._seen(dt)
         found = points.known(u, dt)
         if found is None:
-            origin, vain = Origin(points.committed, dt), points.trial
-            points.trial = None
-            found = points.trial = self._evaluated(origin, vain)
+            origin = Origin(points.committed, dt)
+            found = points.trial = self._evaluated(origin, points.spare())
         if tangent:
             self._tangent_origin = self._remade or self._tangent_start(u, dt)
             self._prepare_tangent(found.F, self._tangent_origin)
@@ -167,23 +166,22 @@ class MemorySolid(Solid):
             return None
         return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
 
-    def _evaluated(self, origin: Origin, vain: Evaluation | None = None) -> Evaluation:
+    def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
         """The points at the present displacement, from ``origin``, with their forces.
 
         Args:
             origin: from where.
-            vain: an evaluation that is wanted no more: its arrays are used again, since memory
-                that is asked for anew costs more than what is computed.
+            spare: of whose arrays to make it.
         """
         law, points = self._frozen if origin.elastic else self.law, len(origin.values)
         kernel = self._kernel(law, origin.dt)
-        if vain is None or kernel is None:
+        if spare is None or kernel is None:
             u, F = np.empty_like(self._u.x.array), np.empty((points, self._width))
             forces, energies = np.empty_like(u), np.empty((3, points))
             P, end = np.empty_like(F), np.empty_like(origin.values)
         else:
-            u, F, P, end = vain.u, vain.F, vain.stress, vain.values
-            energies, forces = vain.energies, vain.forces
+            u, F, P, end = spare.u, spare.F, spare.stress, spare.values
+            energies, forces = spare.energies, spare.forces
         u[:], forces[:] = self._u.x.array, 0.0
         if kernel is None:
             self.point_cells.gradients(u, F)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -279,7 +279,8 @@ class PointState:
     Attributes:
         committed: (k, s); width: s; number: how often they were committed.
         trial: the evaluation that a commit would take; None: none since the last commit.
-        last: the evaluation committed last; None before.
+        last: the evaluation committed last; None before; retired: the one before, of which
+            nothing but the values is wanted any more.
     """
 
     def __init__(self, initial: Floats) -> None:
@@ -293,6 +294,19 @@ class PointState:
         self.number = 0
         self.trial: Evaluation | None = None
         self.last: Evaluation | None = None
+        self.retired: Evaluation | None = None
+
+    def spare(self) -> Evaluation | None:
+        """An evaluation whose arrays may be used again; it is given away.
+
+        Memory that is asked for anew costs more than what is computed. Committed values may still
+        be an origin, in a snapshot too: they are left alone.
+        """
+        if self.trial is not None:
+            found, self.trial = self.trial, None
+            return found
+        found, self.retired = self.retired, None
+        return None if found is None else replace(found, values=np.empty_like(found.values))
 
     def known(self, u: Floats, dt: float) -> Evaluation | None:
         """The trial, if it is that of the displacements ``u`` (n,), m, and ``dt`` (s)."""
@@ -329,6 +343,7 @@ class PointState:
         if done is None:
             return None
         assert np.array_equal(done.u, u, equal_nan=True), "what is committed is evaluated last"
+        self.retired = self.last
         self.committed, self.last, self.trial = done.values, done, None
         self.number += 1
         return done

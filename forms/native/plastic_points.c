@@ -632,10 +632,10 @@ INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch
 /* The end of the step, see class Turned. */
 typedef struct {
     Strain at;
-    Branch k[MOST];
     tensor nu;
     ivec flows, good;
     vec step, stress, slope, numerical, recovered;
+    Branch k[MOST]; /* last, since few are used */
 } Turned;
 
 /* |X|^2 b/(2 mu) of all branches. */
@@ -1030,7 +1030,8 @@ INLINE void update_turning(int space, const Material *m, const vec *F, const vec
     vec sum = all(0.0), c[36];
     tensor tau = {};
     Axes at = {};
-    Turned t = {};
+    Turned t;
+    __builtin_memset(&t, 0, __builtin_offsetof(Turned, k) + m->branches * sizeof(Branch));
     if (space)
         axes_in_space(F, state, &at);
     else
