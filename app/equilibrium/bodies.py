@@ -158,12 +158,17 @@ class _Sums:
 
 @dataclass(slots=True)
 class _Placed:
-    """Cells of a body and their places in a matrix of one pattern."""
+    """Cells of a body and their places in a matrix of one pattern.
+
+    Attributes:
+        points: loops over the points of the same cells inside and outside, to go with them.
+    """
 
     pattern: object
     places: CellPlaces
     inside: CompiledCells | PointCells
     outside: CompiledCells | PointCells
+    points: tuple[PointCells, PointCells] | None
 
 
 class Bodies:
@@ -226,18 +231,19 @@ class Bodies:
         """
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
+        points = solid.point_cells if isinstance(solid, MemorySolid) else None
         if cells is not None and is_direct(A):
             excess = None if carrier is None else carrier.excess()
-            self._add_cells(A, self._places(A, (index, False), cells, pattern), excess)
-            forms = []
+            placed = self._places(A, (index, False), cells, pattern, points)
+            if self._add_cells(A, placed, excess):
+                return
         else:
             forms = [part.tangent for part in solid.forms]
             forms += [] if carrier is None else [carrier.tangent]
-        for form in forms:
-            add_matrix(A, form, unrolled=unrolled)
-        if isinstance(solid, MemorySolid):
-            placed = self._places(A, (index, True), solid.point_cells, pattern)
-            self._add_cells(A, placed, None)
+            for form in forms:
+                add_matrix(A, form, unrolled=unrolled)
+        if points is not None:
+            self._add_cells(A, self._places(A, (index, True), points, pattern), None)
 
     def _places(
         self,
@@ -245,6 +251,7 @@ class Bodies:
         which: tuple[int, bool],
         cells: CompiledCells | PointCells,
         pattern: object,
+        points: PointCells | None = None,
     ) -> _Placed:
         """Cells with their places for a pattern: those found before, if any.
 
@@ -253,28 +260,34 @@ class Bodies:
             which: number of the body, and whether it is the loop over its points.
             cells: that loop.
             pattern: of the matrix.
+            points: that of the points beside it, to go with it if it has its cells in this order.
         """
         known = self._placed.get(which)
         if known is None or known.pattern != pattern:
             places = CellPlaces(A, cells.nodes, self._dim)
-            whole = bool(places.inside.all())
+            inside = places.inside
+            same = points is not None and np.array_equal(points.nodes, cells.nodes)
             known = _Placed(
                 pattern,
                 places,
-                cells if whole else cells.part(places.inside),
-                cells.part(~places.inside),
+                cells if inside.all() else cells.part(inside),
+                cells.part(~inside),
+                (points.part(inside), points.part(~inside)) if points and same else None,
             )
             self._placed[which] = known
         return known
 
-    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> None:
+    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> bool:
+        """Add matrices; returns whether those of the points beside the cells were added too."""
         u, places = self._u.x.array, placed.places
+        beside = [one.beside(u) for one in placed.points] if placed.points else [None, None]
         inner = outer = None
         if excess is not None:
             inner, outer = excess[places.inside], excess[~places.inside]
         if len(places.starts):
             with places.values(A) as values:
-                placed.inside.add_tangent(u, values, places.starts, inner)
+                placed.inside.add_tangent(u, values, places.starts, inner, beside[0])
         matrices = np.zeros((*places.dense.shape, self._dim))
-        placed.outside.add_tangent(u, matrices, places.dense, outer)
+        placed.outside.add_tangent(u, matrices, places.dense, outer, beside[1])
         places.add_outside(A, matrices)
+        return beside[0] is not None

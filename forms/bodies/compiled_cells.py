@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import centre_rows, rows_at
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
-from tribox.forms.bodies.point_cells import LANES, in_lanes
+from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native.libraries import library
 from tribox.geometry.compat import cell_order
@@ -50,7 +50,12 @@ class CompiledCells(Protocol):
         ...
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """Add the element matrices at ``u`` (n,), N/m per unit thickness.
 
@@ -61,6 +66,7 @@ class CompiledCells(Protocol):
                 row (a, i) and the columns (b, j) are.
             excess: (c,), Pa, added to the volumetric pressures of ``q1-sri``
                 (:mod:`tribox.forms.bodies.solid`).
+            beside: points of the same cells that remember, whose matrices are added too.
         """
         ...
 
@@ -148,7 +154,12 @@ class PlaneCells:
         return float(np.inf if bad else self._result[0])
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """See ``CompiledCells.add_tangent``."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
@@ -158,6 +169,7 @@ class PlaneCells:
             *self._arguments,
             u.ctypes.data,
             None if more is None else more.ctypes.data,
+            None if beside is None else ctypes.addressof(beside),
             starts.ctypes.data,
             values.ctypes.data,
         )
@@ -183,7 +195,7 @@ def _code(ring: bool) -> PlaneCode:
     )
     for function in (code.forces, code.energy):
         function.argtypes, function.restype = [*_CELLS, _POINTER], ctypes.c_int
-    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 3, ctypes.c_int
+    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 4, ctypes.c_int
     return code
 
 
@@ -274,7 +286,7 @@ class _Work(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("c", "edge", "u", "excess")),
         *((name, ctypes.c_int64) for name in ("blocks", "lanes_of_last")),
         *((name, ctypes.c_void_p) for name in ("node", "start")),
-        *((name, ctypes.c_void_p) for name in ("forces", "total", "values")),
+        *((name, ctypes.c_void_p) for name in ("forces", "total", "values", "beside")),
     )
 
 
@@ -336,7 +348,12 @@ class SpaceCells:
         return float(np.inf if bad else self._total[0])
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """See ``CompiledCells.add_tangent``; N/m."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
@@ -344,6 +361,7 @@ class SpaceCells:
         more = None if excess is None else np.ascontiguousarray(excess)
         self._work.u, self._work.values = u.ctypes.data, values.ctypes.data
         self._work.start = starts.ctypes.data
+        self._work.beside = None if beside is None else ctypes.addressof(beside)
         self._work.excess = None if more is None else more.ctypes.data
         self._code.tribox_space_tangent(*self._kind, ctypes.byref(self._work))
 

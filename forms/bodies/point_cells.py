@@ -67,6 +67,14 @@ class _Work(ctypes.Structure):
     )
 
 
+class Beside(ctypes.Structure):
+    """``Beside`` of ``lanes.h``."""
+
+    work: _Work  # that ``cells`` points to
+    arrays: tuple[Floats, ...]
+    _fields_ = (("add", ctypes.c_void_p), ("cells", ctypes.c_void_p))
+
+
 @dataclass(frozen=True, slots=True)
 class Cells:
     """What the loop is told of cells, in the order of a body.
@@ -133,6 +141,7 @@ class PointCells:
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
+        self._block = getattr(library(CELLS), f"tribox_point_block_{NAMES[section]}")
         tables = (cells.table, cells.nodes, cells.number[:, None])
         self._tables = [in_lanes(table) for table in tables]
         table, node, cell = (part.ctypes.data for part in self._tables)
@@ -157,6 +166,9 @@ class PointCells:
 
     def _run(self, kernel: Kernel | None = None, symmetric: bool = False, **arrays: Floats) -> bool:
         """Call the loop with what ``Work`` shall point to; False: a point is not valid."""
+        return not self._call(ctypes.byref(self._work(kernel, symmetric, **arrays)))
+
+    def _work(self, kernel: Kernel | None, symmetric: bool, **arrays: Floats) -> _Work:
         for array in arrays.values():
             assert array.flags.c_contiguous
         work = _Work(**self._fixed, symmetric=symmetric)
@@ -165,7 +177,21 @@ class PointCells:
         if kernel is not None:
             work.width = arrays["state"].shape[1]
             work.update, work.material = kernel.function, ctypes.addressof(kernel.material)
-        return not self._call(ctypes.byref(work))
+        return work
+
+    def beside(self, u: Floats) -> Beside | None:
+        """What adds the matrices at ``u`` (n,), m, in a loop over the same cells that goes on then.
+
+        None where they are not symmetric, or the points not updated by a kernel.
+        """
+        of = self.moduli
+        if of.kernel is None or not of.kernel.symmetric:
+            return None
+        assert of.state is not None
+        found = Beside(ctypes.cast(self._block, ctypes.c_void_p).value)
+        found.work, found.arrays = self._work(of.kernel, True, u=u, state=of.state), (u, of.state)
+        found.cells = ctypes.addressof(found.work)
+        return found
 
     def evaluate(self, kernel: Kernel, u: Floats, state: Floats, **out: Floats) -> bool:
         """Update the points at ``u`` (n,), m, from ``state`` (k, s).
@@ -191,9 +217,14 @@ class PointCells:
         self._run(u=u, P=P, forces=forces)
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
-        """See ``CompiledCells.add_tangent``; there is no volumetric part."""
+        """See ``CompiledCells.add_tangent``; no volumetric part, and nothing beside."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
         assert starts.shape[:2] == self.nodes.shape
         of = self.moduli

@@ -121,6 +121,24 @@ INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
     }
 }
 
+/* Adds the matrices of points that remember, if there are any. */
+INLINE void add_beside(const Beside *beside, int64_t block, int nodes, vec matrix[4][2][4][2])
+{
+    if (!beside)
+        return;
+    vec part[10][2][2] = {};
+    beside->add(beside->cells, block, &part[0][0][0]);
+    for (int b = 0; b < nodes; ++b)
+        for (int a = 0; a <= b; ++a)
+            for (int i = 0; i < 2; ++i)
+                for (int j = 0; j < 2; ++j) {
+                    vec value = part[b * (b + 1) / 2 + a][i][j];
+                    matrix[a][i][b][j] += value;
+                    if (a < b)
+                        matrix[b][j][a][i] += value;
+                }
+}
+
 /* Adds the matrices of a block's cells to `values`: those of the row (a, i) and the node b of a
  * cell from start (a, i, b) on. Returns the starts of the next block. */
 INLINE const int32_t *scatter_matrix(const int32_t *start, int nodes, int lanes,

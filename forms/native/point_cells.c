@@ -198,73 +198,85 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
     return start;
 }
 
+/* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
+ * their nodes, each unless it is null; returns which points could not be evaluated. */
+INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
+                     vec (*force)[3])
+{
+    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
+    const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
+    const int32_t *node = w->node + n * nodes * LANES;
+    const double *table = w->table + n * points * size * LANES;
+    vec B[nodes][3], at[nodes][3], s[w->width + 1], next[w->width + 1];
+    ivec bad = {};
+    for (int a = 0; a < nodes; ++a)
+        for (int l = 0; l < LANES; ++l)
+            for (int i = 0; i < dim; ++i)
+                ((double *)&at[a][i])[l] = w->u[dim * (int64_t)node[a * LANES + l] + i];
+    for (int q = 0; q < points; ++q, table += size * LANES) {
+        vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
+        ivec good = ~(ivec){};
+        int64_t row[LANES];
+        for (int l = 0; l < LANES; ++l)
+            row[l] = w->cell[n * LANES + l] * (int64_t)points + q;
+        __builtin_memcpy(tabled, table, size * sizeof(vec));
+        weight = tabled[dim * dim];
+        gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
+        deformation(section, nodes, B, at, F);
+        if (w->update) {
+            load(w->state, row, w->width, (int)w->width, s);
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, energy, &good);
+            bad |= ~good;
+            weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
+            if (w->P) {
+                spoil(count, good, P);
+                store(P, row, lanes, count, w->P);
+            }
+            if (w->end) {
+                spoil(ENERGIES, good, energy);
+                store(next, row, lanes, (int)w->width, w->end);
+                for (int k = 0; k < ENERGIES; ++k)
+                    store(energy + k, row, lanes, 1, w->energies + k * w->all);
+            }
+        } else if (force) {
+            load(w->P, row, count, count, P);
+        } else if (matrix) {
+            load(w->A, row, count * count, count * count, A);
+        }
+        if (w->F)
+            store(F, row, lanes, count, w->F);
+        if (force)
+            add_forces(section, nodes, B, P, weight, force);
+        if (matrix && w->symmetric)
+            add_matrix(section, nodes, 1, B, A, weight, matrix);
+        else if (matrix)
+            add_matrix(section, nodes, 0, B, A, weight, matrix);
+    }
+    return bad;
+}
+
 /* All cells of one body; returns whether a point could not be evaluated. */
 INLINE int64_t over_cells(enum section section, const Work *w)
 {
-    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int nodes = (int)w->nodes, points = (int)w->points;
-    const int size = dim * dim + 2, symmetric = (int)w->symmetric;
-    const int blocks = symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
-    const int32_t *node = w->node, *start = w->start;
-    const double *table = w->table;
-    vec matrix[w->values ? dim * dim * blocks : 1], B[nodes][3], at[nodes][3], force[nodes][3];
-    vec s[w->width + 1], next[w->width + 1];
+    const int dim = section == SPACE ? 3 : 2, nodes = (int)w->nodes;
+    const int blocks = w->symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
+    const int32_t *start = w->start;
+    vec matrix[w->values ? dim * dim * blocks : 1], force[nodes][3];
     ivec bad = {};
-    for (int64_t n = 0; n < w->blocks; ++n, node += nodes * LANES) {
+    for (int64_t n = 0; n < w->blocks; ++n) {
         const int lanes = n + 1 < w->blocks ? LANES : (int)w->lanes_of_last;
-        for (int a = 0; a < nodes; ++a)
-            for (int l = 0; l < LANES; ++l)
-                for (int i = 0; i < dim; ++i)
-                    ((double *)&at[a][i])[l] = w->u[dim * (int64_t)node[a * LANES + l] + i];
+        const int32_t *node = w->node + n * nodes * LANES;
         if (w->forces)
             __builtin_memset(force, 0, sizeof force);
         if (w->values)
             __builtin_memset(matrix, 0, sizeof matrix);
-        for (int q = 0; q < points; ++q, table += size * LANES) {
-            vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
-            ivec good = ~(ivec){};
-            int64_t row[LANES];
-            for (int l = 0; l < LANES; ++l)
-                row[l] = w->cell[n * LANES + l] * (int64_t)points + q;
-            __builtin_memcpy(tabled, table, size * sizeof(vec));
-            weight = tabled[dim * dim];
-            gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
-            deformation(section, nodes, B, at, F);
-            if (w->update) {
-                load(w->state, row, w->width, (int)w->width, s);
-                w->update(w->material, F, s, P, w->end ? next : 0, w->values ? A : 0, energy, &good);
-                bad |= ~good;
-                weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
-                if (w->P) {
-                    spoil(count, good, P);
-                    store(P, row, lanes, count, w->P);
-                }
-                if (w->end) {
-                    spoil(ENERGIES, good, energy);
-                    store(next, row, lanes, (int)w->width, w->end);
-                    for (int k = 0; k < ENERGIES; ++k)
-                        store(energy + k, row, lanes, 1, w->energies + k * w->all);
-                }
-            } else if (w->forces) {
-                load(w->P, row, count, count, P);
-            } else if (w->values) {
-                load(w->A, row, count * count, count * count, A);
-            }
-            if (w->F)
-                store(F, row, lanes, count, w->F);
-            if (w->forces)
-                add_forces(section, nodes, B, P, weight, force);
-            if (w->values && symmetric)
-                add_matrix(section, nodes, 1, B, A, weight, matrix);
-            else if (w->values)
-                add_matrix(section, nodes, 0, B, A, weight, matrix);
-        }
+        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0);
         for (int a = 0; w->forces && a < nodes; ++a)
             for (int l = 0; l < lanes; ++l)
                 for (int i = 0; i < dim; ++i)
                     w->forces[dim * (int64_t)node[a * LANES + l] + i] +=
                         ((const double *)&force[a][i])[l];
-        if (w->values && symmetric)
+        if (w->values && w->symmetric)
             start = insert(dim, nodes, 1, lanes, start, matrix, w->values);
         else if (w->values)
             start = insert(dim, nodes, 0, lanes, start, matrix, w->values);
@@ -272,17 +284,16 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     return any(bad);
 }
 
-EXPORT int64_t tribox_point_cells_strain(const Work *w)
-{
-    return over_cells(STRAIN, w);
-}
-
-EXPORT int64_t tribox_point_cells_ring(const Work *w)
-{
-    return over_cells(RING, w);
-}
-
-EXPORT int64_t tribox_point_cells_space(const Work *w)
-{
-    return over_cells(SPACE, w);
-}
+/* The loop, and what adds the matrices of one block of it: see Beside of lanes.h. */
+#define LOOPS(name, section)                                                                       \
+    EXPORT int64_t tribox_point_cells_##name(const Work *w)                                        \
+    {                                                                                              \
+        return over_cells(section, w);                                                             \
+    }                                                                                              \
+    EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
+    {                                                                                              \
+        at_block(section, cells, block, 0, matrix, 0);                                             \
+    }
+LOOPS(strain, STRAIN)
+LOOPS(ring, RING)
+LOOPS(space, SPACE)
