@@ -1,7 +1,8 @@
 """Forces, strain energy and tangent of all bodies.
 
-Those that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through it, the
-others through the forms that DOLFINx compiled.
+Strain energies that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through
+it, the others through the forms that DOLFINx compiled. Points that remember have a loop of their
+own (:mod:`tribox.forms.bodies.point_cells`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.matrix_values import is_direct, own_block, values_in_place
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
+from tribox.forms.bodies.memory_solid import MemorySolid
+from tribox.forms.bodies.point_cells import PointCells
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native.libraries import library
 from tribox.geometry.compat import add_matrix
@@ -54,19 +57,23 @@ class CellPlaces:
         """Look the places up; not collective.
 
         Args:
-            A: a matrix that :func:`is_direct`, assembled, with the local to global map to be used.
+            A: an assembled matrix, with the local to global map to be used; one that not
+                :func:`is_direct` has no cells inside.
             nodes: (c, a) local nodes of the cells, ghosts included.
             dim: unknowns per node.
         """
         unknowns = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
         numbers = A.getLGMap()[0].indices[unknowns].astype(np.int64)
         first, end = A.getOwnershipRange()
-        mine = (numbers >= first) & (numbers < end)
+        direct = is_direct(A)
+        mine = (numbers >= first) & (numbers < end) & direct
         in_order = numbers == numbers[..., :1] + np.arange(dim)
         self.inside: Bools = np.all(mine & in_order, axis=(1, 2))
         own = (numbers[self.inside] - first).astype(np.int32)
-        self.starts, there, self.count = _starts(A, own)
-        if not np.all(there):  # nothing that is ours: PETSc says what is missing
+        self.starts, self.count = np.empty((0, *own.shape[1:], own.shape[1]), np.int32), 0
+        if direct:
+            self.starts, there, self.count = _starts(A, own)
+        if direct and not np.all(there):  # nothing that is ours: PETSc says what is missing
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
         self._outside = _Sums(numbers[~self.inside])
@@ -151,19 +158,24 @@ class _Sums:
 
 @dataclass(slots=True)
 class _Placed:
-    """Cells of a body and their places in a matrix of one pattern."""
+    """Cells of a body and their places in a matrix of one pattern.
+
+    Attributes:
+        points: loops over the points of the same cells inside and outside, to go with them.
+    """
 
     pattern: object
     places: CellPlaces
-    inside: CompiledCells
-    outside: CompiledCells
+    inside: CompiledCells | PointCells
+    outside: CompiledCells | PointCells
+    points: tuple[PointCells, PointCells] | None
 
 
 class Bodies:
     """All bodies at the present displacement.
 
     Attributes:
-        solids: the bodies; cells: the compiled loop of each, None without.
+        solids: the bodies; cells: the compiled loop of the strain energy of each, None without.
     """
 
     def __init__(
@@ -181,7 +193,7 @@ class Bodies:
         self.cells: list[CompiledCells | None] = [
             compiled_cells(u.function_space, solid) if compiled else None for solid in solids
         ]
-        self._placed: dict[int, _Placed] = {}
+        self._placed: dict[tuple[int, bool], _Placed] = {}
 
     def add_forces(self, out: Floats) -> None:
         """Add the nodal forces (n,), N per unit thickness, of this rank's cells.
@@ -192,8 +204,9 @@ class Bodies:
         for solid, cells in zip(self.solids, self.cells, strict=True):
             if cells is not None:
                 cells.add(self._u.x.array, out, None)
-            for part in solid.forms if cells is None else solid.point_forms:
+            for part in solid.forms if cells is None else ():
                 dolfinx.fem.assemble_vector(out, part.residual)
+            solid.add_point_forces(out)
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J per unit thickness; not finite where a cell is inverted."""
@@ -218,38 +231,63 @@ class Bodies:
         """
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
+        points = solid.point_cells if isinstance(solid, MemorySolid) else None
         if cells is not None and is_direct(A):
             excess = None if carrier is None else carrier.excess()
-            self._add_cells(A, self._places(A, index, cells, pattern), excess)
-            forms = [part.tangent for part in solid.point_forms]
+            placed = self._places(A, (index, False), cells, pattern, points)
+            if self._add_cells(A, placed, excess):
+                return
         else:
             forms = [part.tangent for part in solid.forms]
             forms += [] if carrier is None else [carrier.tangent]
-        for form in forms:
-            add_matrix(A, form, unrolled=unrolled)
+            for form in forms:
+                add_matrix(A, form, unrolled=unrolled)
+        if points is not None:
+            self._add_cells(A, self._places(A, (index, True), points, pattern), None)
 
-    def _places(self, A: PETSc.Mat, index: int, cells: CompiledCells, pattern: object) -> _Placed:
-        """The cells of a body, with their places for a pattern: those found before, if any."""
-        known = self._placed.get(index)
+    def _places(
+        self,
+        A: PETSc.Mat,
+        which: tuple[int, bool],
+        cells: CompiledCells | PointCells,
+        pattern: object,
+        points: PointCells | None = None,
+    ) -> _Placed:
+        """Cells with their places for a pattern: those found before, if any.
+
+        Args:
+            A: the matrix.
+            which: number of the body, and whether it is the loop over its points.
+            cells: that loop.
+            pattern: of the matrix.
+            points: that of the points beside it, to go with it if it has its cells in this order.
+        """
+        known = self._placed.get(which)
         if known is None or known.pattern != pattern:
             places = CellPlaces(A, cells.nodes, self._dim)
-            whole = bool(places.inside.all())
+            inside = places.inside
+            same = points is not None and np.array_equal(points.nodes, cells.nodes)
             known = _Placed(
                 pattern,
                 places,
-                cells if whole else cells.part(places.inside),
-                cells.part(~places.inside),
+                cells if inside.all() else cells.part(inside),
+                cells.part(~inside),
+                (points.part(inside), points.part(~inside)) if points and same else None,
             )
-            self._placed[index] = known
+            self._placed[which] = known
         return known
 
-    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> None:
+    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> bool:
+        """Add matrices; returns whether those of the points beside the cells were added too."""
         u, places = self._u.x.array, placed.places
+        beside = [one.beside(u) for one in placed.points] if placed.points else [None, None]
         inner = outer = None
         if excess is not None:
             inner, outer = excess[places.inside], excess[~places.inside]
-        with places.values(A) as values:
-            placed.inside.add_tangent(u, values, places.starts, inner)
+        if len(places.starts):
+            with places.values(A) as values:
+                placed.inside.add_tangent(u, values, places.starts, inner, beside[0])
         matrices = np.zeros((*places.dense.shape, self._dim))
-        placed.outside.add_tangent(u, matrices, places.dense, outer)
+        placed.outside.add_tangent(u, matrices, places.dense, outer, beside[1])
         places.add_outside(A, matrices)
+        return beside[0] is not None

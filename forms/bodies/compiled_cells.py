@@ -16,19 +16,11 @@ from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import centre_rows, rows_at
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native.libraries import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
-
-LANES = 8  # cells that the loops take at a time
-
-
-def in_lanes(table: NDArray[Any]) -> NDArray[Any]:
-    """Rows (c, k) of the cells as (blocks, k, LANES), the last cell repeated to fill the last."""
-    missing = -len(table) % LANES
-    padded = np.concatenate([table, table[-1:].repeat(missing, axis=0)])
-    return np.ascontiguousarray(padded.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))
 
 
 class CompiledCells(Protocol):
@@ -58,7 +50,12 @@ class CompiledCells(Protocol):
         ...
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """Add the element matrices at ``u`` (n,), N/m per unit thickness.
 
@@ -69,6 +66,7 @@ class CompiledCells(Protocol):
                 row (a, i) and the columns (b, j) are.
             excess: (c,), Pa, added to the volumetric pressures of ``q1-sri``
                 (:mod:`tribox.forms.bodies.solid`).
+            beside: points of the same cells that remember, whose matrices are added too.
         """
         ...
 
@@ -82,6 +80,12 @@ def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCe
     return space_cells(space, solid) if in_space else plane_cells(space, solid)
 
 
+def _kind(material: Material, kinds: dict[type, int], volumetric: int) -> int:
+    """Number of a material in the sources; that of K/2 (ln J)² alone, if it has no other energy."""
+    alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
+    return volumetric if alone else kinds[type(material)]
+
+
 # -- First-order cells in the plane: forces, energy and tangent by the compiled loops --------------
 #
 # In plane strain, and in half sections of bodies of revolution.
@@ -90,6 +94,7 @@ FORCES = "plane_kernel.c"
 TANGENT = "plane_tangent.c"
 RING = "ring_cells.c"
 _KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
+_VOLUMETRIC = 3
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
 _CELLS += [_POINTER] * 3
@@ -123,7 +128,7 @@ class PlaneCells:
         self._parameters = np.array(list(material.parameters().values()))
         self._result = np.zeros(1)
         self._arguments = (
-            _KINDS[type(material)],
+            _kind(material, _KINDS, _VOLUMETRIC),
             2 if corners == 3 else int(reduced),
             self._parameters.ctypes.data,
             blocks,
@@ -149,7 +154,12 @@ class PlaneCells:
         return float(np.inf if bad else self._result[0])
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """See ``CompiledCells.add_tangent``."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
@@ -159,6 +169,7 @@ class PlaneCells:
             *self._arguments,
             u.ctypes.data,
             None if more is None else more.ctypes.data,
+            None if beside is None else ctypes.addressof(beside),
             starts.ctypes.data,
             values.ctypes.data,
         )
@@ -184,7 +195,7 @@ def _code(ring: bool) -> PlaneCode:
     )
     for function in (code.forces, code.energy):
         function.argtypes, function.restype = [*_CELLS, _POINTER], ctypes.c_int
-    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 3, ctypes.c_int
+    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 4, ctypes.c_int
     return code
 
 
@@ -261,6 +272,7 @@ def _edges(four: Ints, position: Floats) -> Floats:
 
 SOURCE = "space_kernel.c"
 _KINDS_IN_SPACE: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}
+_VOLUMETRIC_IN_SPACE = 4
 _CORNERS = {
     dolfinx.mesh.CellType.hexahedron: 8,
     dolfinx.mesh.CellType.tetrahedron: 4,
@@ -274,7 +286,7 @@ class _Work(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("c", "edge", "u", "excess")),
         *((name, ctypes.c_int64) for name in ("blocks", "lanes_of_last")),
         *((name, ctypes.c_void_p) for name in ("node", "start")),
-        *((name, ctypes.c_void_p) for name in ("forces", "total", "values")),
+        *((name, ctypes.c_void_p) for name in ("forces", "total", "values", "beside")),
     )
 
 
@@ -306,7 +318,8 @@ class SpaceCells:
         self._parameters = np.array(list(material.parameters().values()))
         self._total = np.zeros(1)
         blocks = len(self._rows)
-        self._kind = _KINDS_IN_SPACE[type(material)], 2 if corners == 4 else int(reduced)
+        kind = _kind(material, _KINDS_IN_SPACE, _VOLUMETRIC_IN_SPACE)
+        self._kind = kind, 2 if corners == 4 else int(reduced)
         self._work = _Work(
             c=self._parameters.ctypes.data,
             edge=self._edges.ctypes.data,
@@ -335,7 +348,12 @@ class SpaceCells:
         return float(np.inf if bad else self._total[0])
 
     def add_tangent(
-        self, u: Floats, values: Floats, starts: NDArray[np.int32], excess: Floats | None = None
+        self,
+        u: Floats,
+        values: Floats,
+        starts: NDArray[np.int32],
+        excess: Floats | None = None,
+        beside: Beside | None = None,
     ) -> None:
         """See ``CompiledCells.add_tangent``; N/m."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
@@ -343,6 +361,7 @@ class SpaceCells:
         more = None if excess is None else np.ascontiguousarray(excess)
         self._work.u, self._work.values = u.ctypes.data, values.ctypes.data
         self._work.start = starts.ctypes.data
+        self._work.beside = None if beside is None else ctypes.addressof(beside)
         self._work.excess = None if more is None else more.ctypes.data
         self._code.tribox_space_tangent(*self._kind, ctypes.byref(self._work))
 

@@ -1,7 +1,8 @@
 """Internal forces and strain energy of all bodies.
 
-Bodies that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through it; all
-others through the forms that DOLFINx compiled. Both give the same numbers to round-off.
+Strain energies that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through
+it; all others through the forms that DOLFINx compiled. Both give the same numbers to round-off.
+Points that remember have a loop of their own (:mod:`tribox.forms.bodies.point_cells`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.compiled_cells import compiled_cells
-from tribox.forms.bodies.solid import CompiledForms, Solid
+from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import packed_constants
 
 Floats = NDArray[np.float64]
@@ -38,58 +39,69 @@ class BodyForce(Protocol):
 
 
 class GeneratedForce:
-    """A body's forces by DOLFINx's generated kernels."""
+    """A body's forces by DOLFINx's generated kernels, but for those of points that remember."""
 
-    def __init__(self, solid: Solid, u: dolfinx.fem.Function, looped: bool = False) -> None:
-        """Use the forms of ``solid``, which read the displacement from ``u``.
-
-        ``looped``: only those at points that remember, beside a compiled loop.
-        """
-        self._u, self._solid, self._looped = u, solid, looped
-        self._residuals = [part.residual for part in self._forms]
+    def __init__(self, solid: Solid, u: dolfinx.fem.Function) -> None:
+        """Use the forms of ``solid``, which read the displacement from ``u``."""
+        self._u, self._solid = u, solid
+        self._residuals = [part.residual for part in solid.forms]
         self._constants = [packed_constants(form) for form in self._residuals]
-
-    @property
-    def _forms(self) -> Sequence[CompiledForms]:
-        return self._solid.point_forms if self._looped else self._solid.forms
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See ``BodyForce.add``; the logarithm of J ≤ 0 makes the forces NaN."""
-        with self._at(u):
-            if dt is None:
-                self._solid.evaluate_elastic()
-            else:
-                self._solid.evaluate(dt)
+        with _at(self._u, u):
             for form, constants in zip(self._residuals, self._constants, strict=True):
                 dolfinx.fem.assemble_vector(out, form, constants=constants)
         return bool(np.isfinite(out.sum()))
 
     def energy(self, u: Floats) -> float:
         """See ``BodyForce.energy``."""
-        with self._at(u):
-            return self._solid.point_energy() if self._looped else self._solid.strain_energy()
+        with _at(self._u, u):
+            return self._solid.form_energy()
 
-    @contextmanager
-    def _at(self, u: Floats) -> Iterator[None]:
-        """Within a ``with`` block the forms read ``u``, afterwards the displacement as it was."""
-        values = self._u.x.array
-        if u.ctypes.data == values.ctypes.data:
-            yield
-            return
-        before = values.copy()
-        values[:] = u
-        try:
-            yield
-        finally:
-            values[:] = before
+
+class PointForce:
+    """The forces of a body's points that remember."""
+
+    def __init__(self, solid: Solid, u: dolfinx.fem.Function) -> None:
+        """Of the points of ``solid``, which read the displacement from ``u``."""
+        self._u, self._solid = u, solid
+
+    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
+        """See ``BodyForce.add``; where points cannot be evaluated the forces are NaN."""
+        solid = self._solid
+        with _at(self._u, u):
+            valid = solid.evaluate_elastic() if dt is None else solid.evaluate(dt)
+            solid.add_point_forces(out)
+        return valid
+
+    def energy(self, u: Floats) -> float:
+        """See ``BodyForce.energy``."""
+        with _at(self._u, u):
+            return self._solid.point_energy()
+
+
+@contextmanager
+def _at(function: dolfinx.fem.Function, u: Floats) -> Iterator[None]:
+    """Within a ``with`` block the displacement is ``u`` (n,), m, afterwards what it was."""
+    values = function.x.array
+    if u.ctypes.data == values.ctypes.data:
+        yield
+        return
+    before = values.copy()
+    values[:] = u
+    try:
+        yield
+    finally:
+        values[:] = before
 
 
 class InternalForce:
     """Internal forces of all bodies on the nodes of this rank, ghosts included.
 
     Attributes:
-        parts: one for each body, and one more for points that remember beside a compiled loop;
-            compiled: whether all is done by compiled loops.
+        parts: one for each body's strain energy, and one for its points that remember;
+            compiled: whether strain energies go by compiled loops.
     """
 
     def __init__(
@@ -108,9 +120,11 @@ class InternalForce:
             cells = compiled_cells(u.function_space, solid) if compiled else None
             if cells is not None:
                 self.parts.append(cells)
-            if cells is None or solid.point_forms:
+            elif solid.forms:
                 self.compiled = False
-                self.parts.append(GeneratedForce(solid, u, looped=cells is not None))
+                self.parts.append(GeneratedForce(solid, u))
+            if solid.remembers:
+                self.parts.append(PointForce(solid, u))
 
     def evaluate(self, u: Floats, out: Floats, dt: float | None = math.inf) -> bool:
         """Put the internal forces at ``u`` (m) into ``out`` (N per unit thickness).

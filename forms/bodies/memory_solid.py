@@ -1,53 +1,46 @@
-"""Bodies whose material points remember: stress and tangent as values at quadrature points.
+"""Bodies whose material points remember: stress and tangent at quadrature points.
 
-The points are updated by the kernel of their kind (:class:`MaterialPoints`), whatever that is. Its
-stress P and tangent A = ∂P/∂F are coefficients in quadrature spaces, and the forms
+The points are updated by the kernel of their kind (:class:`MaterialPoints`), whatever that is. With
+its stress P and tangent A = ∂P/∂F a loop over the cells (:mod:`tribox.forms.bodies.point_cells`)
+gives
 
-    ∫ P·B(v) dΩ₀,   ∫ B(v)·A·B(δu) dΩ₀,   B(v) = (v_1,1, v_1,2, v_2,1, v_2,2, v_1/x)
+    ∫ P·B(v) dΩ₀,   ∫ B(v)·A·B(δu) dΩ₀,   B(v) = (v_1,1, v_1,2, v_2,1, v_2,2, v_1/x),
 
-are the same for every material; in space B has the nine components of the gradient, row by row; in
-plane strain the last one, across the plane, is zero. What the points remember keeps the volume.
-Where their stress stands for all of the material's, only the distortional part of ``q1-sri`` goes
-this way: the volumetric energy at the centre of a cell is that of :mod:`tribox.forms.bodies.solid`,
-with the pressure that its tangent carries. Where it is added to that of a strain energy, all forms
-of that energy stay beside those of the points.
+the same for every material and kind of cell; in space B has the nine components of the gradient,
+row by row; in plane strain the last one, across the plane, is zero. What the points remember keeps
+the volume. Where their stress stands for all of the material's, only the distortional part of
+``q1-sri`` goes this way: the volumetric energy at the centre of a cell is that of
+:mod:`tribox.forms.bodies.solid`, with the pressure that its tangent carries. Where it is added to
+that of a strain energy, that energy stays beside it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import basix
-import basix.ufl
 import dolfinx
 import numpy as np
-import ufl
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.kinematics import (
-    Section,
-    centre_kinematics,
-    circumference,
-    radius,
-    section_of,
-)
-from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.kinematics import Section, centre_kinematics, section_of
+from tribox.forms.bodies.materials import Hencky, Material
 from tribox.forms.bodies.plastic_points import PLASTIC_STRAIN
+from tribox.forms.bodies.point_cells import NAMES, PointCells, cells_of
 from tribox.forms.bodies.point_state import (
     DISSIPATED,
+    CompiledPoints,
     Evaluation,
     Floats,
+    Kernel,
     MaterialPoints,
     Origin,
     PointHistory,
     PointState,
-    PointUpdate,
 )
 from tribox.forms.bodies.point_stress import PointStress, StressAt
 from tribox.forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
-from tribox.geometry.compat import cell_values
 
 Ints = NDArray[np.int32]
 
@@ -72,7 +65,7 @@ class MemorySolid(Solid):
 
     Attributes:
         law: how its material points answer; points: what they remember, in the order of the cells.
-        count: material points of a cell.
+        point_cells: the loop over its cells; count: material points of a cell.
     """
 
     remembers = True
@@ -80,74 +73,44 @@ class MemorySolid(Solid):
     # -- forms --------------------------------------------------------------------------------
 
     def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
-        """Forms of stress and tangent at the points, and of the volumetric energy, if apart."""
-        self._make_spaces(reduced)
-        parts = [self._point_forms()]
+        """Forms of the strain energy beside the points: all of it, or the volumetric part, or none.
+
+        Those at the points are the loop's.
+        """
+        self._make_points(reduced)
         if self.law.added:
-            return [*parts, *super()._energy_forms(reduced)]
-        if reduced:
-            k = centre_kinematics(self._u, self.section)
-            volumetric = self.material.energy(k, self._constants)[1]
-            parts.append(self._compiled(k, volumetric, self._dx(CENTRE_DEGREE)))
-        return parts
+            return super()._energy_forms(reduced)
+        if not reduced:
+            return []
+        k = centre_kinematics(self._u, self.section)
+        volumetric = self.material.energy(k, self._constants)[1]
+        return [self._compiled(k, volumetric, self._dx(CENTRE_DEGREE))]
 
-    def _make_spaces(self, reduced: bool) -> None:
-        """Coefficients of the points, and what evaluates them."""
-        mesh, space = self._u.function_space.mesh, self.section == "3D"
-        width, cell = 9 if space else 5, mesh.basix_cell()
-        xi, _ = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], self.full_degree)
-        self.count, self._width, self._reduced = len(xi), width, reduced
-
-        def coefficient(shape: tuple[int, ...]) -> dolfinx.fem.Function:
-            element = basix.ufl.quadrature_element(cell, shape, "default", self.full_degree)
-            return dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
-
-        self._stress, self._density = coefficient((width,)), coefficient(())
-        self._moduli = coefficient((width, width))
-        rows = self._stress.function_space.dofmap.list[self.cells].reshape(-1)
-        self._rows = _range_or(rows)
-        self._deformation = dolfinx.fem.Expression(self._gradient(self._u, identity=1.0), xi)
+    def _make_points(self, reduced: bool) -> None:
+        """The points, and the loop over the cells that evaluates them."""
+        space = self.section == "3D"
         law = self.material.points(space)
         assert law is not None, "the material has no points that remember"
         self.law, self._frozen, self.flows = law, law.frozen(), law.flows
-        self.points = PointState(law.start(len(self.cells) * self.count))
+        cells, self._volumes = cells_of(
+            self._u.function_space, self.section, self.cells, self.full_degree
+        )
+        self.point_cells = PointCells(self.section, cells)
+        self.count, self._width, self._reduced = len(cells.shape), 9 if space else 5, reduced
+        self.points = PointState(law.start(cells.count))
+        self._forces: Floats = np.zeros_like(self._u.x.array)
         self._dissipated: Floats = np.zeros(2)
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
 
-    def _gradient(self, v: Any, identity: float = 0.0) -> Any:
-        """B(v), (p,), as the module says, of a displacement or test function; plus I."""
-        g = ufl.grad(v)
-        if self.section == "3D":
-            return ufl.as_vector(
-                [g[i, j] + identity * (i == j) for i in range(3) for j in range(3)]
-            )
-        across = v[0] / radius(v) if self.section == "axisymmetric" else 0.0
-        plane = [identity + g[0, 0], g[0, 1], g[1, 0], identity + g[1, 1]]
-        return ufl.as_vector([*plane, ufl.as_ufl(identity + across)])
-
-    def _point_forms(self) -> CompiledForms:
-        space = self._u.function_space
-        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-        weight, dx = circumference(space.mesh, self.section), self._dx(self.full_degree)
-        B = self._gradient(test)
-        forward = ufl.dot(self._moduli, self._gradient(trial))
-        return CompiledForms(
-            energy=dolfinx.fem.form(weight * self._density * dx),
-            residual=dolfinx.fem.form(weight * ufl.inner(self._stress, B) * dx),
-            tangent=dolfinx.fem.form(weight * ufl.inner(forward, B) * dx),
-        )
-
     @property
     def elastic(self) -> Material | None:
         """See :attr:`tribox.forms.bodies.solid.Solid.elastic`."""
-        return self.material.elastic if self.law.added else None
-
-    @property
-    def point_forms(self) -> Sequence[CompiledForms]:
-        """See :attr:`tribox.forms.bodies.solid.Solid.point_forms`."""
-        return self.forms[:1]
+        if self.law.added:
+            return self.material.elastic
+        elastic = self.material.elastic if self._reduced else None
+        return Hencky(0.0, elastic.bulk_modulus) if isinstance(elastic, Hencky) else None
 
     # -- evaluation ---------------------------------------------------------------------------
 
@@ -155,24 +118,25 @@ class MemorySolid(Solid):
         """See :meth:`tribox.forms.bodies.solid.Solid.evaluate`."""
         u, points = self._u.x.array, self.points
         dt = self._seen(dt)
-        found, F = points.known(u, dt), None
-        if tangent:
-            F = self._deformation_gradients()
-            origin = self._remade or self._tangent_start(u, dt)
-            law = self._frozen if origin.elastic else self.law
-            update = self._updated(F, origin, tangent=True, law=law)
-            assert update.A is not None
-            self._put(self._moduli, update.A.reshape(len(F), self._width**2))
-            self._tangent_origin = origin
-            same = origin.values is points.committed and origin.dt == dt and not origin.elastic
-            if found is None and same:
-                found = self._keep(F, update, origin)
+        found = points.known(u, dt)
         if found is None:
-            F = self._deformation_gradients() if F is None else F
             origin = Origin(points.committed, dt)
-            found = self._keep(F, self._updated(F, origin), origin)
-        self._show(found)
+            found = points.trial = self._evaluated(origin, points.spare())
+        if tangent:
+            self._tangent_origin = self._remade or self._tangent_start(u, dt)
+            self._prepare_tangent(found.F, self._tangent_origin)
+        self._forces = found.forces
         return found.valid
+
+    def _prepare_tangent(self, F: Floats, origin: Origin) -> None:
+        """Let the loop know how to come to the moduli, or give it those at ``F`` (k, p)."""
+        law, moduli = self._frozen if origin.elastic else self.law, self.point_cells.moduli
+        moduli.kernel, moduli.state = self._kernel(law, origin.dt), origin.values
+        if moduli.kernel is None:
+            reduced = self._reduced
+            update = law.update(F, origin.values, origin.dt, True, volumetric=not reduced)
+            assert update.A is not None
+            moduli.A = np.ascontiguousarray(update.A)
 
     def _tangent_start(self, u: Floats, dt: float) -> Origin:
         """From where the tangent at ``u`` (n,), m, is taken."""
@@ -184,64 +148,56 @@ class MemorySolid(Solid):
 
     def evaluate_elastic(self) -> bool:
         """See :meth:`tribox.forms.bodies.solid.Solid.evaluate_elastic`."""
-        F, origin = self._deformation_gradients(), Origin(self.points.committed, math.inf)
-        update = self._updated(F, origin, law=self._frozen)
-        self._put(self._stress, update.P)
-        return update.valid
+        found = self._evaluated(Origin(self.points.committed, math.inf, elastic=True))
+        self._forces = found.forces
+        return found.valid
+
+    def add_point_forces(self, out: Floats) -> None:
+        """See :meth:`tribox.forms.bodies.solid.Solid.add_point_forces`."""
+        out += self._forces
 
     def _seen(self, dt: float) -> float:
         """The duration that the material feels."""
         return dt if self.law.rated else math.inf
 
-    def _deformation_gradients(self) -> Floats:
-        """F (k, p) at the present displacement."""
-        mesh = self._u.function_space.mesh
-        if not len(self.cells):
-            return np.empty((0, self._width))
-        return cell_values(self._deformation, mesh, self.cells).reshape(-1, self._width)
+    def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
+        """What the loop updates the points with; None: they are updated in Python."""
+        if not isinstance(law, CompiledPoints):
+            return None
+        return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
 
-    def _updated(
-        self, F: Floats, origin: Origin, tangent: bool = False, law: MaterialPoints | None = None
-    ) -> PointUpdate:
-        law = law or self.law
-        return law.update(F, origin.values, origin.dt, tangent, volumetric=not self._reduced)
+    def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
+        """The points at the present displacement, from ``origin``, with their forces.
 
-    def _evaluation(self, F: Floats, update: PointUpdate, origin: Origin) -> Evaluation:
-        return Evaluation(
-            u=self._u.x.array.copy(),
-            F=F,
-            origin=origin,
-            number=self.points.number,
-            stress=update.P,
-            values=update.state,
-            elastic=update.elastic,
-            dissipation=update.dissipation,
-            valid=update.valid,
-        )
-
-    def _keep(self, F: Floats, update: PointUpdate, origin: Origin) -> Evaluation:
-        """Make an update the trial."""
-        self.points.trial = self._evaluation(F, update, origin)
-        return self.points.trial
-
-    def _show(self, found: Evaluation) -> None:
-        """Let the forms be those of an evaluation."""
-        self._put(self._stress, found.stress)
-        self._put(self._density, found.elastic[:, None])
-
-    def _put(self, function: dolfinx.fem.Function, values: Floats) -> None:
-        """Give the coefficient ``values`` (k, …) at the points."""
-        function.x.array.reshape(-1, values.shape[1])[self._rows] = values
+        Args:
+            origin: from where.
+            spare: of whose arrays to make it.
+        """
+        law, points = self._frozen if origin.elastic else self.law, len(origin.values)
+        kernel = self._kernel(law, origin.dt)
+        if spare is None or kernel is None:
+            u, F = np.empty_like(self._u.x.array), np.empty((points, self._width))
+            forces, energies = np.empty_like(u), np.empty((3, points))
+            P, end = np.empty_like(F), np.empty_like(origin.values)
+        else:
+            u, F, P, end = spare.u, spare.F, spare.stress, spare.values
+            energies, forces = spare.energies, spare.forces
+        u[:], forces[:] = self._u.x.array, 0.0
+        if kernel is None:
+            self.point_cells.gradients(u, F)
+            update = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
+            self.point_cells.add_forces(u, update.P, forces)
+            P, end, valid = update.P, update.state, update.valid
+            energies = np.stack([update.elastic, update.dissipation])
+        else:
+            out = {"F": F, "P": P, "end": end, "energies": energies, "forces": forces}
+            valid = self.point_cells.evaluate(kernel, u, origin.values, **out)
+        return Evaluation(u, F, origin, self.points.number, P, end, energies, forces, valid)
 
     def _present(self) -> Evaluation:
         """The points at the present displacement, evaluated at rest if that was not done last."""
         found = self.points.at(self._u.x.array)
-        if found is None:
-            origin = Origin(self.points.committed, math.inf)
-            F = self._deformation_gradients()
-            update = self._updated(F, origin)
-            found = self._evaluation(F, update, origin)
-        return found
+        return found or self._evaluated(Origin(self.points.committed, math.inf))
 
     # -- history ------------------------------------------------------------------------------
 
@@ -256,8 +212,7 @@ class MemorySolid(Solid):
 
     def _integral(self, values: Floats) -> float:
         """Integral over this rank's part of the body of values (k,), by reference volume."""
-        self._put(self._density, values[:, None])
-        return float(dolfinx.fem.assemble_scalar(self.forms[0].energy))
+        return float(self._volumes @ values)
 
     @property
     def dissipated(self) -> Floats:
@@ -269,12 +224,6 @@ class MemorySolid(Solid):
         """See :attr:`tribox.forms.bodies.solid.Solid.dissipated_by_part`."""
         at = self.law.columns.get(DISSIPATED, slice(0, 0))
         return np.array([self._integral(lost) for lost in self.points.committed[:, at].T])
-
-    def strain_energy(self) -> float:
-        """This rank's elastic energy, J; in plane strain per unit thickness, J/m."""
-        return self.point_energy() + sum(
-            float(dolfinx.fem.assemble_scalar(part.energy)) for part in self.forms[1:]
-        )
 
     def point_energy(self) -> float:
         """See :meth:`tribox.forms.bodies.solid.Solid.point_energy`."""
@@ -327,8 +276,8 @@ class MemorySolid(Solid):
 
         All of it, of ``q1-sri`` the distortional part, or what is added to a strain energy's.
         """
-        F = as_tensors(self._deformation_gradients())
-        P = as_tensors(self._present().stress)
+        found = self._present()
+        F, P = as_tensors(found.F), as_tensors(found.stress)
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
 
@@ -360,13 +309,6 @@ class MemorySolid(Solid):
         """What the points remember under a name (c, q, …), see ``MaterialPoints.columns``."""
         values = self._present().values[:, self.law.columns[name]]
         return values.reshape(len(self.cells), self.count, -1)
-
-
-def _range_or(rows: Ints) -> slice | Ints:
-    """Consecutive rows as a slice, which numpy copies to far faster."""
-    if len(rows) and np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows))):
-        return slice(int(rows[0]), int(rows[0]) + len(rows))
-    return rows
 
 
 # -- Values of material points at other places of their cells, and as tensors ----------------------

@@ -40,6 +40,7 @@ from tribox.forms.bodies.hardening import (
     Table,
     Voce,
 )
+from tribox.forms.bodies.point_state import Kernel
 from tribox.forms.bodies.principal_axes import (
     PrincipalAxes,
     axes_in_plane,
@@ -56,10 +57,12 @@ from tribox.forms.bodies.return_mapping import (
 )
 from tribox.forms.native.libraries import library
 
-# -- The compiled loop over plastic material points, ``plastic_points.c`` --------------------------
+# -- The compiled update, ``plastic_points.c`` -----------------------------------------------------
 #
-# The same numbers to round-off as `plastic_points` computes in numpy.
+# The same numbers to round-off as this module computes in numpy.
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 SOURCE = "plastic_points.c"
 MOST_BRANCHES = 8  # of the backstress, MOST of the C source
 
@@ -67,6 +70,7 @@ MOST_BRANCHES = 8  # of the backstress, MOST of the C source
 class _Material(ctypes.Structure):
     """``Material`` of the C source, field by field in the same order."""
 
+    tables: tuple[Floats, Floats]  # what the others point to
     _fields_ = (
         ("shear", ctypes.c_double),
         ("bulk", ctypes.c_double),
@@ -81,76 +85,43 @@ class _Material(ctypes.Structure):
     )
 
 
-class CompiledPoints:
-    """The loop for one material."""
+def _laid_out(material: Metal, dt: float, bulk: float) -> _Material | None:
+    """A material as the C source has it; None: a law that it does not know.
 
-    def __init__(self, code: ctypes.CDLL, material: Metal, space: bool) -> None:
-        """Lay the material out.
+    Args:
+        material: the metal.
+        dt: s, length of the step.
+        bulk: K, Pa, or 0.
 
-        Args:
-            code: the library of ``SOURCE``.
-            material: laws that the library knows.
-            space: 9 components of F instead of the plane's 5.
-
-        Raises:
-            RuntimeError: the library's layout of a material is another one.
-        """
-        code.tribox_plastic_material_size.restype = ctypes.c_int64
-        if code.tribox_plastic_material_size() != ctypes.sizeof(_Material):
-            raise RuntimeError(f"{SOURCE}: its structure Material is not the one of {__name__}")
-        kind = "turning" if material.kinematic else "plastic"
-        self._function = getattr(code, f"tribox_{kind}_{'space' if space else 'plane'}")
-        self._function.argtypes = [ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 6]
-        self._function.restype = ctypes.c_int64
-        law, self._parameters = _law(material.hardening)
-        branches = [(branch.modulus, branch.recovery) for branch in material.kinematic]
-        self._branches = np.array(branches, dtype=np.float64)
-        self._rate, rate_parameters = _rate(material.rate)
-        self._material = _Material(
-            shear=material.shear_modulus,
-            rate_parameters=rate_parameters,
-            law=law,
-            count=len(self._parameters) // 2,
-            parameters=self._parameters.ctypes.data,
-            branches=len(branches),
-            backstress=self._branches.ctypes.data,
-        )
-
-    def __call__(
-        self, F: Floats, state: Floats, dt: float, bulk: float, tangent: bool
-    ) -> tuple[Floats, Floats, Floats | None, tuple[Floats, Floats, Floats], bool]:
-        """See ``PlasticPoints.update``.
-
-        Args:
-            F: (n, p) deformation gradients.
-            state: (n, s) at the step's begin.
-            dt: s, its length.
-            bulk: K, Pa, or 0.
-            tangent: whether to compute A.
-
-        Returns:
-            P (n, p), state (n, s), A (n, p, p) or None, then elastic energy, dissipation and its
-            numerical part (n,), and whether all points are valid.
-        """
-        F, state = (np.ascontiguousarray(x, dtype=np.float64) for x in (F, state))
-        n, p = F.shape
-        P, end, energies = np.empty_like(F), np.empty_like(state), np.empty((3, n))
-        A = np.empty((n, p, p)) if tangent else None
-        self._material.bulk, self._material.dt = bulk, dt
-        self._material.rate = self._rate if np.isfinite(dt) else 0
-        arrays = (F, state, P, end, A, energies)
-        places = [None if array is None else array.ctypes.data for array in arrays]
-        bad = self._function(ctypes.byref(self._material), n, *places)
-        return P, end, A, (energies[0], energies[1], energies[2]), not bad
-
-
-def compiled_points(material: Metal, space: bool) -> CompiledPoints | None:
-    """The loop for a material; None without a C compiler, or for laws that it does not know."""
+    Raises:
+        RuntimeError: the library's layout of a material is another one.
+    """
     known = isinstance(material.hardening, Linear | Voce | Swift | Table)
     known &= isinstance(material.rate, JohnsonCook | Perzyna | None)
-    known &= len(material.kinematic) <= MOST_BRANCHES
-    code = library(SOURCE) if known else None
-    return None if code is None else CompiledPoints(code, material, space)
+    if not known or len(material.kinematic) > MOST_BRANCHES:
+        return None
+    size = library(SOURCE).tribox_plastic_material_size
+    size.restype = ctypes.c_int64
+    if size() != ctypes.sizeof(_Material):
+        raise RuntimeError(f"{SOURCE}: its structure Material is not the one of {__name__}")
+    law, parameters = _law(material.hardening)
+    rate, rate_parameters = _rate(material.rate)
+    branches = [(branch.modulus, branch.recovery) for branch in material.kinematic]
+    tables = parameters, np.array(branches, dtype=np.float64)
+    out = _Material(
+        shear=material.shear_modulus,
+        bulk=bulk,
+        dt=dt,
+        rate_parameters=rate_parameters,
+        law=law,
+        rate=rate if np.isfinite(dt) else 0,
+        count=len(parameters) // 2,
+        parameters=tables[0].ctypes.data,
+        branches=len(branches),
+        backstress=tables[1].ctypes.data,
+    )
+    out.tables = tables
+    return out
 
 
 def _law(law: Hardening) -> tuple[int, Floats]:
@@ -173,9 +144,6 @@ def _rate(rate: RateFactor | None) -> tuple[int, tuple[float, float]]:
         return 2, (rate.reference_rate, rate.exponent)
     return 0, (0.0, 0.0)
 
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PLANE = (0, 1, 3, 4, 8)  # places of the plane's components among the nine
 PLASTIC_STRAIN = "equivalent_plastic_strain"  # its name among the variables
@@ -219,14 +187,14 @@ class PlasticPoints:
         Args:
             material: moduli, hardening and rate factor.
             space: 9 components of F instead of the plane's 5.
-            compiled: whether to use the compiled loop where there is one.
+            compiled: whether to use the compiled update where there is one.
         """
         self.material = material
         self.space = space
         self.components, metric = (9, 6) if space else (5, 4)
         self.variables = metric * (1 + len(material.kinematic)) + 1
         self._metric = metric
-        self._compiled = compiled_points(material, space) if compiled else None
+        self._compiled = compiled
 
     @property
     def columns(self) -> dict[str, slice]:
@@ -241,12 +209,28 @@ class PlasticPoints:
 
     def frozen(self) -> PlasticPoints:
         """Points that do not flow on."""
-        return PlasticPoints(self.material.unyielding(), self.space, self.compiled)
+        return PlasticPoints(self.material.unyielding(), self.space, self._compiled)
 
     @property
     def compiled(self) -> bool:
-        """Whether the loop is compiled: there is a C compiler, and it knows the laws."""
-        return self._compiled is not None
+        """Whether the update is compiled: it knows the laws."""
+        return self._compiled and _laid_out(self.material, 1.0, 0.0) is not None
+
+    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
+        """See ``CompiledPoints.kernel``.
+
+        Raises:
+            ValueError: dt ≤ 0 for a material with a rate factor.
+        """
+        if self.material.rate is not None and not dt > 0.0:
+            raise ValueError(f"dt is {dt}: a material with a rate factor needs dt > 0")
+        bulk = self.material.bulk_modulus if volumetric else 0.0
+        made = _laid_out(self.material, dt, bulk) if self._compiled else None
+        if made is None:
+            return None
+        turning = bool(self.material.kinematic)
+        name = f"{'turning' if turning else 'plastic'}_{'space' if self.space else 'plane'}"
+        return Kernel.of(SOURCE, name, made, symmetric=not turning)
 
     def start(self, points: int) -> Floats:
         """State (points, s) of a body that has not flowed: C_p⁻¹ = C_pi = I, α = 0."""
@@ -270,20 +254,15 @@ class PlasticPoints:
         Raises:
             ValueError: arrays of other shapes, or dt ≤ 0 for a material with a rate factor.
         """
-        self._check(F, state, dt)
-        bulk = self.material.bulk_modulus if volumetric else 0.0
-        if self._compiled is not None:
-            P, new, A, energies, valid = self._compiled(F, state, dt, bulk, tangent)
-            return PlasticUpdate(P, new, A, *energies, valid=valid)
-        with np.errstate(all="ignore"):
-            return self._update(F, state, dt, tangent, bulk)
-
-    def _check(self, F: Floats, state: Floats, dt: float) -> None:
         wanted = (len(F), self.components), (len(F), self.variables)
         if (F.shape, state.shape) != wanted:
             raise ValueError(f"F and state have shapes {F.shape}, {state.shape}, not {wanted}")
-        if self.material.rate is not None and not dt > 0.0:
-            raise ValueError(f"dt is {dt}: a material with a rate factor needs dt > 0")
+        if kernel := self.kernel("space" if self.space else "ring", dt, volumetric):
+            P, new, A, energies, valid = kernel.update(F, state, tangent)
+            return PlasticUpdate(P, new, A, *energies, valid=valid)
+        bulk = self.material.bulk_modulus if volumetric else 0.0
+        with np.errstate(all="ignore"):
+            return self._update(F, state, dt, tangent, bulk)
 
     def _update(
         self, F: Floats, state: Floats, dt: float, tangent: bool, bulk: float

@@ -14,15 +14,19 @@ components of F and P, in the plane 11, 12, 21, 22, 33, in space nine, row by ro
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tribox.forms.native.libraries import library
+
 Floats = NDArray[np.float64]
 DISSIPATED = "dissipated"  # of variables that sum up, J/m³, what each part of a point has lost
+CELLS = "point_cells.c"
 IN_PLANE = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # no deformation: 11, 12, 21, 22, 33
 
 
@@ -114,6 +118,78 @@ class MaterialPoints(Protocol):
         ...
 
 
+@runtime_checkable
+class CompiledPoints(MaterialPoints, Protocol):
+    """Points that are compiled, so that loops over cells can update them on the way."""
+
+    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
+        """What updates them in a section of a body; None where nothing does after all.
+
+        Args:
+            section: ``strain``, ``ring`` or ``space``.
+            dt: s, length of the step.
+            volumetric: False leaves the volumetric energy out.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A compiled update of points, ``Update`` of ``point_lanes.h``, with its arguments.
+
+    Attributes:
+        function: its address; material: what it reads, and what is read from there.
+        symmetric: whether A is.
+    """
+
+    function: int
+    material: ctypes.Structure
+    symmetric: bool
+
+    @classmethod
+    def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:
+        """One of a C source.
+
+        Args:
+            source: file name of the C source.
+            name: of the function in it, after ``tribox_``.
+            material: its parameters, as the source lays them out.
+            symmetric: see the class.
+        """
+        function = getattr(library(source), f"tribox_{name}")
+        address = ctypes.cast(function, ctypes.c_void_p).value
+        assert address is not None
+        return cls(address, material, symmetric)
+
+    def update(
+        self, F: Floats, state: Floats, tangent: bool
+    ) -> tuple[Floats, Floats, Floats | None, Floats, bool]:
+        """Update points by themselves, see ``MaterialPoints.update``.
+
+        Returns:
+            P (n, p), state (n, s), A (n, p, p) or None, then energies (3, n): stored, dissipated
+            and the part of it that is due to the step's size; whether all points are valid.
+        """
+        F, state = (np.ascontiguousarray(x, dtype=np.float64) for x in (F, state))
+        n, p = F.shape
+        P, end, energies = np.empty_like(F), np.empty_like(state), np.empty((3, n))
+        A = np.empty((n, p, p)) if tangent else None
+        arrays = (F, state, P, end, A, energies)
+        places = [None if array is None else array.ctypes.data for array in arrays]
+        call = _points()
+        bad = call(self.function, ctypes.byref(self.material), p, state.shape[1], n, *places)
+        return P, end, A, energies, not bad
+
+
+def _points() -> Any:
+    """The loop over points by themselves."""
+    call = library(CELLS).tribox_points
+    call.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_int64] * 3]
+    call.argtypes += [ctypes.c_void_p] * 6
+    call.restype = ctypes.c_int64
+    return call
+
+
 @dataclass(frozen=True, slots=True)
 class Origin:
     """From where material points are evaluated.
@@ -136,7 +212,8 @@ class Evaluation:
         u: (n,), m, local unknowns; F: (k, p) deformation gradients there.
         origin: from where; number: of the committed values.
         stress: (k, p), Pa, first Piola–Kirchhoff stress; values: (k, s), what is remembered.
-        elastic: (k,), J/m³, stored; dissipation: (k,), J/m³, since the origin.
+        energies: (2 or 3, k), J/m³: stored, and dissipated since the origin.
+        forces: (n,), N (N/m), of the stress on the nodes of this rank.
         valid: whether all points could be evaluated; where not, all but the values are NaN.
     """
 
@@ -146,9 +223,19 @@ class Evaluation:
     number: int
     stress: Floats
     values: Floats
-    elastic: Floats
-    dissipation: Floats
+    energies: Floats
+    forces: Floats
     valid: bool
+
+    @property
+    def elastic(self) -> Floats:
+        """Energy stored (k,), J/m³."""
+        return self.energies[0]
+
+    @property
+    def dissipation(self) -> Floats:
+        """Energy dissipated since the origin (k,), J/m³."""
+        return self.energies[1]
 
     def numerical(self, before: Evaluation | None) -> Floats:
         """The part of the dissipation (k,), J/m³, that belongs to the length of the step.
@@ -192,7 +279,8 @@ class PointState:
     Attributes:
         committed: (k, s); width: s; number: how often they were committed.
         trial: the evaluation that a commit would take; None: none since the last commit.
-        last: the evaluation committed last; None before.
+        last: the evaluation committed last; None before; retired: the one before, of which
+            nothing but the values is wanted any more.
     """
 
     def __init__(self, initial: Floats) -> None:
@@ -206,6 +294,19 @@ class PointState:
         self.number = 0
         self.trial: Evaluation | None = None
         self.last: Evaluation | None = None
+        self.retired: Evaluation | None = None
+
+    def spare(self) -> Evaluation | None:
+        """An evaluation whose arrays may be used again; it is given away.
+
+        Memory that is asked for anew costs more than what is computed. Committed values may still
+        be an origin, in a snapshot too: they are left alone.
+        """
+        if self.trial is not None:
+            found, self.trial = self.trial, None
+            return found
+        found, self.retired = self.retired, None
+        return None if found is None else replace(found, values=np.empty_like(found.values))
 
     def known(self, u: Floats, dt: float) -> Evaluation | None:
         """The trial, if it is that of the displacements ``u`` (n,), m, and ``dt`` (s)."""
@@ -242,6 +343,7 @@ class PointState:
         if done is None:
             return None
         assert np.array_equal(done.u, u, equal_nan=True), "what is committed is evaluated last"
+        self.retired = self.last
         self.committed, self.last, self.trial = done.values, done, None
         self.number += 1
         return done

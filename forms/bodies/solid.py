@@ -13,7 +13,7 @@ and energies are those of the whole body.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -120,8 +120,8 @@ class Solid:
         remembers: whether its stress depends on what its material points remember; flows: whether
             they yield; unloading: whether tangents are to be those of points that do not flow on.
         cell: shape of the cells.
-        forms: of each integral; carried: of the volumetric part of ``q1-sri``, what another
-            pressure changes of its tangent; None in the other formulations.
+        forms: of each integral of a strain energy; carried: of the volumetric part of ``q1-sri``,
+            what another pressure changes of its tangent; None in the other formulations.
     """
 
     remembers = False
@@ -183,16 +183,14 @@ class Solid:
 
     @property
     def elastic(self) -> Material | None:
-        """The material of all forms but those at points that remember; None: they are no energy's.
+        """The material whose strain energy the forms are of; None: there are none.
 
         A compiled loop may stand for these forms.
         """
         return self.material
 
-    @property
-    def point_forms(self) -> Sequence[CompiledForms]:
-        """Those of `forms` that take stress and tangent from points that remember."""
-        return ()
+    def add_point_forces(self, out: Floats) -> None:
+        """Add the nodal forces, N (N/m), of points that remember, as evaluated last, to (n,)."""
 
     def point_energy(self) -> float:
         """This rank's energy that is stored at points that remember, J (J/m)."""
@@ -320,6 +318,10 @@ class Solid:
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J; in plane strain per unit thickness, J/m."""
+        return self.form_energy() + self.point_energy()
+
+    def form_energy(self) -> float:
+        """The part of it that the forms give."""
         return float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))
 
     def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:

@@ -46,9 +46,8 @@ from numpy.typing import NDArray
 
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.point_state import DISSIPATED, MaterialPoints
+from tribox.forms.bodies.point_state import DISSIPATED, Kernel, MaterialPoints
 from tribox.forms.bodies.softening import Mullins, PointsBeside, SofteningPoints
-from tribox.forms.native.libraries import library
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -128,6 +127,7 @@ class ViscousPoints:
 
     Attributes:
         components: p; variables: s of a state; space: whether p = 9.
+        compiled: whether the update is.
     """
 
     flows, added, rated = False, True, True
@@ -140,7 +140,7 @@ class ViscousPoints:
         Args:
             branches: one at least.
             space: 9 components of F instead of the plane's 5.
-            compiled: whether to use the compiled loop where there is one.
+            compiled: whether to use the compiled update.
             held: whether the dashpots are held, as in a sudden deformation.
         """
         self.branches, self.space, self._held = tuple(branches), space, held
@@ -148,12 +148,22 @@ class ViscousPoints:
         self.variables = (self._metric + 2) * len(self.branches)
         self._moduli = np.array([branch.modulus for branch in self.branches])
         self._times = np.array([branch.time for branch in self.branches])
-        self._code = _code(space) if compiled else None
+        self.compiled = compiled
 
-    @property
-    def compiled(self) -> bool:
-        """Whether the loop is compiled."""
-        return self._code is not None
+    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
+        """See ``CompiledPoints.kernel``.
+
+        Raises:
+            ValueError: dt ≤ 0.
+        """
+        if not dt > 0.0:
+            raise ValueError(f"dt is {dt}: branches need dt > 0")
+        if not self.compiled:
+            return None
+        work = _Branches(len(self.branches))
+        work.tables = np.stack([self._moduli, *self._shares(dt)])
+        work.modulus, work.share, work.rest = (row.ctypes.data for row in work.tables)
+        return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True)
 
     @property
     def columns(self) -> Mapping[str, slice]:
@@ -185,11 +195,10 @@ class ViscousPoints:
         wanted = (len(F), self.components), (len(F), self.variables)
         if (F.shape, state.shape) != wanted:
             raise ValueError(f"F and state have shapes {F.shape}, {state.shape}, not {wanted}")
-        if not dt > 0.0:
-            raise ValueError(f"dt is {dt}: branches need dt > 0")
+        if kernel := self.kernel("space" if self.space else "ring", dt):
+            P, new, A, energies, valid = kernel.update(F, state, tangent)
+            return ViscousUpdate(P, new, A, energies[0], energies[1], valid)
         share, rest = self._shares(dt)
-        if self._code is not None:
-            return self._compiled(self._code, F, state, share, rest, tangent)
         with np.errstate(all="ignore"):
             return self._update(F, state, share, rest, tangent)
 
@@ -201,20 +210,6 @@ class ViscousPoints:
             return np.ones_like(self._times), np.zeros_like(self._times)
         whole = self._times + dt
         return np.asarray(dt / whole), np.asarray(self._times / whole)
-
-    def _compiled(
-        self, code: Any, F: Floats, state: Floats, share: Floats, rest: Floats, tangent: bool
-    ) -> ViscousUpdate:
-        F, state = (np.ascontiguousarray(x, dtype=np.float64) for x in (F, state))
-        n, p = F.shape
-        P, end, energies = np.empty_like(F), np.empty_like(state), np.empty((2, n))
-        A = np.empty((n, p, p)) if tangent else None
-        tables = (self._moduli, share, rest)
-        work = _Work(len(self.branches), *(table.ctypes.data for table in tables))
-        arrays = (F, state, P, end, A, energies)
-        places = [None if array is None else array.ctypes.data for array in arrays]
-        bad = code(ctypes.byref(work), n, *places)
-        return ViscousUpdate(P, end, A, energies[0], energies[1], not bad)
 
     def _update(
         self, F: Floats, state: Floats, share: Floats, rest: Floats, tangent: bool
@@ -326,21 +321,11 @@ def _inverse(A: Floats) -> Floats:
     return np.asarray(columns / np.einsum("ni,ni->n", x, columns[:, :, 0])[:, None, None])
 
 
-class _Work(ctypes.Structure):
-    """``Work`` of the C source."""
+class _Branches(ctypes.Structure):
+    """``Branches`` of the C source."""
 
+    tables: Floats  # what the others point to
     _fields_ = (
         ("branches", ctypes.c_int64),
         *((name, ctypes.c_void_p) for name in ("modulus", "share", "rest")),
     )
-
-
-def _code(space: bool) -> Any:
-    """The loop; None without a C compiler."""
-    code = library(SOURCE)
-    if code is None:
-        return None
-    function = code.tribox_viscous_space if space else code.tribox_viscous_plane
-    function.argtypes = [ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 6]
-    function.restype = ctypes.c_int64
-    return function

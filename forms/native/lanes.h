@@ -16,6 +16,14 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 #define EXPORT
 #endif
 
+/* What adds the matrices of points that remember to those of a block's cells before these go to
+ * their places, which takes as long as computing them: symmetric blocks (a, b) of the nodes with
+ * a <= b, those of b = 0 first, each (i, j) row by row. */
+typedef struct {
+    void (*add)(const void *cells, int64_t block, vec *matrix);
+    const void *cells;
+} Beside;
+
 INLINE vec all(double x)
 {
     return (vec){} + x;

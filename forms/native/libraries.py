@@ -18,6 +18,7 @@ SOURCES = (
     "contact_tangent.c",
     "plastic_points.c",
     "viscous_points.c",
+    "point_cells.c",
     "cell_places.c",
 )
 

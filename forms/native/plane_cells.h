@@ -10,7 +10,8 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
+/* VOLUMETRIC: the volumetric part of HENCKY, at the centre, beside points that remember. */
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, VOLUMETRIC };
 enum part { WHOLE, DISTORTION, VOLUME };
 
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
@@ -120,6 +121,24 @@ INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
     }
 }
 
+/* Adds the matrices of points that remember, if there are any. */
+INLINE void add_beside(const Beside *beside, int64_t block, int nodes, vec matrix[4][2][4][2])
+{
+    if (!beside)
+        return;
+    vec part[10][2][2] = {};
+    beside->add(beside->cells, block, &part[0][0][0]);
+    for (int b = 0; b < nodes; ++b)
+        for (int a = 0; a <= b; ++a)
+            for (int i = 0; i < 2; ++i)
+                for (int j = 0; j < 2; ++j) {
+                    vec value = part[b * (b + 1) / 2 + a][i][j];
+                    matrix[a][i][b][j] += value;
+                    if (a < b)
+                        matrix[b][j][a][i] += value;
+                }
+}
+
 /* Adds the matrices of a block's cells to `values`: those of the row (a, i) and the node b of a
  * cell from start (a, i, b) on. Returns the starts of the next block. */
 INLINE const int32_t *scatter_matrix(const int32_t *start, int nodes, int lanes,
@@ -148,5 +167,6 @@ INLINE const int32_t *scatter_matrix(const int32_t *start, int nodes, int lanes,
     case 5: LOOP(MOONEY_RIVLIN, 1, 0);                                                             \
     case 6: LOOP(HENCKY, 0, 0);                                                                    \
     case 7: LOOP(HENCKY, 0, 1);                                                                    \
-    default: LOOP(HENCKY, 1, 0);                                                                   \
+    case 8: LOOP(HENCKY, 1, 0);                                                                    \
+    default: LOOP(VOLUMETRIC, 0, 1);                                                               \
     }

@@ -112,7 +112,7 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
     vec along[2] = {}, along_eta[2] = {}, up[2] = {}, up_xi[2] = {}, G[2][2], g[2][2], d[2][2], h[2][2];
-    for (int point = 0; point < 4; ++point) {
+    for (int point = material == VOLUMETRIC ? 4 : 0; point < 4; ++point) {
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);

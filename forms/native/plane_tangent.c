@@ -130,7 +130,7 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
     vec K[3][2][3][2] = {}, rows[4][2][3][2], G[2][2], g[2][2], H[2][2][2][2];
-    for (int point = 0; point < 4; ++point) {
+    for (int point = material == VOLUMETRIC ? 4 : 0; point < 4; ++point) {
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);
@@ -183,10 +183,12 @@ INLINE void triangle(enum material material, const double *c, const vec E[3][2],
 }
 
 /* All cells of one body; `node` and `edge` as in plane_kernel.c, `excess` (cells) is added to the
- * volumetric pressures unless it is null, `start` (cells, a, i, b). */
+ * volumetric pressures unless it is null, and so are the matrices of `beside`; `start` (cells, a, i,
+ * b). */
 INLINE void over_cells(enum material material, int triangles, int reduced, const double *c,
                        int64_t blocks, int lanes_of_last, const int32_t *node, const double *edge,
-                       const double *u, const double *excess, const int32_t *start, double *values)
+                       const double *u, const double *excess, const Beside *beside,
+                       const int32_t *start, double *values)
 {
     const int nodes = triangles ? 3 : 4;
     for (int64_t b = 0; b < blocks; ++b, node += 4 * LANES, edge += 6 * LANES) {
@@ -203,6 +205,7 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
             triangle(material, c, E, e, matrix);
         else
             quadrilateral(material, reduced, c, E, e, more, matrix);
+        add_beside(beside, b, nodes, matrix);
         start = scatter_matrix(start, nodes, lanes, matrix, values);
     }
 }
@@ -210,12 +213,12 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
 /* Adds the tangent to `values`; material and kind as in plane_kernel.c. */
 EXPORT int tribox_plane_tangent(int material, int kind, const double *c, int64_t blocks,
                                 int lanes_of_last, const int32_t *node, const double *edge,
-                                const double *u, const double *excess, const int32_t *start,
-                                double *values)
+                                const double *u, const double *excess, const Beside *beside,
+                                const int32_t *start, double *values)
 {
 #define LOOP(material, triangles, reduced)                                                         \
     over_cells(material, triangles, reduced, c, blocks, lanes_of_last, node, edge, u, excess,      \
-               start, values)
+               beside, start, values)
     switch (3 * material + kind) {
     case 0: LOOP(NEO_HOOKEAN, 0, 0); break;
     case 1: LOOP(NEO_HOOKEAN, 0, 1); break;
@@ -225,7 +228,8 @@ EXPORT int tribox_plane_tangent(int material, int kind, const double *c, int64_t
     case 5: LOOP(MOONEY_RIVLIN, 1, 0); break;
     case 6: LOOP(HENCKY, 0, 0); break;
     case 7: LOOP(HENCKY, 0, 1); break;
-    default: LOOP(HENCKY, 1, 0);
+    case 8: LOOP(HENCKY, 1, 0); break;
+    default: LOOP(VOLUMETRIC, 0, 1);
     }
     return 0;
 }

@@ -101,29 +101,6 @@ static double start(const Material *m, double over, double stress, double slope)
     return over > 0.0 ? fmin(0.5 * x, m->dt * rate) : 0.0;
 }
 
-/* The plastic strain of the step that brings the von Mises stress `trial` to yield. */
-static double plastic_step(const Material *m, double trial, double alpha)
-{
-    double stress, slope;
-    yield_stress(m, alpha, &stress, &slope);
-    double over = trial > (1.0 + STILL) * stress ? trial - stress : 0.0;
-    double low = 0.0, high = over / (3.0 * m->shear);
-    double x = start(m, over, stress, slope);
-    for (int i = 0; i < ITERATIONS && x > 0.0; ++i) {
-        flow_stress(m, alpha, x, &stress, &slope);
-        double g = trial - 3.0 * m->shear * x - stress;
-        if (g >= 0.0)
-            low = x;
-        else
-            high = x;
-        double newton = x + g / (3.0 * m->shear + slope);
-        if (fabs(newton - x) <= SMALL_STEP * x || fabs(g) <= ROUNDOFF * trial)
-            return newton;
-        x = newton > low && newton < high ? newton : 0.5 * (low + high);
-    }
-    return x;
-}
-
 /* Principal axes a of the trial deformation; n_a and F^-1 n_a by rows. */
 typedef struct {
     vec w[3], logs[3], n[3][3], G[3][3];
@@ -140,18 +117,6 @@ INLINE vec mohr(vec b11, vec b22, vec b12, vec *x, vec *y)
     *x = choose(round, all(1.0), choose(first, far, b12) * scale);
     *y = choose(round, all(0.0), choose(first, b12, far) * scale);
     return 0.5 * (b11 + b22) + radius;
-}
-
-INLINE void cross(const vec *a, const vec *b, vec *c)
-{
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-INLINE vec dot(const vec *a, const vec *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* In the plane: F (11, 12, 21, 22, 33), C_p^-1 (11, 22, 33, 12). */
@@ -283,327 +248,6 @@ typedef struct {
     vec strain[3], n[3], theta, theta_bar, step, stress, numerical;
 } Flow;
 
-/* What points take for themselves with laws that are not linear: the plastic strain of the step,
- * the flow stress and its slope, the yield stress at the end. */
-static void flow_by_point(const Material *m, const double *trial, const double *alpha,
-                          const int64_t *flows, double *step, double *stress, double *slope,
-                          double *end)
-{
-    for (int l = 0; l < LANES; ++l) {
-        double unused;
-        step[l] = flows[l] ? plastic_step(m, trial[l], alpha[l]) : 0.0;
-        flow_stress(m, alpha[l], step[l], &stress[l], &slope[l]);
-        yield_stress(m, alpha[l] + step[l], &end[l], &unused);
-    }
-}
-
-/* Yield stress, by point where the law is not linear. */
-INLINE vec yield_stresses(const Material *m, vec alpha)
-{
-    if (m->law == LINEAR)
-        return m->parameters[0] + m->parameters[1] * alpha;
-    double stress[LANES], slope;
-    for (int l = 0; l < LANES; ++l)
-        yield_stress(m, alpha[l], &stress[l], &slope);
-    vec result;
-    __builtin_memcpy(&result, stress, sizeof result);
-    return result;
-}
-
-/* The return mapping of the trial strains `logs`, see return_mapping.py. */
-INLINE void flow(const Material *m, const vec *logs, vec alpha, Flow *f)
-{
-    const double three = 3.0 * m->shear, modulus = m->parameters[1];
-    vec mean = (logs[0] + logs[1] + logs[2]) * (1.0 / 3.0), end, slope;
-    for (int a = 0; a < 3; ++a)
-        f->strain[a] = logs[a] - mean;
-    vec size = square_root(dot(f->strain, f->strain));
-    vec trial = 2.449489742783178 * m->shear * size, begin = yield_stresses(m, alpha);
-    ivec flows = (ivec)(trial >= (1.0 - NEUTRAL) * begin);
-    if (m->law == LINEAR && m->rate == NO_RATE) {
-        ivec over = (ivec)(trial > (1.0 + STILL) * begin);
-        f->step = choose(over, (trial - begin) / (three + modulus), all(0.0));
-        slope = all(modulus);
-        f->stress = end = begin + modulus * f->step;
-    } else {
-        flow_by_point(m, (double *)&trial, (double *)&alpha, (int64_t *)&flows,
-                      (double *)&f->step, (double *)&f->stress, (double *)&slope, (double *)&end);
-    }
-    vec drop = three * f->step / choose(flows, trial, all(1.0));
-    f->theta = 1.0 - drop;
-    f->theta_bar = choose(flows, 1.0 / (1.0 + slope / three) - drop, all(0.0));
-    f->numerical = 0.5 * (f->stress / end) * (end - begin) * f->step;
-    for (int a = 0; a < 3; ++a)
-        f->n[a] = f->strain[a] / choose(flows, size, all(1.0));
-}
-
-/* artanh(z)/z, z = (w - v)/(w + v), with half of ln(w/v) given. */
-INLINE vec log_ratio(vec w, vec v, vec difference)
-{
-    vec z = (w - v) / (w + v), s = z * z;
-    ivec near = (ivec)(absolute(z) < SERIES);
-    vec series = 1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * (1.0 / 9))));
-    return choose(near, series, difference / choose(near, all(1.0), z));
-}
-
-/* A += M_p T_q, upper half. */
-INLINE void add_product(int count, const vec *M, const vec *T, vec *A)
-{
-#pragma GCC unroll 1
-    for (int p = 0; p < count; ++p)
-#pragma GCC unroll 1
-        for (int q = p; q < count; ++q)
-            A[p * count + q] += M[p] * T[q];
-}
-
-/* dP/dF (p, p), upper half: the sum of M_ab B_(ab)(cd) M_cd with M_ab = n_a x G_b. */
-INLINE void tangent(int space, const Material *m, const Axes *at, const Flow *f, const vec *tau,
-                    vec *A)
-{
-    const int count = space ? 9 : 5;
-    const int(*place)[2] = space ? SPACE : PLANE;
-    vec M[3][3][9], T[9];
-#pragma GCC unroll 1
-    for (int ab = 0; ab < 9; ++ab)
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            M[ab / 3][ab % 3][p] = at->n[ab / 3][place[p][0]] * at->G[ab % 3][place[p][1]];
-#pragma GCC unroll 1
-    for (int k = 0; k < count * count; ++k)
-        A[k] = all(0.0);
-#pragma GCC unroll 1
-    for (int a = 0; a < 3; ++a) {
-        vec D[3];
-#pragma GCC unroll 1
-        for (int b = 0; b < 3; ++b) {
-            vec g = at->logs[a] - at->logs[b];
-            g = m->shear * f->theta * log_ratio(at->w[a], at->w[b], g) - 0.5 * (tau[a] + tau[b]);
-            D[b] = m->bulk + 2.0 * m->shear * (((a == b) - 1.0 / 3.0) * f->theta -
-                                               f->theta_bar * f->n[a] * f->n[b]);
-            if (a == b) {
-                D[b] -= tau[a];
-                continue;
-            }
-            if (!space && (a == 2 || b == 2))
-                continue;
-#pragma GCC unroll 1
-            for (int p = 0; p < count; ++p)
-                T[p] = (g + tau[b]) * M[a][b][p] + g * M[b][a][p];
-            add_product(count, M[a][b], T, A);
-        }
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            T[p] = D[0] * M[0][0][p] + D[1] * M[1][1][p] + D[2] * M[2][2][p];
-        add_product(count, M[a][a], T, A);
-    }
-}
-
-/* C_p^-1 at the end of the step, in the order of the state. */
-INLINE void plastic_metric(int space, const Axes *at, const Flow *f, vec *C)
-{
-    const int count = space ? 6 : 4;
-    for (int k = 0; k < count; ++k)
-        C[k] = all(0.0);
-    for (int a = 0; a < 3; ++a) {
-        vec stretch = at->w[a] * exponential(-2.0 * (1.0 - f->theta) * f->strain[a]);
-        for (int k = 0; k < count; ++k)
-            C[k] += stretch * at->G[a][PAIRS[k][0]] * at->G[a][PAIRS[k][1]];
-    }
-}
-
-/* Strains and the return mapping; marks the points where they do not exist. */
-INLINE void strain_and_flow(int space, const Material *m, const vec *F, const vec *state, Axes *at,
-                            Flow *f)
-{
-    const vec alpha = state[space ? 6 : 4];
-    if (space)
-        axes_in_space(F, state, at);
-    else
-        axes_in_plane(F, state, at);
-    at->good &= is_finite(alpha);
-    for (int a = 0; a < 3; ++a)
-        at->good &= (ivec)(at->w[a] > 0.0) & is_finite(at->w[a]);
-#pragma GCC unroll 1
-    for (int a = 0; a < 3; ++a) {
-        at->w[a] = choose(at->good, at->w[a], all(1.0));
-        at->logs[a] = 0.5 * logarithm(at->w[a]);
-    }
-    flow(m, at->logs, alpha, f);
-}
-
-/* One block: F (p) and the state (s) to P (p), the state at the end (s), moduli (p, p) if there is
- * room for them, and energies (3); returns which points are valid. */
-INLINE ivec update(int space, const Material *m, const vec *F, const vec *state, vec *P, vec *end,
-                   vec *moduli, vec *energies)
-{
-    const int count = space ? 9 : 5, alpha = space ? 6 : 4;
-    const int(*place)[2] = space ? SPACE : PLANE;
-    vec tau[3], sum = all(0.0);
-    Axes at = {};
-    Flow f;
-    strain_and_flow(space, m, F, state, &at, &f);
-    vec volume = at.logs[0] + at.logs[1] + at.logs[2];
-    for (int a = 0; a < 3; ++a)
-        tau[a] = 2.0 * m->shear * f.theta * f.strain[a] + m->bulk * volume;
-#pragma GCC unroll 1
-    for (int p = 0; p < count; ++p) {
-        const int i = place[p][0], J = place[p][1];
-        P[p] = tau[0] * at.n[0][i] * at.G[0][J] + tau[1] * at.n[1][i] * at.G[1][J] +
-               tau[2] * at.n[2][i] * at.G[2][J];
-    }
-    probe(P, count, &sum);
-    if (moduli) {
-        tangent(space, m, &at, &f, tau, moduli);
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            for (int q = 0; q < p; ++q)
-                moduli[p * count + q] = moduli[q * count + p];
-        probe(moduli, count * count, &sum);
-    }
-    energies[0] = m->shear * f.theta * f.theta * dot(f.strain, f.strain) +
-                  0.5 * m->bulk * volume * volume;
-    energies[1] = f.stress * f.step;
-    energies[2] = f.numerical;
-    at.good &= is_finite(f.step) & is_finite(sum);
-    ivec moved = at.good & (ivec)(f.step > 0.0);
-    plastic_metric(space, &at, &f, end);
-    end[alpha] = state[alpha] + f.step;
-    for (int k = 0; k <= alpha; ++k)
-        end[k] = choose(moved, end[k], state[k]);
-    return at.good;
-}
-
-INLINE int64_t over_points(int space, const Material *m, int64_t n, const double *F,
-                           const double *state, double *P, double *end, double *A, double *energies)
-{
-    const int count = space ? 9 : 5, size = space ? 7 : 5;
-    const ivec always = ~(ivec){};
-    ivec bad = {};
-    for (int64_t first = 0; first < n; first += LANES) {
-        vec f[9], s[7], stress[9], next[7], moduli[81], energy[3];
-        load(F, first, n, count, f);
-        load(state, first, n, size, s);
-        ivec good = update(space, m, f, s, stress, next, A ? moduli : 0, energy);
-        store(stress, good, first, n, count, P);
-        store(next, always, first, n, size, end);
-        for (int k = 0; k < 3; ++k)
-            store(energy + k, good, first, n, 1, energies + k * n);
-        if (A)
-            store(moduli, good, first, n, count * count, A);
-        bad |= ~good;
-    }
-    return any(bad);
-}
-
-/* -- backstress: see return_mapping.py ---------------------------------------------------------
- * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
- * the plane those axes are two in it and its normal, and nothing couples them. */
-
-typedef vec tensor[3][3];
-#define COUPLED(space, a, b) ((space) || ((a) == 2) == ((b) == 2))
-#define EACH(space, a, b)                                                                          \
-    for (int a = 0; a < 3; ++a)                                                                    \
-        for (int b = 0; b < 3; ++b)                                                                \
-            if (COUPLED(space, a, b))
-
-/* The sum of a_ab b_ab. */
-INLINE vec contract(int space, const tensor a, const tensor b)
-{
-    vec sum = all(0.0);
-    EACH(space, i, j) sum += a[i][j] * b[i][j];
-    return sum;
-}
-
-INLINE vec trace(const tensor a)
-{
-    return a[0][0] + a[1][1] + a[2][2];
-}
-
-/* c = a b. */
-INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
-{
-    EACH(space, i, j)
-    {
-        if (!space && i == 2)
-            c[i][j] = a[2][2] * b[2][2];
-        else if (!space)
-            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j];
-        else
-            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j];
-    }
-}
-
-/* Inverse of a symmetric tensor; returns its determinant. */
-INLINE vec invert(int space, const tensor a, tensor inverse)
-{
-    if (!space) {
-        vec plane = a[0][0] * a[1][1] - a[0][1] * a[0][1], scale = 1.0 / plane;
-        inverse[0][0] = a[1][1] * scale;
-        inverse[1][1] = a[0][0] * scale;
-        inverse[0][1] = inverse[1][0] = -a[0][1] * scale;
-        inverse[2][2] = 1.0 / a[2][2];
-        return plane * a[2][2];
-    }
-    vec cofactor[3][3];
-    for (int i = 0; i < 3; ++i)
-        cross(a[(i + 1) % 3], a[(i + 2) % 3], cofactor[i]);
-    vec det = dot(a[0], cofactor[0]), scale = 1.0 / det;
-    EACH(space, i, j) inverse[i][j] = cofactor[i][j] * scale;
-    return det;
-}
-
-/* Principal values and axes of a symmetric tensor. */
-INLINE void axes_of(int space, const tensor a, vec *values, tensor n)
-{
-    if (space) {
-        const vec b[6] = {a[0][0], a[1][1], a[2][2], a[0][1], a[1][2], a[0][2]};
-        principal(b, values, n);
-        return;
-    }
-    values[0] = mohr(a[0][0], a[1][1], a[0][1], &n[0][0], &n[0][1]);
-    values[1] = a[0][0] + a[1][1] - values[0];
-    values[2] = a[2][2];
-    n[1][0] = -n[0][1];
-    n[1][1] = n[0][0];
-    n[2][2] = all(1.0);
-}
-
-/* The tensor of principal values and axes. */
-INLINE void composed(int space, const vec *values, const tensor n, tensor a)
-{
-    EACH(space, i, j)
-    {
-        a[i][j] = all(0.0);
-        for (int k = 0; k < 3; ++k)
-            if (COUPLED(space, k, i))
-                a[i][j] += values[k] * n[k][i] * n[k][j];
-    }
-}
-
-/* One branch of the backstress at its end. */
-typedef struct {
-    double modulus, recovery;
-    tensor metric, start, X, K, Z, bare;
-    vec decay, phi, ratio, size;
-} Branch;
-
-/* The elastic strain at the end and its exponential. */
-typedef struct {
-    tensor e, n, E, E2;
-    vec values[3], inverse_det; /* 1/det E^2 */
-} Strain;
-
-INLINE void exponentiate(int space, Strain *at)
-{
-    vec power[3], square[3];
-    for (int a = 0; a < 3; ++a) {
-        power[a] = exponential(-at->values[a]);
-        square[a] = power[a] * power[a];
-    }
-    composed(space, power, at->n, at->E);
-    composed(space, square, at->n, at->E2);
-}
-
 /* e^-y, phi and the ratio, see mean_decay of return_mapping.py. */
 INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
@@ -616,24 +260,6 @@ INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
                  x * (1.0 / 3 - x * (1.0 / 8 - x * (1.0 / 30 - x * (1.0 / 144 - x / 840))));
     *phi = choose(near, first, (1.0 - *decay) * z);
     *ratio = choose(near, second, (*phi - *decay) * z);
-}
-
-/* Class Branch, move, at a step whose decay is known. */
-INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch *k)
-{
-    tensor inverse;
-    vec end, mid = k->recovery * step;
-    end = 1.0 - k->phi;
-    mid *= k->ratio;
-    EACH(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
-    for (int a = 0; a < 3; ++a)
-        k->K[a][a] += mid / axes->w[a];
-    vec det = invert(space, k->K, inverse);
-    k->size = inverse_cube_root(1.0 / (det * at->inverse_det));
-    multiply(space, inverse, at->E, k->Z);
-    multiply(space, at->E, k->Z, k->bare);
-    vec mean = trace(k->bare) * (1.0 / 3.0), shear = k->size * (k->modulus / 3.0);
-    EACH(space, a, b) k->X[a][b] = shear * (k->bare[a][b] - (a == b ? mean : all(0.0)));
 }
 
 /* Squares and products of what g of the return mapping is made from, of LANES points. */
@@ -709,8 +335,9 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
     return x;
 }
 
-/* The plastic strain of the step, see `plastic_step`; from x on where that is known. */
-INLINE vec turned_step(const Material *m, const Products *p, vec alpha, vec begin, vec rise,
+/* The plastic strain of the step that brings the von Mises stress to yield; from x on where that is
+ * known. Without branches the stress falls by 3 G of it. */
+INLINE vec plastic_step(const Material *m, const Products *p, vec alpha, vec begin, vec rise,
                        ivec done, vec known)
 {
     vec trial = p->aim;
@@ -743,13 +370,272 @@ INLINE vec turned_step(const Material *m, const Products *p, vec alpha, vec begi
     return x;
 }
 
+/* The return mapping of the trial strains `logs`, see return_mapping.py. */
+INLINE void flow(const Material *m, const vec *logs, vec alpha, Flow *f)
+{
+    const double three = 3.0 * m->shear;
+    vec mean = (logs[0] + logs[1] + logs[2]) * (1.0 / 3.0), end, slope;
+    for (int a = 0; a < 3; ++a)
+        f->strain[a] = logs[a] - mean;
+    vec size = square_root(dot(f->strain, f->strain));
+    vec trial = 2.449489742783178 * m->shear * size, begin;
+    yields(m, alpha, &begin, &slope);
+    ivec flows = (ivec)(trial >= (1.0 - NEUTRAL) * begin);
+    if (m->law == LINEAR && m->rate == NO_RATE) {
+        ivec over = (ivec)(trial > (1.0 + STILL) * begin);
+        f->step = choose(over, (trial - begin) / (three + slope), all(0.0));
+        f->stress = end = begin + slope * f->step;
+    } else {
+        Products alone;
+        vec unused;
+        alone.aim = trial * trial * (2.0 / 3.0);
+        f->step = plastic_step(m, &alone, alpha, begin, slope, ~flows, all(0.0));
+        flow_stresses(m, alpha, f->step, &f->stress, &slope);
+        yields(m, alpha + f->step, &end, &unused);
+    }
+    vec drop = three * f->step / choose(flows, trial, all(1.0));
+    f->theta = 1.0 - drop;
+    f->theta_bar = choose(flows, 1.0 / (1.0 + slope / three) - drop, all(0.0));
+    f->numerical = 0.5 * (f->stress / end) * (end - begin) * f->step;
+    for (int a = 0; a < 3; ++a)
+        f->n[a] = f->strain[a] / choose(flows, size, all(1.0));
+}
+
+/* artanh(z)/z, z = (w - v)/(w + v), with half of ln(w/v) given. */
+INLINE vec log_ratio(vec w, vec v, vec difference)
+{
+    vec z = (w - v) / (w + v), s = z * z;
+    ivec near = (ivec)(absolute(z) < SERIES);
+    vec series = 1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * (1.0 / 9))));
+    return choose(near, series, difference / choose(near, all(1.0), z));
+}
+
+/* A += M_p T_q, upper half. */
+INLINE void add_product(int count, const vec *M, const vec *T, vec *A)
+{
+#pragma GCC unroll 9
+    for (int p = 0; p < count; ++p)
+#pragma GCC unroll 9
+        for (int q = p; q < count; ++q)
+            A[p * count + q] += M[p] * T[q];
+}
+
+/* dP/dF (p, p), upper half: the sum of M_ab B_(ab)(cd) M_cd with M_ab = n_a x G_b. */
+INLINE void tangent(int space, const Material *m, const Axes *at, const Flow *f, const vec *tau,
+                    vec *A)
+{
+    const int count = space ? 9 : 5;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec M[3][3][9], T[9];
+#pragma GCC unroll 1
+    for (int ab = 0; ab < 9; ++ab)
+#pragma GCC unroll 1
+        for (int p = 0; p < count; ++p)
+            M[ab / 3][ab % 3][p] = at->n[ab / 3][place[p][0]] * at->G[ab % 3][place[p][1]];
+#pragma GCC unroll 1
+    for (int k = 0; k < count * count; ++k)
+        A[k] = all(0.0);
+#pragma GCC unroll 1
+    for (int a = 0; a < 3; ++a) {
+        vec D[3];
+#pragma GCC unroll 1
+        for (int b = 0; b < 3; ++b) {
+            vec g = at->logs[a] - at->logs[b];
+            g = m->shear * f->theta * log_ratio(at->w[a], at->w[b], g) - 0.5 * (tau[a] + tau[b]);
+            D[b] = m->bulk + 2.0 * m->shear * (((a == b) - 1.0 / 3.0) * f->theta -
+                                               f->theta_bar * f->n[a] * f->n[b]);
+            if (a == b) {
+                D[b] -= tau[a];
+                continue;
+            }
+            if (!space && (a == 2 || b == 2))
+                continue;
+#pragma GCC unroll 1
+            for (int p = 0; p < count; ++p)
+                T[p] = (g + tau[b]) * M[a][b][p] + g * M[b][a][p];
+            add_product(count, M[a][b], T, A);
+        }
+#pragma GCC unroll 1
+        for (int p = 0; p < count; ++p)
+            T[p] = D[0] * M[0][0][p] + D[1] * M[1][1][p] + D[2] * M[2][2][p];
+        add_product(count, M[a][a], T, A);
+    }
+}
+
+/* C_p^-1 at the end of the step, in the order of the state. */
+INLINE void plastic_metric(int space, const Axes *at, const Flow *f, vec *C)
+{
+    const int count = space ? 6 : 4;
+    for (int k = 0; k < count; ++k)
+        C[k] = all(0.0);
+    for (int a = 0; a < 3; ++a) {
+        vec stretch = at->w[a] * exponential(-2.0 * (1.0 - f->theta) * f->strain[a]);
+        for (int k = 0; k < count; ++k)
+            C[k] += stretch * at->G[a][PAIRS[k][0]] * at->G[a][PAIRS[k][1]];
+    }
+}
+
+/* Strains and the return mapping; marks the points where they do not exist. */
+INLINE void strain_and_flow(int space, const Material *m, const vec *F, const vec *state, Axes *at,
+                            Flow *f)
+{
+    const vec alpha = state[space ? 6 : 4];
+    if (space)
+        axes_in_space(F, state, at);
+    else
+        axes_in_plane(F, state, at);
+    at->good &= is_finite(alpha);
+    for (int a = 0; a < 3; ++a)
+        at->good &= (ivec)(at->w[a] > 0.0) & is_finite(at->w[a]);
+#pragma GCC unroll 1
+    for (int a = 0; a < 3; ++a) {
+        at->w[a] = choose(at->good, at->w[a], all(1.0));
+        at->logs[a] = 0.5 * logarithm(at->w[a]);
+    }
+    flow(m, at->logs, alpha, f);
+}
+
+/* See Update of point_lanes.h. */
+INLINE void update(int space, const Material *m, const vec *F, const vec *state, vec *P,
+                   vec *end, vec *moduli, vec *energies, ivec *good)
+{
+    const int count = space ? 9 : 5, alpha = space ? 6 : 4;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec tau[3], sum = all(0.0);
+    Axes at = {};
+    Flow f;
+    strain_and_flow(space, m, F, state, &at, &f);
+    vec volume = at.logs[0] + at.logs[1] + at.logs[2];
+    for (int a = 0; a < 3; ++a)
+        tau[a] = 2.0 * m->shear * f.theta * f.strain[a] + m->bulk * volume;
+#pragma GCC unroll 1
+    for (int p = 0; p < count; ++p) {
+        const int i = place[p][0], J = place[p][1];
+        P[p] = tau[0] * at.n[0][i] * at.G[0][J] + tau[1] * at.n[1][i] * at.G[1][J] +
+               tau[2] * at.n[2][i] * at.G[2][J];
+    }
+    probe(P, count, &sum);
+    if (moduli) {
+        tangent(space, m, &at, &f, tau, moduli);
+#pragma GCC unroll 1
+        for (int p = 0; p < count; ++p)
+            for (int q = 0; q < p; ++q)
+                moduli[p * count + q] = moduli[q * count + p];
+    }
+    *good = at.good & is_finite(f.step) & is_finite(sum);
+    if (!end)
+        return;
+    energies[0] = m->shear * f.theta * f.theta * dot(f.strain, f.strain) +
+                  0.5 * m->bulk * volume * volume;
+    energies[1] = f.stress * f.step;
+    energies[2] = f.numerical;
+    ivec moved = *good & (ivec)(f.step > 0.0);
+    plastic_metric(space, &at, &f, end);
+    end[alpha] = state[alpha] + f.step;
+    for (int k = 0; k <= alpha; ++k)
+        end[k] = choose(moved, end[k], state[k]);
+}
+
+/* -- backstress: see return_mapping.py ---------------------------------------------------------
+ * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
+ * the plane those axes are two in it and its normal, and nothing couples them. */
+
+/* Inverse of a symmetric tensor; returns its determinant. */
+INLINE vec invert(int space, const tensor a, tensor inverse)
+{
+    if (!space) {
+        vec plane = a[0][0] * a[1][1] - a[0][1] * a[0][1], scale = 1.0 / plane;
+        inverse[0][0] = a[1][1] * scale;
+        inverse[1][1] = a[0][0] * scale;
+        inverse[0][1] = inverse[1][0] = -a[0][1] * scale;
+        inverse[2][2] = 1.0 / a[2][2];
+        return plane * a[2][2];
+    }
+    vec cofactor[3][3];
+    for (int i = 0; i < 3; ++i)
+        cross(a[(i + 1) % 3], a[(i + 2) % 3], cofactor[i]);
+    vec det = dot(a[0], cofactor[0]), scale = 1.0 / det;
+    EACH(space, i, j) inverse[i][j] = cofactor[i][j] * scale;
+    return det;
+}
+
+/* Principal values and axes of a symmetric tensor. */
+INLINE void axes_of(int space, const tensor a, vec *values, tensor n)
+{
+    if (space) {
+        const vec b[6] = {a[0][0], a[1][1], a[2][2], a[0][1], a[1][2], a[0][2]};
+        principal(b, values, n);
+        return;
+    }
+    values[0] = mohr(a[0][0], a[1][1], a[0][1], &n[0][0], &n[0][1]);
+    values[1] = a[0][0] + a[1][1] - values[0];
+    values[2] = a[2][2];
+    n[1][0] = -n[0][1];
+    n[1][1] = n[0][0];
+    n[2][2] = all(1.0);
+}
+
+/* The tensor of principal values and axes. */
+INLINE void composed(int space, const vec *values, const tensor n, tensor a)
+{
+    EACH(space, i, j)
+    {
+        a[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                a[i][j] += values[k] * n[k][i] * n[k][j];
+    }
+}
+
+/* One branch of the backstress at its end. */
+typedef struct {
+    double modulus, recovery;
+    tensor metric, start, X, K, Z, bare;
+    vec decay, phi, ratio, size;
+} Branch;
+
+/* The elastic strain at the end and its exponential. */
+typedef struct {
+    tensor e, n, E, E2;
+    vec values[3], inverse_det; /* 1/det E^2 */
+} Strain;
+
+INLINE void exponentiate(int space, Strain *at)
+{
+    vec power[3], square[3];
+    for (int a = 0; a < 3; ++a) {
+        power[a] = exponential(-at->values[a]);
+        square[a] = power[a] * power[a];
+    }
+    composed(space, power, at->n, at->E);
+    composed(space, square, at->n, at->E2);
+}
+
+/* Class Branch, move, at a step whose decay is known. */
+INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch *k)
+{
+    tensor inverse;
+    vec end, mid = k->recovery * step;
+    end = 1.0 - k->phi;
+    mid *= k->ratio;
+    EACH(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
+    for (int a = 0; a < 3; ++a)
+        k->K[a][a] += mid / axes->w[a];
+    vec det = invert(space, k->K, inverse);
+    k->size = inverse_cube_root(1.0 / (det * at->inverse_det));
+    multiply(space, inverse, at->E, k->Z);
+    multiply(space, at->E, k->Z, k->bare);
+    vec mean = trace(k->bare) * (1.0 / 3.0), shear = k->size * (k->modulus / 3.0);
+    EACH(space, a, b) k->X[a][b] = shear * (k->bare[a][b] - (a == b ? mean : all(0.0)));
+}
+
 /* The end of the step, see class Turned. */
 typedef struct {
     Strain at;
-    Branch k[MOST];
     tensor nu;
     ivec flows, good;
     vec step, stress, slope, numerical, recovered;
+    Branch k[MOST]; /* last, since few are used */
 } Turned;
 
 /* |X|^2 b/(2 mu) of all branches. */
@@ -781,7 +667,7 @@ INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s,
     double moduli = 0.0;
     EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
     products(space, m, t, over, &p);
-    t->step = turned_step(m, &p, alpha, begin, rise, done, t->step);
+    t->step = plastic_step(m, &p, alpha, begin, rise, done, t->step);
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
         mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
@@ -1057,7 +943,7 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
 /* n_a x G_b components of a tensor: P_iJ, or one row or column of A. */
 INLINE void pushed(int space, const Axes *at, const tensor a, vec *to, int stride)
 {
-    const int(*place)[2] = space ? SPACE : PLANE;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     tensor half, whole, transposed;
     EACH(space, i, j) transposed[j][i] = at->n[i][j];
     multiply(space, a, at->G, half);
@@ -1071,7 +957,7 @@ INLINE void pushed(int space, const Axes *at, const tensor a, vec *to, int strid
 INLINE void turned_tangent(int space, const Axes *at, const vec *c, const tensor tau, vec *A)
 {
     const int count = space ? 9 : 5, size = space ? 6 : 4;
-    const int(*place)[2] = space ? SPACE : PLANE;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     static const int KIND[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
     vec half[81];
 #pragma GCC unroll 1
@@ -1108,7 +994,7 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
                          const vec *F, const vec *state, vec *end)
 {
     const int count = space ? 6 : 4;
-    const int(*place)[2] = space ? SPACE : PLANE;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     tensor H = {}, square, part;
     vec power[3], C[9];
     for (int a = 0; a < 3; ++a)
@@ -1136,14 +1022,16 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
 }
 
 /* `update` where the material hardens kinematically. */
-INLINE ivec update_turning(int space, const Material *m, const vec *F, const vec *state, vec *P,
-                           vec *end, vec *moduli, vec *energies)
+INLINE void update_turning(int space, const Material *m, const vec *F, const vec *state,
+                           vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    const int count = space ? 9 : 5, alpha = (space ? 6 : 4) * (int)(1 + m->branches);
+    const int count = space ? 9 : 5;
+    const int alpha = (space ? 6 : 4) * (int)(1 + m->branches);
     vec sum = all(0.0), c[36];
     tensor tau = {};
     Axes at = {};
-    Turned t = {};
+    Turned t;
+    __builtin_memset(&t, 0, __builtin_offsetof(Turned, k) + m->branches * sizeof(Branch));
     if (space)
         axes_in_space(F, state, &at);
     else
@@ -1160,12 +1048,12 @@ INLINE ivec update_turning(int space, const Material *m, const vec *F, const vec
     }
     flow_turning(space, m, &at, state, &t);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
-    energies[0] = 0.5 * m->bulk * volume * volume;
+    vec stored = 0.5 * m->bulk * volume * volume;
     EACH(space, a, b)
     {
         vec deviator = a == b ? t.at.e[a][a] - volume * (1.0 / 3.0) : t.at.e[a][b];
         tau[a][b] = 2.0 * m->shear * deviator + (a == b ? m->bulk * volume : all(0.0));
-        energies[0] += m->shear * deviator * deviator;
+        stored += m->shear * deviator * deviator;
     }
     pushed(space, &at, tau, P, 1);
     probe(P, count, &sum);
@@ -1174,67 +1062,21 @@ INLINE ivec update_turning(int space, const Material *m, const vec *F, const vec
         turned_tangent(space, &at, c, tau, moduli);
         probe(moduli, count * count, &sum);
     }
+    *good = at.good & t.good & is_finite(t.step) & is_finite(sum);
+    if (!end)
+        return;
     for (int k = 0; k < m->branches; ++k)
-        energies[0] += 0.5 / 3.0 * t.k[k].modulus * (t.k[k].size * trace(t.k[k].bare) - 3.0);
+        stored += 0.5 / 3.0 * t.k[k].modulus * (t.k[k].size * trace(t.k[k].bare) - 3.0);
+    energies[0] = stored;
     energies[1] = (t.stress + t.recovered) * t.step;
     energies[2] = t.numerical;
-    at.good &= t.good & is_finite(t.step) & is_finite(sum);
-    ivec moved = at.good & (ivec)(t.step > 0.0);
+    ivec moved = *good & (ivec)(t.step > 0.0);
     turned_state(space, m, &at, &t, F, state, end);
     for (int k = 0; k <= alpha; ++k)
         end[k] = choose(moved, end[k], state[k]);
-    return at.good;
 }
 
-INLINE int64_t over_turning_points(int space, const Material *m, int64_t n, const double *F,
-                           const double *state, double *P, double *end, double *A, double *energies)
-{
-    const int count = space ? 9 : 5, size = (space ? 6 : 4) * (int)(1 + m->branches) + 1;
-    const ivec always = ~(ivec){};
-    ivec bad = {};
-    for (int64_t first = 0; first < n; first += LANES) {
-        vec f[9], s[6 * MOST + 7], stress[9], next[6 * MOST + 7], moduli[81], energy[3];
-        load(F, first, n, count, f);
-        load(state, first, n, size, s);
-        ivec good = update_turning(space, m, f, s, stress, next, A ? moduli : 0, energy);
-        store(stress, good, first, n, count, P);
-        store(next, always, first, n, size, end);
-        for (int k = 0; k < 3; ++k)
-            store(energy + k, good, first, n, 1, energies + k * n);
-        if (A)
-            store(moduli, good, first, n, count * count, A);
-        bad |= ~good;
-    }
-    return any(bad);
-}
-
-/* Updates n points; returns whether any was not valid. P (n, p), state at the end (n, s),
- * A (n, p, p) or null, energies (3, n): elastic, dissipation, its numerical part. */
-EXPORT int64_t tribox_plastic_plane(const Material *m, int64_t n, const double *F,
-                                    const double *state, double *P, double *end, double *A,
-                                    double *energies)
-{
-    return over_points(0, m, n, F, state, P, end, A, energies);
-}
-
-EXPORT int64_t tribox_plastic_space(const Material *m, int64_t n, const double *F,
-                                    const double *state, double *P, double *end, double *A,
-                                    double *energies)
-{
-    return over_points(1, m, n, F, state, P, end, A, energies);
-}
-
-/* The same of materials that harden kinematically. */
-EXPORT int64_t tribox_turning_plane(const Material *m, int64_t n, const double *F,
-                                    const double *state, double *P, double *end, double *A,
-                                    double *energies)
-{
-    return over_turning_points(0, m, n, F, state, P, end, A, energies);
-}
-
-EXPORT int64_t tribox_turning_space(const Material *m, int64_t n, const double *F,
-                                    const double *state, double *P, double *end, double *A,
-                                    double *energies)
-{
-    return over_turning_points(1, m, n, F, state, P, end, A, energies);
-}
+KERNEL(plastic_plane, 0, update)
+KERNEL(plastic_space, 1, update)
+KERNEL(turning_plane, 0, update_turning)
+KERNEL(turning_space, 1, update_turning)

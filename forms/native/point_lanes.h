@@ -1,40 +1,96 @@
-/* What the loops over material points have in common: components, and how points are stored. */
+/* What the kernels of material points have in common: components, tensors, and how the loops of
+ * point_cells.c call them. */
 
 #include "lanes.h"
 
-/* Components (i, J) of the plane's P and of those in space. */
-static const int PLANE[5][2] = {{0, 0}, {0, 1}, {1, 0}, {1, 1}, {2, 2}};
-static const int SPACE[9][2] = {{0, 0}, {0, 1}, {0, 2}, {1, 0}, {1, 1},
-                                {1, 2}, {2, 0}, {2, 1}, {2, 2}};
+/* What a kind of points does with LANES of them: F (p) and the state at the begin (s) to P (p), the
+ * state at the end (s), energies (ENERGIES), and moduli A = dP/dF (p, p), row by row; in plane
+ * strain, where the last component does not change, its row and column are not read. `end` and
+ * `energies` may be null together, `moduli` alone: nothing of what is not asked for is computed.
+ * `good` marks the points that could be evaluated; of the others the state is that of the begin,
+ * and the rest is anything. */
+typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end,
+                    vec *moduli, vec *energies, ivec *good);
+
+enum { ENERGIES = 3 }; /* stored; dissipated in the step; the part of it that is due to its length */
+enum section { STRAIN, RING, SPACE };
+
+/* Components (i, J) of P in the plane, and of those in space. */
+static const int IN_PLANE[5][2] = {{0, 0}, {0, 1}, {1, 0}, {1, 1}, {2, 2}};
+static const int IN_SPACE[9][2] = {{0, 0}, {0, 1}, {0, 2}, {1, 0}, {1, 1},
+                                   {1, 2}, {2, 0}, {2, 1}, {2, 2}};
 /* Those of symmetric tensors that are remembered, 4 in the plane. */
 static const int PAIRS[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {0, 2}};
 
-/* Columns of rows `first` to `first + LANES`, the last row again beyond the end. */
-INLINE void load(const double *from, int64_t first, int64_t n, int count, vec *to)
+/* -- tensors, of which the plane's have four components in it and one across, coupled by nothing -- */
+
+typedef vec tensor[3][3];
+#define COUPLED(space, a, b) ((space) || ((a) == 2) == ((b) == 2))
+#define EACH(space, a, b)                                                                          \
+    for (int a = 0; a < 3; ++a)                                                                    \
+        for (int b = 0; b < 3; ++b)                                                                \
+            if (COUPLED(space, a, b))
+
+INLINE void cross(const vec *a, const vec *b, vec *c)
 {
-#pragma GCC unroll 1
-    for (int l = 0; l < LANES; ++l) {
-        const double *row = from + count * (first + l < n ? first + l : n - 1);
-        for (int k = 0; k < count; ++k)
-            ((double *)(to + k))[l] = row[k];
+    c[0] = a[1] * b[2] - a[2] * b[1];
+    c[1] = a[2] * b[0] - a[0] * b[2];
+    c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+INLINE vec dot(const vec *a, const vec *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* The sum of a_ab b_ab. */
+INLINE vec contract(int space, const tensor a, const tensor b)
+{
+    vec sum = all(0.0);
+    EACH(space, i, j) sum += a[i][j] * b[i][j];
+    return sum;
+}
+
+INLINE vec trace(const tensor a)
+{
+    return a[0][0] + a[1][1] + a[2][2];
+}
+
+/* c = a b. */
+INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
+{
+    EACH(space, i, j)
+    {
+        if (!space && i == 2)
+            c[i][j] = a[2][2] * b[2][2];
+        else if (!space)
+            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j];
+        else
+            c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j];
     }
 }
 
-/* The other way round, NaN where `good` is not set. */
-INLINE void store(const vec *from, ivec good, int64_t first, int64_t n, int count, double *to)
+/* The tensor of components that stand as in the state. */
+INLINE void symmetric_of(int space, const vec *from, tensor a)
 {
-    const int lanes = n - first < LANES ? (int)(n - first) : LANES;
-#pragma GCC unroll 1
-    for (int l = 0; l < lanes; ++l)
-        for (int k = 0; k < count; ++k)
-            to[count * (first + l) + k] =
-                ((const int64_t *)&good)[l] ? ((const double *)(from + k))[l] : __builtin_nan("");
+    for (int k = 0; k < (space ? 6 : 4); ++k)
+        a[PAIRS[k][0]][PAIRS[k][1]] = a[PAIRS[k][1]][PAIRS[k][0]] = from[k];
 }
 
 /* Adds zero to `sum`, or what is not a number where one of `values` is not finite. */
 INLINE void probe(const vec *values, int count, vec *sum)
 {
+    vec part[4] = {}; /* side by side: each waits for the one before it */
 #pragma GCC unroll 1
     for (int k = 0; k < count; ++k)
-        *sum += values[k] - values[k];
+        part[k % 4] += values[k] - values[k];
+    *sum += (part[0] + part[1]) + (part[2] + part[3]);
 }
+
+/* A kernel: an update of points, see Update, in a kind of section. */
+#define KERNEL(name, section, update)                                                              \
+    EXPORT void tribox_##name(const void *material, const vec *F, const vec *state, vec *P,        \
+                              vec *end, vec *moduli, vec *energies, ivec *good)                    \
+    {                                                                                              \
+        update(section, material, F, state, P, end, moduli, energies, good);                       \
+    }

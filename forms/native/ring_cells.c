@@ -189,7 +189,7 @@ enum { CORNERS = 4 }; /* in the table of nodes, also of triangles */
 INLINE int over_cells(enum material material, int triangles, int reduced, const double *c,
                       int64_t blocks, int lanes_of_last, const int32_t *node, const double *table,
                       const double *u, double *f, double *total, const double *excess,
-                      const int32_t *start, double *values)
+                      const Beside *beside, const int32_t *start, double *values)
 {
     const int nodes = triangles ? 3 : 4, full = nodes, size = 3 * nodes + 1;
     ivec bad = {};
@@ -200,6 +200,8 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
         gather(u, node, nodes, at);
         for (int point = 0; point < full + reduced; ++point, table += size * LANES) {
             const enum part part = !reduced ? WHOLE : point < full ? DISTORTION : VOLUME;
+            if (material == VOLUMETRIC && part != VOLUME)
+                continue;
             vec tabled[13];
             __builtin_memcpy(tabled, table, size * sizeof(vec));
             struct point here = at_point(nodes, tabled, at);
@@ -230,6 +232,8 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
         for (int l = 0; total && l < lanes; ++l)
             sum += energy[l];
         if (values)
+            add_beside(beside, b, nodes, matrix);
+        if (values)
             start = scatter_matrix(start, nodes, lanes, matrix, values);
     }
     if (total)
@@ -241,7 +245,7 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
  * with the volumetric part at the centre, 2 triangles. */
 #define LOOP(material, triangles, reduced)                                                         \
     return over_cells(material, triangles, reduced, c, blocks, lanes_of_last, node, table, u,      \
-                      FORCE, TOTAL, EXCESS, START, VALUES)
+                      FORCE, TOTAL, EXCESS, BESIDE, START, VALUES)
 #define CELLS                                                                                      \
     int material, int kind, const double *c, int64_t blocks, int lanes_of_last,                    \
         const int32_t *node, const double *table, const double *u
@@ -252,6 +256,7 @@ EXPORT int tribox_ring_forces(CELLS, double *result)
 #define FORCE result
 #define TOTAL 0
 #define EXCESS 0
+#define BESIDE 0
 #define START 0
 #define VALUES 0
     LOOPS
@@ -267,15 +272,18 @@ EXPORT int tribox_ring_energy(CELLS, double *result)
     LOOPS
 #undef TOTAL
 #undef EXCESS
+#undef BESIDE
 #undef START
 #undef VALUES
 }
 
 /* Adds the tangent to `values`. */
-EXPORT int tribox_ring_tangent(CELLS, const double *excess, const int32_t *start, double *values)
+EXPORT int tribox_ring_tangent(CELLS, const double *excess, const Beside *beside,
+                               const int32_t *start, double *values)
 {
 #define TOTAL 0
 #define EXCESS excess
+#define BESIDE beside
 #define START start
 #define VALUES values
     LOOPS

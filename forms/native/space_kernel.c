@@ -19,7 +19,8 @@
 
 #include "lanes.h"
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH };
+/* VOLUMETRIC: the volumetric part of HENCKY, at the centre, beside points that remember. */
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH, VOLUMETRIC };
 enum part { WHOLE, DISTORTION, VOLUME };
 enum shape { HEXAHEDRON, TETRAHEDRON };
 
@@ -145,7 +146,9 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
 /* Whether the stress of a part of the energy takes a logarithm or a root of J. */
 INLINE int needs_volume(enum material material, enum part part)
 {
-    return material == NEO_HOOKEAN ? part != DISTORTION : material == HENCKY || part != VOLUME;
+    if (material == NEO_HOOKEAN)
+        return part != DISTORTION;
+    return material == HENCKY || material == VOLUMETRIC || part != VOLUME;
 }
 
 /* Adds the volumetric part of an energy. */
@@ -531,13 +534,14 @@ INLINE void stiffen(int nodes, const vec moduli[9][9], const double dN[8][3], ve
  * the reference positions; the last block repeats its last cell where there are fewer than LANES,
  * and counts `lanes_of_last`. Null where not wanted: `forces` and `values`, which are added to,
  * `total`, the energy; `excess` (cells), what is added to dW/dJ of the volumetric part in
- * tangents. `start` (cells, a, i, b): in `values`, the first of the three entries of a cell's matrix
+ * tangents; `beside`, what more is added to these. `start` (cells, a, i, b): in `values`, the first of the three entries of a cell's matrix
  * in the row of (a, i) and the columns of b. */
 typedef struct {
     const double *c, *edge, *u, *excess;
     int64_t blocks, lanes_of_last;
     const int32_t *node, *start;
     double *forces, *total, *values;
+    const Beside *beside;
 } Work;
 
 /* Adds the matrices of a block's cells, of which the upper blocks (a <= b) are given, to `values`. */
@@ -584,6 +588,8 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             vec G[3][3], g[3][3];
             double x[3], dN[8][3];
             law.part = !reduced ? WHOLE : point < 8 ? DISTORTION : VOLUME;
+            if (material == VOLUMETRIC && law.part != VOLUME)
+                continue;
             law.weight = place_of(shape, point, x);
             columns(E, x, G);
             columns(e, x, g);
@@ -600,6 +606,8 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
         }
         if (second) {
+            if (work->beside)
+                work->beside->add(work->beside->cells, n, &block[0][0][0]);
             insert(nodes, lanes, start, block, work->values);
             start += lanes * nodes * 3 * nodes;
         } else if (energy) {

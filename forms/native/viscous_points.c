@@ -1,7 +1,7 @@
 /* Material points of Maxwell branches at finite strain, eight at a time.
  *
- * The same operations as forms/bodies/viscous_points.py, where the equations are. In the plane the
- * tensors are those in space with zeros.
+ * The same operations as forms/bodies/viscous_points.py, where the equations are. Tensors that are
+ * symmetric are computed in their upper half, and m^(-1/3) gives 1/m too.
  */
 
 #include "point_lanes.h"
@@ -11,233 +11,245 @@ static const double ROUNDOFF = 1e-14; /* as in viscous_points.py */
 typedef struct {
     int64_t branches;
     const double *modulus, *share, *rest; /* of each: G, t = dt/(tau + dt) and 1 - t */
-} Work;
+} Branches;
 
-typedef vec Tensor[3][3];
+/* Upper half of a symmetric tensor, and the lower one from it. */
+#define UPPER(space, a, b)                                                                         \
+    for (int a = 0; a < 3; ++a)                                                                    \
+        for (int b = a; b < 3; ++b)                                                                \
+            if (COUPLED(space, a, b))
 
-/* C = A B^T. */
-INLINE void times_transposed(const vec A[3][3], const vec B[3][3], vec C[3][3])
+INLINE void mirror(int space, tensor a)
 {
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j)
-            C[i][j] = A[i][0] * B[j][0] + A[i][1] * B[j][1] + A[i][2] * B[j][2];
+    UPPER(space, i, j) a[j][i] = a[i][j];
 }
 
-INLINE void times(const vec A[3][3], const vec B[3][3], vec C[3][3])
+/* Cofactors of a symmetric tensor; returns its determinant. */
+INLINE vec cofactors(int space, const tensor a, tensor cof)
 {
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j)
-            C[i][j] = A[i][0] * B[0][j] + A[i][1] * B[1][j] + A[i][2] * B[2][j];
-}
-
-/* cof A; returns det A. */
-INLINE vec cofactors(const vec A[3][3], vec cof[3][3])
-{
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-            const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
-            cof[i][j] = A[a][c] * A[b][d] - A[a][d] * A[b][c];
-        }
-    return A[0][0] * cof[0][0] + A[0][1] * cof[0][1] + A[0][2] * cof[0][2];
-}
-
-INLINE vec trace_of(const vec A[3][3])
-{
-    return A[0][0] + A[1][1] + A[2][2];
+    if (!space) {
+        cof[0][0] = a[1][1] * a[2][2];
+        cof[1][1] = a[0][0] * a[2][2];
+        cof[0][1] = cof[1][0] = -a[0][1] * a[2][2];
+        cof[2][2] = a[0][0] * a[1][1] - a[0][1] * a[0][1];
+        return cof[2][2] * a[2][2];
+    }
+    UPPER(1, i, j)
+    {
+        const int p = (i + 1) % 3, q = (i + 2) % 3, r = (j + 1) % 3, s = (j + 2) % 3;
+        cof[i][j] = a[p][r] * a[q][s] - a[p][s] * a[q][r];
+    }
+    mirror(1, cof);
+    return dot(a[0], cof[0]);
 }
 
 /* tr (dev A dev A) of A = B N, not negative: A is similar to a symmetric tensor. */
-INLINE vec distance(const vec B[3][3], const vec N[3][3])
+INLINE vec distance(int space, const tensor B, const tensor N)
 {
-    Tensor A;
-    times(B, N, A);
-    vec mean = trace_of(A) * (1.0 / 3.0), sum = all(0.0);
+    tensor A;
+    multiply(space, B, N, A);
+    vec mean = trace(A) * (1.0 / 3.0), sum = all(0.0);
     for (int i = 0; i < 3; ++i)
         A[i][i] -= mean;
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j)
-            sum += A[i][j] * A[j][i];
+    EACH(space, i, j) sum += A[i][j] * A[j][i];
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
 /* What a point has of F alone: H = F^-T, C, j = J^(-2/3). */
 typedef struct {
-    Tensor F, H, C;
+    tensor F, H, C;
     vec j;
     ivec good;
 } Deformation;
 
 INLINE void deformation(int space, const vec *F, Deformation *at)
 {
-    const int count = space ? 9 : 5;
-    const int(*place)[2] = space ? SPACE : PLANE;
-    for (int k = 0; k < 9; ++k)
-        at->F[k / 3][k % 3] = all(0.0);
-    for (int p = 0; p < count; ++p)
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec J;
+    for (int p = 0; p < (space ? 9 : 5); ++p)
         at->F[place[p][0]][place[p][1]] = F[p];
-    vec J = cofactors(at->F, at->H);
+    if (space) {
+        for (int i = 0; i < 3; ++i)
+            cross(at->F[(i + 1) % 3], at->F[(i + 2) % 3], at->H[i]);
+        J = dot(at->F[0], at->H[0]);
+    } else {
+        at->H[0][0] = F[3] * F[4];
+        at->H[0][1] = -F[2] * F[4];
+        at->H[1][0] = -F[1] * F[4];
+        at->H[1][1] = F[0] * F[4];
+        at->H[2][2] = F[0] * F[3] - F[1] * F[2];
+        J = at->H[2][2] * F[4];
+    }
     at->good = (ivec)(J > 0.0) & is_finite(J);
-    vec safe = choose(at->good, J, all(1.0)), inverse = 1.0 / safe, root = inverse_cube_root(safe);
+    vec root = inverse_cube_root(choose(at->good, J, all(1.0)));
     at->j = root * root;
-    for (int k = 0; k < 9; ++k)
-        at->H[k / 3][k % 3] *= inverse;
-    for (int I = 0; I < 3; ++I)
-        for (int K = 0; K < 3; ++K)
-            at->C[I][K] = at->F[0][I] * at->F[0][K] + at->F[1][I] * at->F[1][K] +
-                          at->F[2][I] * at->F[2][K];
+    EACH(space, i, j) at->H[i][j] *= at->j * root;
+    UPPER(space, i, j)
+    {
+        at->C[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                at->C[i][j] += at->F[k][i] * at->F[k][j];
+    }
+    mirror(space, at->C);
 }
 
-/* Terms of the tangent that the branches share: see class Tangent in viscous_points.py. */
+/* What the branches add up: sum of g N, sum of g n/3, and of the tangent Z and c. */
 typedef struct {
-    Tensor Z;
-    vec c, d;
-} Shared;
+    tensor N, Z;
+    vec pressure, c;
+} Sum;
 
 /* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL, upper half; W = g I - y V. */
-INLINE void add_branch(int space, vec g, vec y, const vec U[3][3], const vec V[3][3],
-                       const vec N[3][3], vec *A)
+INLINE void add_branch(enum section section, vec g, vec y, const tensor U, const tensor V, const tensor N,
+                       vec *A)
 {
-    const int count = space ? 9 : 5;
-    const int(*place)[2] = space ? SPACE : PLANE;
-#pragma GCC unroll 1
-    for (int p = 0; p < count; ++p) {
+    const int space = section == SPACE, count = space ? 9 : 5, rows = section == STRAIN ? 4 : count;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    tensor W, yU;
+    EACH(space, i, k)
+    {
+        W[i][k] = (i == k ? g : all(0.0)) - y * V[i][k];
+        yU[i][k] = y * U[i][k];
+    }
+#pragma GCC unroll 9
+    for (int p = 0; p < rows; ++p) {
         const int i = place[p][0], J = place[p][1];
-        vec twice = (2.0 / 3.0) * y * U[i][J];
-#pragma GCC unroll 1
-        for (int q = p; q < count; ++q) {
+        vec twice = (2.0 / 3.0) * yU[i][J];
+#pragma GCC unroll 9
+        for (int q = p; q < rows; ++q) {
             const int k = place[q][0], L = place[q][1];
-            vec W = (i == k ? g : all(0.0)) - y * V[i][k];
-            A[p * count + q] += W * N[J][L] - y * U[i][L] * U[k][J] + twice * U[k][L];
+            vec sum = twice * U[k][L];
+            if (COUPLED(space, i, k) && COUPLED(space, J, L))
+                sum += W[i][k] * N[J][L];
+            if (COUPLED(space, i, L) && COUPLED(space, k, J))
+                sum -= yU[i][L] * U[k][J];
+            A[p * count + q] += sum;
         }
     }
 }
 
-/* One branch: from C_n (6 or 4) to C_k, with energies[0] what it stores and energies[1] what it
- * dissipates by the rate at the end; adds to P and A. */
-INLINE void branch(int space, double G, double t, double s, const Deformation *at, const vec *from,
-                   vec *to, vec stress[3][3], vec *moduli, Shared *shared, vec *energies)
+/* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
+ * the rate at the end, where there is a place for them. */
+INLINE void branch(enum section section, double G, double t, double s, const Deformation *at,
+                   const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
 {
-    const int size = space ? 6 : 4;
-    Tensor old, M, N, U, V;
-    for (int k = 0; k < 9; ++k)
-        old[k / 3][k % 3] = all(0.0);
-    for (int k = 0; k < size; ++k)
-        old[PAIRS[k][0]][PAIRS[k][1]] = old[PAIRS[k][1]][PAIRS[k][0]] = from[k];
-    for (int k = 0; k < 9; ++k)
-        M[k / 3][k % 3] = s * old[k / 3][k % 3] + (t * at->j) * at->C[k / 3][k % 3];
-    vec m = cofactors(M, N), inverse = 1.0 / m, root = inverse_cube_root(m);
-    vec cube = m * root * root; /* m^(1/3) */
-    for (int k = 0; k < 9; ++k)
-        N[k / 3][k % 3] *= inverse;
-    for (int k = 0; k < size; ++k)
-        to[k] = root * M[PAIRS[k][0]][PAIRS[k][1]];
-    times(at->F, N, U);
-    times_transposed(U, at->F, V);
-    vec g = G * cube * at->j, n = trace_of(V);
-    for (int k = 0; k < 9; ++k)
-        stress[k / 3][k % 3] += g * (U[k / 3][k % 3] - (1.0 / 3.0) * n * at->H[k / 3][k % 3]);
-    vec excess = cube * at->j * n - 3.0, scale = 0.5 * G * cube * cube;
-    energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
-    if (t < 0.5)
-        energies[1] = (t / s) * scale * at->j * at->j * distance(at->C, N);
-    else
-        energies[1] = (s / t) * scale * distance(old, N);
+    const int space = section == SPACE;
+    tensor old, M, N;
+    symmetric_of(space, from, old);
+    vec share = t * at->j;
+    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
+    mirror(space, M);
+    vec m = cofactors(space, M, N), root = inverse_cube_root(m), square = root * root;
+    EACH(space, i, j) N[i][j] *= square * root;
+    vec cube = m * square; /* m^(1/3) */
+    vec scale = G * cube, g = scale * at->j, n = contract(space, N, at->C);
+    EACH(space, i, j) sum->N[i][j] += g * N[i][j];
+    sum->pressure += g * ((1.0 / 3.0) * n);
+    if (to) {
+        for (int k = 0; k < (space ? 6 : 4); ++k)
+            to[k] = root * M[PAIRS[k][0]][PAIRS[k][1]];
+        vec excess = cube * at->j * n - 3.0;
+        energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
+        if (t < 0.5)
+            energies[1] = 0.5 * (t / s) * scale * cube * at->j * at->j * distance(space, at->C, N);
+        else
+            energies[1] = 0.5 * (s / t) * scale * cube * distance(space, old, N);
+    }
     if (!moduli)
         return;
-    vec y = t * at->j * g, q = all(0.0);
-    for (int i = 0; i < 3; ++i)
-        for (int k = 0; k < 3; ++k)
-            q += V[i][k] * V[k][i];
-    add_branch(space, g, y, U, V, N, moduli);
-    Tensor VU;
-    times(V, U, VU);
-    vec first = -(2.0 / 3.0) * g - (2.0 / 9.0) * y * n, second = (2.0 / 3.0) * y;
-    for (int k = 0; k < 9; ++k)
-        shared->Z[k / 3][k % 3] += first * U[k / 3][k % 3] + second * VU[k / 3][k % 3];
-    shared->d += (1.0 / 3.0) * g * n;
-    shared->c += (2.0 / 9.0) * g * n + y * ((2.0 / 27.0) * n * n - (2.0 / 9.0) * q);
+    tensor U, V, VU;
+    vec y = t * at->j * g;
+    multiply(space, at->F, N, U);
+    UPPER(space, i, k)
+    {
+        V[i][k] = all(0.0);
+        for (int j = 0; j < 3; ++j)
+            if (COUPLED(space, i, j))
+                V[i][k] += U[i][j] * at->F[k][j];
+    }
+    mirror(space, V);
+    vec q = contract(space, V, V), second = (2.0 / 3.0) * y;
+    add_branch(section, g, y, U, V, N, moduli);
+    multiply(space, V, U, VU);
+    vec first = -(2.0 / 3.0) * g - (1.0 / 3.0) * second * n;
+    EACH(space, i, j) sum->Z[i][j] += first * U[i][j] + second * VU[i][j];
+    sum->c += (2.0 / 9.0) * g * n + y * ((2.0 / 27.0) * n * n - (2.0 / 9.0) * q);
 }
 
 /* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ, upper half and then the lower one. */
-INLINE void add_shared(int space, const vec H[3][3], const Shared *of, vec *A)
+INLINE void add_shared(enum section section, const tensor H, const Sum *of, vec *A)
 {
-    const int count = space ? 9 : 5;
-    const int(*place)[2] = space ? SPACE : PLANE;
-#pragma GCC unroll 1
-    for (int p = 0; p < count; ++p) {
+    const int space = section == SPACE, count = space ? 9 : 5, rows = section == STRAIN ? 4 : count;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    tensor Y, dH;
+    EACH(space, i, j)
+    {
+        Y[i][j] = of->Z[i][j] + of->c * H[i][j];
+        dH[i][j] = of->pressure * H[i][j];
+    }
+#pragma GCC unroll 9
+    for (int p = 0; p < rows; ++p) {
         const int i = place[p][0], J = place[p][1];
-#pragma GCC unroll 1
-        for (int q = p; q < count; ++q) {
+#pragma GCC unroll 9
+        for (int q = p; q < rows; ++q) {
             const int k = place[q][0], L = place[q][1];
-            A[p * count + q] += H[i][J] * (of->Z[k][L] + of->c * H[k][L]) +
-                                of->Z[i][J] * H[k][L] + of->d * H[i][L] * H[k][J];
+            vec sum = H[i][J] * Y[k][L] + of->Z[i][J] * H[k][L];
+            if (COUPLED(space, i, L) && COUPLED(space, k, J))
+                sum += dH[i][L] * H[k][J];
+            A[p * count + q] += sum;
             A[q * count + p] = A[p * count + q];
         }
     }
 }
 
-INLINE int64_t over_points(int space, const Work *w, int64_t n, const double *F,
-                           const double *state, double *P, double *end, double *A, double *energies)
+/* See Update of point_lanes.h; the state is the C of all branches, what each has dissipated, and
+ * what each stores. */
+INLINE void update(enum section section, const Branches *w, const vec *F, const vec *state, vec *P,
+                   vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    const int count = space ? 9 : 5, size = space ? 6 : 4, count_of = (int)w->branches, lost = size * count_of,
-              kept = lost + count_of, width = kept + count_of;
-    const int(*place)[2] = space ? SPACE : PLANE;
-    const ivec always = ~(ivec){};
-    ivec bad = {};
-    vec s[width], next[width];
-    for (int64_t first = 0; first < n; first += LANES) {
-        vec f[9], stress[9], moduli[81], energy[2], total[2] = {};
-        Tensor sum = {};
-        Shared shared = {};
-        Deformation at;
-        load(F, first, n, count, f);
-        load(state, first, n, width, s);
-        deformation(space, f, &at);
-        for (int k = 0; A && k < count * count; ++k)
-            moduli[k] = all(0.0);
+    const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4;
+    const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
+    const int width = kept + branches;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    Sum sum = {};
+    Deformation at;
+    tensor FN;
+    vec ok = all(0.0);
+    deformation(space, F, &at);
+    for (int k = 0; moduli && k < count * count; ++k)
+        moduli[k] = all(0.0);
+    for (int k = 0; end && k < ENERGIES; ++k)
+        energies[k] = all(0.0);
 #pragma GCC unroll 1
-        for (int b = 0; b < w->branches; ++b) {
-            branch(space, w->modulus[b], w->share[b], w->rest[b], &at, s + size * b,
-                   next + size * b, sum, A ? moduli : 0, &shared, energy);
-            vec fallen = square_root(s[kept + b]) - square_root(energy[0]);
-            energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
-            next[lost + b] = s[lost + b] + energy[1];
-            next[kept + b] = energy[0];
-            total[0] += energy[0];
-            total[1] += energy[1];
-        }
-        vec ok = all(0.0);
-        for (int p = 0; p < count; ++p)
-            stress[p] = sum[place[p][0]][place[p][1]];
-        probe(stress, count, &ok);
-        probe(next, width, &ok);
-        if (A)
-            add_shared(space, at.H, &shared, moduli);
-        ivec good = at.good & is_finite(ok);
-        for (int k = 0; k < width; ++k)
-            next[k] = choose(good, next[k], s[k]);
-        store(stress, good, first, n, count, P);
-        store(next, always, first, n, width, end);
-        for (int k = 0; k < 2; ++k)
-            store(total + k, good, first, n, 1, energies + k * n);
-        if (A)
-            store(moduli, good, first, n, count * count, A);
-        bad |= ~good;
+    for (int b = 0; b < branches; ++b) {
+        vec energy[2];
+        branch(section, w->modulus[b], w->share[b], w->rest[b], &at, state + size * b,
+               end ? end + size * b : 0, energy, moduli, &sum);
+        if (!end)
+            continue;
+        vec fallen = square_root(state[kept + b]) - square_root(energy[0]);
+        energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
+        end[lost + b] = state[lost + b] + energy[1];
+        end[kept + b] = energy[0];
+        energies[0] += energy[0];
+        energies[1] += energy[1];
     }
-    return any(bad);
+    multiply(space, at.F, sum.N, FN);
+    for (int p = 0; p < count; ++p) {
+        const int i = place[p][0], J = place[p][1];
+        P[p] = FN[i][J] - sum.pressure * at.H[i][J];
+    }
+    if (moduli)
+        add_shared(section, at.H, &sum, moduli);
+    probe(P, count, &ok);
+    if (end)
+        probe(end, width, &ok);
+    *good = at.good & is_finite(ok);
+    for (int k = 0; end && k < width; ++k)
+        end[k] = choose(*good, end[k], state[k]);
 }
 
-/* Updates n points; returns whether any was not valid. F (n, p), state and end (n, s): the C of all
- * branches, what each has dissipated, what each stores; P (n, p), A (n, p, p) or null, energies (2, n): stored,
- * dissipated in the step. */
-EXPORT int64_t tribox_viscous_plane(const Work *w, int64_t n, const double *F, const double *state,
-                                    double *P, double *end, double *A, double *energies)
-{
-    return over_points(0, w, n, F, state, P, end, A, energies);
-}
-
-EXPORT int64_t tribox_viscous_space(const Work *w, int64_t n, const double *F, const double *state,
-                                    double *P, double *end, double *A, double *energies)
-{
-    return over_points(1, w, n, F, state, P, end, A, energies);
-}
+KERNEL(viscous_strain, STRAIN, update)
+KERNEL(viscous_ring, RING, update)
+KERNEL(viscous_space, SPACE, update)

@@ -57,8 +57,10 @@ def test_runs_compile_nothing_that_has_not_been_compiled(cache, block, film):
         StressField(model.problem.u, model.problem.solids).update()
     for data in (full, ring, boxes):
         data["bodies"]["aluminium"] = SOFT_METAL
+        data["bodies"]["elastomer"]["prony"] = [[0.5, "1 s"]]
         model = build_model(Case.model_validate(data), MPI.COMM_SELF)
         assert any(solid.flows for solid in model.problem.solids)
+        assert all(solid.remembers for solid in model.problem.solids)
         for solid in model.problem.solids:
             solid.evaluate(tangent=True)
     assert compiled() == before

@@ -4,28 +4,34 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 
+import basix.ufl
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 import pytest
+import ufl
 
+from tests.forms.bodies.element_matrices import summed
 from tests.grid import grid
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.tangent import pattern_form
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Perzyna, Voce
 from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.bodies.kinematics import circumference, radius
 from tribox.forms.bodies.materials import Hencky, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid, fit_weights, make_solid
+from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.solid import DEGREE
-from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic, ViscousPoints
 
 G, K = 1.0, 5.0
 NEVER = ElastoPlastic(G, K, Linear(1e3))
 SOON = ElastoPlastic(G, K, Voce(0.02, 0.05, 8.0, 0.01))
 BACK = replace(SOON, kinematic=(Backstress(0.5, 12.0), Backstress(0.02)))
 SOFT = Viscoelastic(NeoHookean(G, K), (Branch(0.5, 0.3),), Mullins(1.5, 2e-3, 0.1))
+VISCOUS = Viscoelastic(NeoHookean(G, K), (Branch(0.7, 0.3), Branch(0.4, 2.0)))
 KINDS = [
     ("quadrilateral", "plane-strain", "q1"),
     ("quadrilateral", "plane-strain", "q1-sri"),
@@ -62,11 +68,17 @@ def bend(u, size=0.1, seed=0):
 
 
 def forces(solid):
-    return sum(dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms)
+    out = sum(
+        (dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms),
+        np.zeros_like(solid.displacement.x.array),
+    )
+    solid.add_point_forces(out)
+    return out
 
 
 def stiffness(solid):
-    return sum(dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms)
+    out = sum((dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms), 0.0)
+    return out + summed(solid.displacement, solid.point_cells) if solid.remembers else out
 
 
 def pattern_matrix(space):
@@ -88,6 +100,68 @@ def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulatio
     for elastic, plastic in zip(*found, strict=True):
         assert np.abs(elastic - plastic).max() <= 1e-12 * np.abs(elastic).max()
     assert (solid.plastic_strain() == 0.0).all() and (solid.dissipated == 0.0).all()
+
+
+def by_forms(u, solid, dt):
+    """Forces and stiffness by forms of DOLFINx, with stress and moduli of the update in numpy."""
+    mesh, p, d = u.function_space.mesh, 9 if solid.section == "3D" else 5, solid.full_degree
+    test, trial = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
+
+    def gradient(v, one=0.0):
+        g = ufl.grad(v)
+        if p == 9:
+            parts = [g[i, j] + one * (i == j) for i in range(3) for j in range(3)]
+            return ufl.as_vector(parts)
+        across = v[0] / radius(v) if solid.section == "axisymmetric" else 0.0
+        plane = [one + g[0, 0], g[0, 1], g[1, 0], one + g[1, 1]]
+        return ufl.as_vector([*plane, ufl.as_ufl(one + across)])
+
+    def field(shape):
+        element = basix.ufl.quadrature_element(mesh.basix_cell(), shape, "default", d)
+        return dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+
+    xi, _ = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], d)
+    F = dolfinx.fem.Expression(gradient(u, 1.0), xi).eval(mesh, solid.cells).reshape(-1, p)
+    law = solid.law
+    slow = (
+        PlasticPoints(law.material, p == 9, compiled=False)
+        if law.flows
+        else ViscousPoints(law.branches, p == 9, compiled=False)
+    )
+    reduced = not law.added and solid.reduced
+    found = slow.update(F, solid.points.committed, dt, True, volumetric=not reduced)
+    stress, moduli = field((p,)), field((p, p))
+    rows = stress.function_space.dofmap.list[solid.cells].reshape(-1)
+    stress.x.array.reshape(-1, p)[rows] = found.P
+    moduli.x.array.reshape(-1, p * p)[rows] = found.A.reshape(-1, p * p)
+    weight = circumference(mesh, solid.section)
+    dx = ufl.dx(mesh, metadata={"quadrature_degree": d})
+    forward = ufl.dot(moduli, gradient(trial))
+    force = dolfinx.fem.form(weight * ufl.inner(stress, gradient(test)) * dx)
+    tangent = dolfinx.fem.form(weight * ufl.inner(forward, gradient(test)) * dx)
+    parts = [(force, tangent), *((part.residual, part.tangent) for part in solid.forms)]
+    vectors = [dolfinx.fem.assemble_vector(one).array for one, _ in parts]
+    return sum(vectors), sum(dolfinx.fem.assemble_matrix(one).to_dense() for _, one in parts)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, ("tetrahedron", "3D", "q1"), ("hexahedron", "3D", "q1")])
+def test_the_loop_over_cells_gives_what_forms_do(kind):
+    """Metals with and without backstress, and branches beside an energy: residual and matrix."""
+    for material in (SOON, BACK, VISCOUS):
+        u, solid = body(*kind, material, counts=(3, 3, 1))  # 9 cells: a block, and one of another
+        bend(u, 0.05)
+        solid.evaluate(0.3)
+        solid.commit()
+        bend(u, 0.1, seed=5)
+        assert solid.evaluate(0.3, tangent=True)
+        bodies, out = Bodies(u, [solid]), np.zeros_like(u.x.array)
+        matrix = pattern_matrix(u.function_space)
+        bodies.add_forces(out)
+        bodies.add_tangent(matrix, 0, 1, False, False)
+        matrix.assemble()
+        wanted, stiff = by_forms(u, solid, 0.3)
+        assert np.abs(out - wanted).max() <= 1e-12 * np.abs(wanted).max()
+        assert np.abs(matrix[:, :] - stiff).max() <= 1e-12 * np.abs(stiff).max()
 
 
 @pytest.mark.parametrize("material", [SOON, BACK, SOFT], ids=["flows", "reverses", "softens"])

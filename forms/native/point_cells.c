@@ -1,0 +1,299 @@
+/* Loops over material points that remember, eight at a time: points by themselves, and those of
+ * cells of any kind with the forces and the tangent of the cells.
+ *
+ * What the points do is a kernel, see Update of point_lanes.h: a cell's deformation gradients, its
+ * points' stress and moduli, and its matrix never leave the processor's caches. With the gradients
+ * B_a of the nodes' shape functions, in rings those over the radius h_a, and the weight w
+ *
+ *     F = 1 + sum of u_a (x) B_a,   F_33 = 1 + sum of h_a u_a,x,
+ *     f_a = sum over points of w (P B_a + P_33 h_a e_x),
+ *     K_ab = sum over points of w (B_a.A.B_b), the row and the column of 33 with h likewise.
+ */
+
+#include "point_lanes.h"
+
+/* Columns of `count` from rows of `width`, those of the lanes from `row` on. */
+INLINE void load(const double *from, const int64_t *row, int64_t width, int count, vec *to)
+{
+#pragma GCC unroll 1
+    for (int l = 0; l < LANES; ++l)
+        for (int k = 0; k < count; ++k)
+            ((double *)(to + k))[l] = from[width * row[l] + k];
+}
+
+/* The other way round. */
+INLINE void store(const vec *from, const int64_t *row, int lanes, int count, double *to)
+{
+#pragma GCC unroll 1
+    for (int l = 0; l < lanes; ++l)
+        for (int k = 0; k < count; ++k)
+            to[count * row[l] + k] = ((const double *)(from + k))[l];
+}
+
+/* Makes values no numbers where `good` is not set. */
+INLINE void spoil(int count, ivec good, vec *values)
+{
+#pragma GCC unroll 1
+    for (int k = 0; k < count; ++k)
+        values[k] = (vec)((ivec)values[k] | ~good); /* all bits set */
+}
+
+/* Updates n points; returns whether any was not valid, where all but the state is no number.
+ * `count` components of F and P, `width` values of a state; P (n, p), state at the end (n, s),
+ * A (n, p, p) or null, energies (ENERGIES, n). */
+EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count, int64_t width,
+                             int64_t n, const double *F, const double *state, double *P,
+                             double *end, double *A, double *energies)
+{
+    vec s[width], next[width];
+    ivec bad = {};
+    for (int64_t first = 0; first < n; first += LANES) {
+        const int lanes = n - first < LANES ? (int)(n - first) : LANES;
+        vec f[9], stress[9], moduli[81], energy[ENERGIES];
+        int64_t row[LANES];
+        ivec good;
+        for (int l = 0; l < LANES; ++l)
+            row[l] = first + (l < lanes ? l : lanes - 1);
+        load(F, row, count, (int)count, f);
+        load(state, row, width, (int)width, s);
+        update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
+        spoil((int)count, good, stress);
+        spoil(ENERGIES, good, energy);
+        store(stress, row, lanes, (int)count, P);
+        store(next, row, lanes, (int)width, end);
+        for (int k = 0; k < ENERGIES; ++k)
+            store(energy + k, row, lanes, 1, energies + k * n);
+        if (A) {
+            spoil((int)(count * count), good, moduli);
+            store(moduli, row, lanes, (int)(count * count), A);
+        }
+        bad |= ~good;
+    }
+    return any(bad);
+}
+
+/* What a call works on. `shape` (points, nodes, 1 + dim): the nodes' functions and their derivatives
+ * by parent coordinates; `table` (blocks, points, dim dim + 2, LANES): the parent coordinates'
+ * derivatives by place, the weight, and in rings 1/x; `node` (blocks, nodes, LANES), `cell` (blocks,
+ * LANES) the number of a cell in the body, whose points are `points` cell and those that follow; the
+ * last block repeats its last cell where there are fewer than LANES, and counts `lanes_of_last`.
+ *
+ * With `update` the points are evaluated from `state` (k, width). What is not null is written, F
+ * (k, p), P (k, p), end (k, width), energies (ENERGIES, k), or added to, forces and values, with
+ * `start` (cells, a, i, b) as in compiled_cells.py. Without it P (k, p) and A (k, p, p) are read
+ * where forces and values are wanted. `symmetric`: whether A is. */
+typedef struct {
+    int64_t blocks, lanes_of_last, points, nodes, width, symmetric, all;
+    const double *shape, *table;
+    const int32_t *node, *cell;
+    const double *u;
+    Update *update;
+    const void *material;
+    const double *state;
+    double *F, *P, *end, *energies, *A, *forces, *values;
+    const int32_t *start;
+} Work;
+
+/* A point of a block's cells: gradients of the nodes' functions, with those over the radius last. */
+INLINE void gradients(enum section section, int nodes, const double *shape, const vec *table,
+                      vec (*B)[3])
+{
+    const int dim = section == SPACE ? 3 : 2;
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
+        for (int i = 0; i < dim; ++i) {
+            B[a][i] = shape[1] * table[i];
+            for (int z = 1; z < dim; ++z)
+                B[a][i] += shape[1 + z] * table[dim * z + i];
+        }
+        if (section == RING)
+            B[a][2] = shape[0] * table[dim * dim + 1];
+    }
+}
+
+INLINE void deformation(enum section section, int nodes, vec (*B)[3], vec (*u)[3], vec *F)
+{
+    const int dim = section == SPACE ? 3 : 2;
+    for (int p = 0; p < (section == SPACE ? 9 : 5); ++p)
+        F[p] = all(p == 4 || p % (dim + 1) == 0);
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a) {
+        for (int p = 0; p < dim * dim; ++p)
+            F[p] += u[a][p / dim] * B[a][p % dim];
+        if (section == RING)
+            F[4] += u[a][0] * B[a][2];
+    }
+}
+
+INLINE void add_forces(enum section section, int nodes, vec (*B)[3], const vec *P, vec weight,
+                       vec (*force)[3])
+{
+    const int dim = section == SPACE ? 3 : 2;
+    vec T[9];
+    for (int p = 0; p < (section == SPACE ? 9 : 5); ++p)
+        T[p] = weight * P[p];
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a) {
+        for (int p = 0; p < dim * dim; ++p)
+            force[a][p / dim] += T[p] * B[a][p % dim];
+        if (section == RING)
+            force[a][0] += T[4] * B[a][2];
+    }
+}
+
+/* Adds B_a.A.B_b to the blocks (a, b) of the matrix, one after the other, only those with a <= b of
+ * a symmetric one. */
+INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[3], const vec *A,
+                       vec weight, vec *block)
+{
+    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
+    const int rows = section == STRAIN ? 4 : count;
+#pragma GCC unroll 1
+    for (int b = 0; b < nodes; ++b) {
+        vec M[9][3], at[3];
+        for (int i = 0; i < dim + (section == RING); ++i)
+            at[i] = weight * B[b][i];
+        for (int p = 0; p < rows; ++p)
+            for (int k = 0; k < dim; ++k) {
+                M[p][k] = A[count * p + dim * k] * at[0];
+                for (int L = 1; L < dim; ++L)
+                    M[p][k] += A[count * p + dim * k + L] * at[L];
+                if (section == RING && k == 0)
+                    M[p][k] += A[count * p + 4] * at[2];
+            }
+        const int end = symmetric ? b + 1 : nodes;
+#pragma GCC unroll 1
+        for (int a = 0; a < end; ++a, block += dim * dim)
+            for (int i = 0; i < dim; ++i)
+                for (int k = 0; k < dim; ++k) {
+                    vec sum = M[dim * i][k] * B[a][0];
+                    for (int J = 1; J < dim; ++J)
+                        sum += M[dim * i + J][k] * B[a][J];
+                    if (section == RING && i == 0)
+                        sum += M[4][k] * B[a][2];
+                    block[dim * i + k] += sum;
+                }
+    }
+}
+
+/* Adds the matrices of a block's cells to `values`; returns the starts of the next block. */
+INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const int32_t *start,
+                             const vec *block, double *values)
+{
+#pragma GCC unroll 1
+    for (int l = 0; l < lanes; ++l)
+#pragma GCC unroll 1
+        for (int a = 0; a < nodes; ++a)
+            for (int i = 0; i < dim; ++i)
+#pragma GCC unroll 1
+                for (int b = 0; b < nodes; ++b) {
+                    const int turned = symmetric && a > b;
+                    const int at = symmetric ? (turned ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a)
+                                             : b * nodes + a;
+                    const double *from = (const double *)(block + dim * dim * at) + l;
+                    double *to = values + *start++;
+                    for (int j = 0; j < dim; ++j)
+                        to[j] += from[LANES * (turned ? dim * j + i : dim * i + j)];
+                }
+    return start;
+}
+
+/* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
+ * their nodes, each unless it is null; returns which points could not be evaluated. */
+INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
+                     vec (*force)[3])
+{
+    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
+    const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
+    const int32_t *node = w->node + n * nodes * LANES;
+    const double *table = w->table + n * points * size * LANES;
+    vec B[nodes][3], at[nodes][3], s[w->width + 1], next[w->width + 1];
+    ivec bad = {};
+    for (int a = 0; a < nodes; ++a)
+        for (int l = 0; l < LANES; ++l)
+            for (int i = 0; i < dim; ++i)
+                ((double *)&at[a][i])[l] = w->u[dim * (int64_t)node[a * LANES + l] + i];
+    for (int q = 0; q < points; ++q, table += size * LANES) {
+        vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
+        ivec good = ~(ivec){};
+        int64_t row[LANES];
+        for (int l = 0; l < LANES; ++l)
+            row[l] = w->cell[n * LANES + l] * (int64_t)points + q;
+        __builtin_memcpy(tabled, table, size * sizeof(vec));
+        weight = tabled[dim * dim];
+        gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
+        deformation(section, nodes, B, at, F);
+        if (w->update) {
+            load(w->state, row, w->width, (int)w->width, s);
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, energy, &good);
+            bad |= ~good;
+            weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
+            if (w->P) {
+                spoil(count, good, P);
+                store(P, row, lanes, count, w->P);
+            }
+            if (w->end) {
+                spoil(ENERGIES, good, energy);
+                store(next, row, lanes, (int)w->width, w->end);
+                for (int k = 0; k < ENERGIES; ++k)
+                    store(energy + k, row, lanes, 1, w->energies + k * w->all);
+            }
+        } else if (force) {
+            load(w->P, row, count, count, P);
+        } else if (matrix) {
+            load(w->A, row, count * count, count * count, A);
+        }
+        if (w->F)
+            store(F, row, lanes, count, w->F);
+        if (force)
+            add_forces(section, nodes, B, P, weight, force);
+        if (matrix && w->symmetric)
+            add_matrix(section, nodes, 1, B, A, weight, matrix);
+        else if (matrix)
+            add_matrix(section, nodes, 0, B, A, weight, matrix);
+    }
+    return bad;
+}
+
+/* All cells of one body; returns whether a point could not be evaluated. */
+INLINE int64_t over_cells(enum section section, const Work *w)
+{
+    const int dim = section == SPACE ? 3 : 2, nodes = (int)w->nodes;
+    const int blocks = w->symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
+    const int32_t *start = w->start;
+    vec matrix[w->values ? dim * dim * blocks : 1], force[nodes][3];
+    ivec bad = {};
+    for (int64_t n = 0; n < w->blocks; ++n) {
+        const int lanes = n + 1 < w->blocks ? LANES : (int)w->lanes_of_last;
+        const int32_t *node = w->node + n * nodes * LANES;
+        if (w->forces)
+            __builtin_memset(force, 0, sizeof force);
+        if (w->values)
+            __builtin_memset(matrix, 0, sizeof matrix);
+        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0);
+        for (int a = 0; w->forces && a < nodes; ++a)
+            for (int l = 0; l < lanes; ++l)
+                for (int i = 0; i < dim; ++i)
+                    w->forces[dim * (int64_t)node[a * LANES + l] + i] +=
+                        ((const double *)&force[a][i])[l];
+        if (w->values && w->symmetric)
+            start = insert(dim, nodes, 1, lanes, start, matrix, w->values);
+        else if (w->values)
+            start = insert(dim, nodes, 0, lanes, start, matrix, w->values);
+    }
+    return any(bad);
+}
+
+/* The loop, and what adds the matrices of one block of it: see Beside of lanes.h. */
+#define LOOPS(name, section)                                                                       \
+    EXPORT int64_t tribox_point_cells_##name(const Work *w)                                        \
+    {                                                                                              \
+        return over_cells(section, w);                                                             \
+    }                                                                                              \
+    EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
+    {                                                                                              \
+        at_block(section, cells, block, 0, matrix, 0);                                             \
+    }
+LOOPS(strain, STRAIN)
+LOOPS(ring, RING)
+LOOPS(space, SPACE)
