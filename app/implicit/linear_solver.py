@@ -1,8 +1,8 @@
 """The tangent's matrix, and the linear solver that works with it.
 
 Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG).
-Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix, so that both
-solvers see all of it.
+Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix. Where one of
+them is far stiffer each is solved for by itself (:mod:`tribox.app.implicit.body_blocks`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tribox.app.equilibrium.snapshot import (
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
 from tribox.app.implicit.factor import DIRECT, CoupledFactor
-from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
+from tribox.app.implicit.kept_bodies import stiff_solids
 from tribox.app.implicit.linear_way import LEFT, LinearWay
 from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, rigid_motions_of
 from tribox.app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
@@ -43,11 +43,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
-# both take the same time at about 10 000; beyond it the margin is for using a factor again.
+# both take the same time at about 10 000, and beside a stiff body that is factorised once at 3000;
+# the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
-# Beyond it in space only what is factorised again and again costs r^2, for Krylov's ~ 20 n: with a
-# stiff body that is factorised once (r = 0.4 n) both take the same time at r^2/n = 4500 to 8300.
-PAYS = 8000.0
 ENDING = 0.1  # what a linear solve may leave, over what Newton's method may leave in the end
 
 
@@ -57,23 +55,10 @@ def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float 
 
 
 def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
-    """The linear solver that a case asks for, "auto" by what each would cost; collective."""
+    """The linear solver that a case asks for, "auto" by what each would cost."""
     if kind != "auto":
         return kind
-    pays = problem.size <= DIRECT_LIMIT[problem.dim] or (
-        problem.dim == 3 and factorised_again(problem) ** 2 <= PAYS * problem.size
-    )
-    return "direct" if pays else "krylov"
-
-
-def factorised_again(problem: Equilibrium) -> int:
-    """Unknowns that a direct solver factorises with each tangent; collective.
-
-    Those of stiff bodies on supports of their own are factorised once
-    (:mod:`tribox.app.implicit.body_blocks`). The same on any number of ranks.
-    """
-    kept = kept_bodies(problem, stiff_solids(problem))
-    return problem.size - (0 if kept is None else problem.comm.allreduce(len(kept.dofs)))
+    return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
 
 
 class LinearSolver:

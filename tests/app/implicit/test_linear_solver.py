@@ -16,14 +16,12 @@ from tests.contact_boxes import two_boxes
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit import linear_solver, multigrid
+from tribox.app.implicit import multigrid
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import (
     DIRECT_LIMIT,
-    PAYS,
     LinearSolver,
-    factorised_again,
     linear_options,
 )
 from tribox.app.implicit.multigrid import KRYLOV, Multigrid
@@ -130,35 +128,16 @@ def test_a_slide_of_many_facets_in_space_is_one_step():
     assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7)
 
 
-def test_auto_factorises_up_to_a_number_of_unknowns(monkeypatch):
+def test_auto_factorises_up_to_a_number_of_unknowns():
     class Size:
         def __init__(self, size, dim):
             self.size, self.dim = size, dim
 
-    again = 1.01 * np.sqrt(PAYS * (DIRECT_LIMIT[3] + 1))
-    monkeypatch.setattr(linear_solver, "factorised_again", lambda problem: again)
     for dim, limit in DIRECT_LIMIT.items():
         assert linear_options(Size(limit, dim), "auto") == DIRECT
         assert linear_options(Size(limit + 1, dim), "auto") == KRYLOV
         assert linear_options(Size(limit + 1, dim), "direct") == DIRECT
         assert linear_options(Size(1, dim), "krylov") == KRYLOV
-    # By bodies, as far as what is factorised again and again is little.
-    again = 0.99 * np.sqrt(PAYS * (DIRECT_LIMIT[3] + 1))
-    assert linear_options(Size(DIRECT_LIMIT[3] + 1, 3), "auto") == DIRECT
-    assert linear_options(Size(DIRECT_LIMIT[2] + 1, 2), "auto") == KRYLOV
-
-
-def test_what_is_factorised_again_is_all_but_a_stiff_body_on_supports():
-    data = tomllib.loads(BOXES)
-    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
-    soft, stiff = (
-        3 * np.prod([n + 1 for n in data["geometry"][name]["elements"]])
-        for name in ("upper", "lower")
-    )
-    assert problem.size == soft + stiff and factorised_again(problem) == soft
-    data["bodies"]["aluminium"] |= {"E": data["bodies"]["elastomer"]["E"]}
-    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
-    assert factorised_again(problem) == problem.size
 
 
 # -- the solver itself ----------------------------------------------------------------------------
