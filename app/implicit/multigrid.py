@@ -6,6 +6,7 @@ Of the whole tangent, or of the bodies that are solved for in turn
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable, Mapping
 
@@ -193,6 +194,7 @@ class MultigridSolver:
             smoother = pc.getMGSmoother(finest)
             smoother.setOperators(self._blocks)
             smoother.setUp()
+            _leave_residual_to(pc, finest, self._blocks)
         self._ksp.setOperators(self._blocks, self._matrix)
         return True
 
@@ -222,6 +224,13 @@ class MultigridSolver:
         for part in (self._ksp, self._blocks):
             if part is not None:
                 part.destroy()
+
+
+def _leave_residual_to(pc: PETSc.PC, level: int, matrix: PETSc.Mat) -> None:
+    """Let a level of PETSc's multigrid find residuals by a matrix; petsc4py has no word for it."""
+    handles = ctypes.c_void_p(pc.handle), ctypes.c_int(level), None, ctypes.c_void_p(matrix.handle)
+    if code := ctypes.CDLL(PETSc.__file__).PCMGSetResidual(*handles):
+        raise PETSc.Error(code)
 
 
 def rigid_motions_of(problem: Equilibrium, dofs: Ints | None = None) -> PETSc.NullSpace:
