@@ -1,14 +1,14 @@
-"""Direct solves of bodies in contact, each factorised by itself where one of them is far stiffer.
+"""Solves of bodies in contact, each by itself where one of them is far stiffer.
 
 The stiff bodies are condensed (:mod:`tribox.app.implicit.condensed_bodies`), or each body is solved
-for in turn (:mod:`tribox.app.implicit.body_blocks`): in space, on several ranks, and where most
-unknowns are of contact. Where no body can be kept the whole tangent is factorised, and so it is
-where solving by bodies does not get there: for that tangent, and for good where that happens often.
+for in turn (:class:`BodyByBody`): in space, on several ranks, and where most unknowns are of
+contact. The other bodies are factorised, or solved for by iterations where they are too large.
+Where no body can be kept the whole tangent is solved with in the same way, and so it is where
+solving by bodies does not get there: for that tangent, and for good where that happens often.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from weakref import ref
 
@@ -20,10 +20,16 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.free_bodies import supports_at_hand
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
-from tribox.app.implicit.coupled_factor import DIRECT
-from tribox.app.implicit.factor import Factor, positive_solver
+from tribox.app.implicit.factor import DIRECT, Factor, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.linear_way import CLOSEST, LEFT, petsc_kinds
+from tribox.app.implicit.multigrid import (
+    KRYLOV,
+    SYMMETRIC,
+    Multigrid,
+    MultigridSolver,
+    rigid_motions_of,
+)
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.facets import Ints
 
@@ -37,30 +43,41 @@ class BodyBlocks:
 
     Attributes:
         direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        count: is told the iterations of each solve.
     """
 
-    direct, part = True, "factorisation"
-
     def __init__(
-        self, ksp: PETSc.KSP, matrix: PETSc.Mat, problem: Equilibrium, stiff: Sequence[Solid]
+        self,
+        ksp: PETSc.KSP,
+        matrix: PETSc.Mat,
+        problem: Equilibrium,
+        stiff: Sequence[Solid],
+        count: Callable[[int], None],
     ) -> None:
         """Solve by ``ksp``, which leaves all to this object; collective.
 
         Args:
-            ksp: PETSc's solver, of type "preonly".
+            ksp: PETSc's solver; where it is not of type "preonly", what is large is solved for by
+                iterations.
             matrix: the tangent.
             problem: that it is the tangent of.
             stiff: bodies that may be kept.
+            count: is told the iterations of each solve.
         """
         self._ksp, self._matrix, self._problem, self._stiff = ksp, matrix, problem, stiff
+        self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
+        self.part = "factorisation" if self.direct else "preconditioner"
         self._prefix = ksp.getOptionsPrefix() or ""
-        PETSc.Options(self._prefix)["pc_type"] = PETSc.PC.Type.PYTHON
+        options = PETSc.Options(self._prefix)
+        for key in () if self.direct else KRYLOV:
+            options.delValue(key)  # they become those of the solvers that are made here
+        options["ksp_type"], options["pc_type"] = PETSc.KSP.Type.PREONLY, PETSc.PC.Type.PYTHON
+        ksp.setFromOptions()
         pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(_Preconditioner(self))
         self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
         self._bodies: CondensedBodies | BodyByBody | None = None
-        self._whole: Factor | None = None  # of the tangent; None: it is solved by the bodies
+        self._whole: Factor | MultigridSolver | None = None  # None: it is solved by the bodies
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
         self._chosen = False  # whether the bodies are
@@ -106,8 +123,7 @@ class BodyBlocks:
         if self._bodies is not None and not self._given_up:
             self._works, anew = self._make_bodies(widened)
         else:
-            anew = self._whole is None or widened
-            self._make_whole(anew)
+            anew = self._make_whole(widened)
         return anew or chosen
 
     def _make_bodies(self, widened: bool) -> tuple[bool, bool]:
@@ -123,7 +139,7 @@ class BodyBlocks:
         self._bodies.destroy()
         bodies = kept_bodies(self._problem, self._stiff)
         assert bodies is not None
-        self._bodies = BodyByBody(self._problem, bodies, self._prefix)
+        self._bodies = self._in_turn(bodies)
         return self._bodies.make(self._matrix, True)
 
     def _choose(self) -> bool:
@@ -146,33 +162,51 @@ class BodyBlocks:
         return True
 
     def _solver_of(self, bodies: KeptBodies) -> CondensedBodies | BodyByBody:
-        condense = can_condense(self._problem, bodies)
-        kind = CondensedBodies if condense else BodyByBody
-        return kind(self._problem, bodies, self._prefix)
+        if self.direct and can_condense(self._problem, bodies):
+            return CondensedBodies(self._problem, bodies, self._prefix)
+        return self._in_turn(bodies)
 
-    def _make_whole(self, anew: bool) -> None:
-        """Factorise the whole tangent, ``anew`` with its analysis."""
+    def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
+        return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self.count)
+
+    def _make_whole(self, widened: bool) -> bool:
+        """Make ready to solve with the whole tangent.
+
+        Returns:
+            Whether nothing of earlier tangents is in use.
+        """
+        anew = self._whole is None or (widened and self.direct)
         if anew:
             self._drop_whole()
-            self._whole = Factor(self._matrix, self._prefix)
+            self._whole = self._new_whole()
         assert self._whole is not None
-        self._works = self._whole.make()
+        self._works = self._whole.make(widened)
+        return anew or self._whole.anew
+
+    def _new_whole(self) -> Factor | MultigridSolver:
+        if self.direct:
+            return Factor(self._matrix, self._prefix)
+        near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
+        return MultigridSolver(self._matrix, near, prefix, KRYLOV, self.count)
 
     def _fall_back(self) -> None:
-        """Factorise the whole of the tangent that is at hand, and of no other."""
-        self._make_whole(anew=True)
+        """Solve with the whole of the tangent that is at hand, and of no other."""
+        self._drop_whole()
+        self._make_whole(widened=True)
         self._fallen = True
 
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        if not self.direct:
+            share = max(share, CLOSE) if on_path else LEFT
         self._share = share
 
     @property
     def closest(self) -> float:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
-        return CLOSE if isinstance(self._bodies, CondensedBodies) else CLOSEST
+        return CLOSE if isinstance(self._bodies, CondensedBodies) or not self.direct else CLOSEST
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
@@ -180,38 +214,60 @@ class BodyBlocks:
             self._remade = self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
             self._fall_back()
-        if self._whole is not None and self._works:
-            x.array[:] = self._whole.solve(b.array_r)
-        elif self._whole is not None:
+        if self._whole is not None and not (self._works and self._solve_whole(b, x)):
             pc.setFailedReason(PETSc.PC.FailedReason.SUBPC_ERROR)
 
-    def _solve_by_bodies(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve for one body after the other; returns whether that worked.
+    def _solve_whole(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve with the whole tangent; returns whether that worked."""
+        if isinstance(self._whole, Factor):
+            x.array[:] = self._whole.solve(b.array_r)
+            return True
+        assert self._whole is not None
+        held = self._without_prescribed(b)
+        x.array[:] = self._whole.solve(self._rest.array_r, self._share * self._rest.norm())
+        x.array[held] = b.array_r[held]
+        return self._whole.converged
 
-        What is prescribed is put in beforehand: displacements are not to be added to forces in
-        norms.
-        """
+    def _solve_by_bodies(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve for one body after the other; returns whether that worked."""
         assert self._bodies is not None
-        held = self._problem.constrained_dofs()
-        b.copy(self._rest)
-        self._rest.array[held] = 0.0
+        held = self._without_prescribed(b)
         converged = self._works and self._bodies.solve(self._rest, x, self._share)
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
+
+    def _without_prescribed(self, b: PETSc.Vec) -> Ints:
+        """Leave the forces alone in the rest; returns where displacements are prescribed.
+
+        These are put in beforehand: they are not to be added to forces in norms.
+        """
+        held = self._problem.constrained_dofs()
+        b.copy(self._rest)
+        self._rest.array[held] = 0.0
+        return held
 
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
         condensed = self._bodies if isinstance(self._bodies, CondensedBodies) else None
+        multigrid = self.multigrid
         return {
             "failures": self._failures,
             "given_up": self._given_up,
             "fallen": self._fallen,
             "worn": condensed is not None and condensed.bulk.worn,
             "renewed": condensed is not None and condensed.renewed and self._whole is None,
+            "multigrid": None if multigrid is None else multigrid.snapshot(),
         }
+
+    @property
+    def multigrid(self) -> Multigrid | None:
+        """The preconditioner that is kept, if what is solved at present is solved by iterations."""
+        solver = self._bodies.own if isinstance(self._bodies, BodyByBody) else None
+        solver = self._whole if self._given_up or self._bodies is None else solver
+        return solver.multigrid if isinstance(solver, MultigridSolver) else None
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
         """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
@@ -222,6 +278,8 @@ class BodyBlocks:
             self._bodies.bulk.worn = kept["worn"]
             if kept["renewed"]:
                 self._bodies.renew()
+        if (multigrid := self.multigrid) is not None and kept["multigrid"] is not None:
+            multigrid.restore(kept["multigrid"], lambda: None)
         if kept["fallen"]:
             self._fall_back()
 
@@ -247,8 +305,9 @@ class _Preconditioner:
 # .. math:: A_{ss} d_s = r_s, \quad K d_k = r_k, \quad r \leftarrow r - A d
 #
 # until little is left (Saad, Iterative methods for sparse linear systems, 2nd ed., 4.1.1).
-# :math:`A_{ss}`, with the stiffness of its contacts, is factorised for each tangent; K, the stiff
-# bodies undeformed and without contacts, once. Each solve leaves of the one before it about the
+# :math:`A_{ss}`, with the stiffness of its contacts, is factorised for each tangent, or solved with
+# by iterations that leave a little; K, the stiff bodies undeformed and without contacts, is
+# factorised once, or its multigrid made once. Each solve leaves of the one before it about the
 # stiffness of the others over that of the stiff bodies: where these are a thousand times stiffer
 # two to four solves do. As contacts that move on couple other nodes of two bodies, the pattern of
 # :math:`A_{ss}`, and with it the analysis of its factorisation, stays what it was.
@@ -262,6 +321,8 @@ MOST = 1e-6
 slipped than by a factorisation of the whole: 651 Newton iterations instead of 173, with 221 700
 unknowns."""
 HALF = 0.5  # of the forces of two solves before, that must not be left
+MARGIN = 0.5  # of the forces that may be left: what a solve by iterations leaves
+KEPT_LIMIT = 150_000  # unknowns of stiff bodies up to which they are factorised in any case
 
 
 class BodyByBody:
@@ -269,31 +330,39 @@ class BodyByBody:
 
     Attributes:
         works: whether the stiff bodies could be factorised.
+        own: the solver of the other bodies.
         solves: of one body, in all.
     """
 
-    def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
+    def __init__(
+        self,
+        problem: Equilibrium,
+        bodies: KeptBodies,
+        prefix: str,
+        count: Callable[[int], None] | None = None,
+    ) -> None:
         """Factorise the stiff bodies; collective.
 
         Args:
             problem: the equilibrium.
             bodies: which are stiff.
             prefix: of the options for MUMPS.
+            count: is told iterations; None: all bodies are factorised.
         """
-        self._prefix = prefix
-        K = bodies.tangent(problem)
-        self._stiff = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
-        self.works = self._stiff.make()
+        self._prefix, self._count, self._problem = prefix, count, problem
         self._kept, self._others = bodies.dofs, bodies.others
+        self._stiff = self._solver_of_kept(bodies.tangent(problem))
+        self.works = self._stiff.make()
         self._first = problem.first
         self._rows = self._global(self._others, problem.comm)
+        self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
         self._coupling: PETSc.Mat | None = None
         self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
         self._source: PETSc.Mat | None = None  # as it is taken out of the tangent
-        self._factor: Factor | None = None
+        self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
         self.solves = 0
@@ -301,6 +370,13 @@ class BodyByBody:
     def _global(self, dofs: Ints, comm: MPI.Comm) -> PETSc.IS:
         """Owned local unknowns as PETSc numbers them; collective."""
         return PETSc.IS().createGeneral(dofs + self._first, comm=comm)
+
+    def _solver_of_kept(self, K: PETSc.Mat) -> Factor | MultigridSolver:
+        """Their solver, for good."""
+        if self._count is None or K.size[0] <= KEPT_LIMIT:
+            return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
+        near = rigid_motions_of(self._problem, self._kept)
+        return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count)
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
         """Factorise the other bodies' block of the tangent; collective.
@@ -317,8 +393,9 @@ class BodyByBody:
         self._couple(matrix, widened)
         if anew:
             self._analyse()
-        assert self._factor is not None
-        return self._factor.make(), anew
+        assert self.own is not None
+        works = self.own.make()
+        return works, anew or self.own.anew
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Take out the other bodies' block; returns whether it has another pattern."""
@@ -360,59 +437,82 @@ class BodyByBody:
 
     def _analyse(self) -> None:
         assert self._block is not None
-        if self._factor is not None:
-            self._factor.destroy()
-        self._factor = Factor(self._block, self._prefix)
+        if self.own is not None:
+            self.own.destroy()
+        if self._count is None:
+            self.own = Factor(self._block, self._prefix)
+            return
+        near = rigid_motions_of(self._problem, self._others)
+        self.own = MultigridSolver(self._block, near, f"{self._prefix}own_", KRYLOV, self._count)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
         """Solve with the tangent for ``x`` (m) until a share of the forces ``b`` (N) is left.
 
-        Collective. No more than :data:`MOST` is left, whatever the share.
+        Collective. Where all bodies are factorised no more than :data:`MOST` is left, whatever the
+        share.
 
         Returns:
             Whether it got there.
         """
-        share = min(share, MOST)
-        assert self._matrix is not None and self._factor is not None
-        b.copy(self._left)
-        x.set(0.0)
-        norms = [b.norm()]
-        if not np.isfinite(norms[0]):
+        exact = isinstance(self.own, Factor)
+        share = min(share, MOST) if exact else share
+        norm, others = b.norm(), self._on_others(b)
+        if not np.isfinite(norm):
             x.set(np.nan)
             return True
-        moves = (self._move_others, self._move_kept)
-        for move in itertools.islice(itertools.cycle(moves), LIMIT):
-            move(x)
+        b.copy(self._left)
+        x.set(0.0)
+        lefts, most = [norm], share * norm
+        for number in range(LIMIT):
+            if number % 2:
+                self._move_kept(x, MARGIN * most)
+            else:
+                # What kept bodies that are moved do to the others is followed as closely.
+                stirred = self._on_others(self._left)
+                follow = share * stirred if stirred > others else np.inf
+                self._move_others(x, min(MARGIN * most, follow))
             self.solves += 1
-            norms.append(self._left.norm())
-            if len(norms) <= LEAST:
+            lefts.append(self._left.norm())
+            if len(lefts) <= LEAST:
                 continue
-            if norms[-1] <= share * norms[0]:
+            if lefts[-1] <= most:
                 return True
-            if not norms[-1] <= HALF * norms[-3]:
+            if not lefts[-1] <= HALF * lefts[-3]:
                 return False
         return False
 
-    def _move_others(self, x: PETSc.Vec) -> None:
+    def _on_others(self, forces: PETSc.Vec) -> float:
+        """Norm of the forces on the other bodies, N; collective."""
+        mine = forces.array_r[self._others]
+        return float(np.sqrt(self._problem.comm.allreduce(float(mine @ mine))))
+
+    def _move_others(self, x: PETSc.Vec, most: float) -> None:
         """Solve for the other bodies: the stiff ones feel it by few unknowns only."""
-        assert self._factor is not None and self._coupling is not None
-        x.array[self._others] += self._factor.solve(self._left.array_r[self._others])
-        self._coupling.mult(self._factor.solution, self._felt)
-        self._left.array[self._others] = 0.0
+        assert self.own is not None and self._coupling is not None
+        forces = self._left.array_r[self._others]
+        if isinstance(self.own, Factor):
+            x.array[self._others] += self.own.solve(forces)
+            self._left.array[self._others] = 0.0
+        else:
+            x.array[self._others] += self.own.solve(forces, most)
+            self._left.array[self._others] -= self.own.image.array_r
+        self._coupling.mult(self.own.solution, self._felt)
         self._left.array[self._touched] -= self._felt.array_r
 
-    def _move_kept(self, x: PETSc.Vec) -> None:
+    def _move_kept(self, x: PETSc.Vec, most: float) -> None:
         """Solve for the stiff bodies, whose tangent may be another than the one that is kept."""
         assert self._matrix is not None
         self._step.set(0.0)
-        self._step.array[self._kept] = self._stiff.solve(self._left.array_r[self._kept])
+        forces, stiff = self._left.array_r[self._kept], self._stiff
+        found = stiff.solve(forces) if isinstance(stiff, Factor) else stiff.solve(forces, most)
+        self._step.array[self._kept] = found
         x.axpy(1.0, self._step)
         self._matrix.mult(self._step, self._image)
         self._left.axpy(-1.0, self._image)
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self._factor, self._stiff, self._source, self._block, self._coupling):
+        for part in (self.own, self._stiff, self._source, self._block, self._coupling):
             if part is not None:
                 part.destroy()
 

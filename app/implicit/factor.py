@@ -6,9 +6,19 @@ of the time (102 400 unknowns in the plane: 15.6 and 23.5 ms). It works on one r
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
 from tribox.geometry.surfaces.facets import Floats
+
+DIRECT: dict[str, str | float | bool] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
 
 
 def positive_solver(comm: PETSc.Comm) -> str:
@@ -27,7 +37,10 @@ class Factor:
 
     Attributes:
         solution: the last one.
+        anew: that of earlier values only the analysis is in use, which no value depends on.
     """
+
+    anew = False
 
     def __init__(
         self,
@@ -57,7 +70,7 @@ class Factor:
         self._ksp.setOperators(matrix)
         self.solution, self._rhs = matrix.createVecs()
 
-    def make(self) -> bool:
+    def make(self, _widened: bool = False) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done; collective."""
         self._ksp.setOperators(self._matrix)
         try:
@@ -80,3 +93,50 @@ class Factor:
     def destroy(self) -> None:
         """Give the memory back; collective."""
         self._ksp.destroy()
+
+
+class CoupledFactor:
+    """A new factorisation for each matrix; its analysis is kept while the pattern stays.
+
+    Attributes:
+        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+    """
+
+    direct, part, closest = True, "factorisation", CLOSEST
+
+    def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
+        """Solve by ``ksp``, whatever its options are, with ``matrix``."""
+        self._ksp, self._matrix, self._analysed = ksp, matrix, False
+
+    def kinds(self) -> str:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
+
+    def renew(self) -> None:
+        """Forget the factorisation with its analysis; collective."""
+        self._ksp.reset()
+        self._analysed = False
+
+    def set_up(self, widened: bool) -> bool:
+        """Factorise the matrix; see :class:`tribox.app.implicit.linear_way.LinearWay`; collective.
+
+        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
+        by itself that the factorisation's analysis is out of date.
+        """
+        if widened:
+            self.renew()
+        anew, self._analysed = not self._analysed, True
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setUp()
+        return anew
+
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """Nothing to do: a substitution leaves next to nothing."""
+
+    def snapshot(self) -> Snapshot:
+        """Nothing: the factorisation is made again from its matrices."""
+        return {}
+
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        set_up()

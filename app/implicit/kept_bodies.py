@@ -69,6 +69,7 @@ class KeptBodies:
         held = problem.constrained_dofs()
         whole.zeroRowsColumns(held[self.kept[held]] + unknowns.first, 1.0)
         rows = PETSc.IS().createGeneral(self.dofs + unknowns.first, comm=unknowns.comm)
+        rows.setBlockSize(problem.dim)
         out = whole.createSubMatrix(rows, rows)
         whole.destroy()
         rows.destroy()

@@ -1,14 +1,13 @@
 """The tangent's matrix, and the linear solver that works with it.
 
 Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG).
-Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix, so that both
-solvers see all of it.
+Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix. Where one of
+them is far stiffer each is solved for by itself (:mod:`tribox.app.implicit.body_blocks`).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
@@ -32,9 +31,10 @@ from tribox.app.equilibrium.snapshot import (
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
-from tribox.app.implicit.coupled_factor import DIRECT, CoupledFactor
-from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
-from tribox.app.implicit.linear_way import CLOSEST, LEFT, LinearWay, petsc_kinds
+from tribox.app.implicit.factor import DIRECT, CoupledFactor
+from tribox.app.implicit.kept_bodies import stiff_solids
+from tribox.app.implicit.linear_way import LEFT, LinearWay
+from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, rigid_motions_of
 from tribox.app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
 from tribox.forms.bodies.point_state import Origin
 from tribox.forms.contact.state import ContactState
@@ -43,11 +43,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
 # n^1.5 operations in the plane and n^2 in space, and n log n and n^(4/3) words of memory. In space
-# both take the same time at about 10 000; beyond it the margin is for using a factor again.
+# both take the same time at about 10 000, and beside a stiff body that is factorised once at 3000;
+# the margin is for using a factor again.
 DIRECT_LIMIT = {2: 2_000_000, 3: 20_000}
-# Beyond it in space only what is factorised again and again costs r^2, for Krylov's ~ 20 n: with a
-# stiff body that is factorised once (r = 0.4 n) both take the same time at r^2/n = 4500 to 8300.
-PAYS = 8000.0
 ENDING = 0.1  # what a linear solve may leave, over what Newton's method may leave in the end
 
 
@@ -57,23 +55,10 @@ def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float 
 
 
 def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
-    """The linear solver that a case asks for, "auto" by what each would cost; collective."""
+    """The linear solver that a case asks for, "auto" by what each would cost."""
     if kind != "auto":
         return kind
-    pays = problem.size <= DIRECT_LIMIT[problem.dim] or (
-        problem.dim == 3 and factorised_again(problem) ** 2 <= PAYS * problem.size
-    )
-    return "direct" if pays else "krylov"
-
-
-def factorised_again(problem: Equilibrium) -> int:
-    """Unknowns that a direct solver factorises with each tangent; collective.
-
-    Those of stiff bodies on supports of their own are factorised once
-    (:mod:`tribox.app.implicit.body_blocks`). The same on any number of ranks.
-    """
-    kept = kept_bodies(problem, stiff_solids(problem))
-    return problem.size - (0 if kept is None else problem.comm.allreduce(len(kept.dofs)))
+    return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
 
 
 class LinearSolver:
@@ -110,17 +95,19 @@ class LinearSolver:
         """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
-        if ksp.getType() != PETSc.KSP.Type.PREONLY:
+        iterative = ksp.getType() != PETSc.KSP.Type.PREONLY
+        stiff = [] if as_it_is else stiff_solids(self.problem)
+        if stiff or (iterative and not as_it_is):
+            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff, self._count)
+        elif iterative:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
-            ksp.setMonitor(self._count)
-        elif not as_it_is and (stiff := stiff_solids(self.problem)):
-            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff)
+            # PETSc tells of the start of a solve as iteration 0.
+            ksp.setMonitor(lambda ksp, iteration, norm: self._count(int(iteration > 0)))
         else:
             self._way = CoupledFactor(ksp, self.matrix)
 
-    def _count(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
-        """What PETSc tells of a solve, of its start as iteration 0."""
-        self.iterations += iteration > 0
+    def _count(self, iterations: int) -> None:
+        self.iterations += iterations
 
     def try_options(self, x: PETSc.Vec, prefix: str, names: Iterable[str]) -> None:
         """Set everything up at ``x``, as PETSc reads some options only then; collective.
@@ -204,9 +191,12 @@ class LinearSolver:
         self._changed()
         return self.solve(rhs, increment)
 
-    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> bool:
-        """Solve with the tangent assembled last; returns whether it worked."""
-        self.way.aim(LEFT)
+    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, on_path: bool = False) -> bool:
+        """Solve with the tangent assembled last; returns whether it worked.
+
+        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        """
+        self.way.aim(LEFT if self.direct else CLOSE, on_path)
         with self.problem.timer("linear solve"), errors_as_raised():
             self.ksp.solve(rhs, solution)
         return self.forget_failure()
@@ -307,123 +297,6 @@ class LinearSolver:
         assembly = Assembly.restored(self.problem, kept)
         with assembly.in_place(self.problem) as (x, before):
             self.assemble(x, assembly.step, before)
-
-
-# -- Flexible GMRES with smoothed aggregation (GAMG), for more unknowns than can be factorised -----
-
-KRYLOV: dict[str, str | float | bool] = {
-    "ksp_type": "fgmres",
-    # Newton's method gains three digits an iteration where it converges: more would be wasted.
-    "ksp_rtol": 1e-3,
-    "ksp_max_it": 200,
-    "ksp_gmres_restart": 60,
-    "pc_type": "gamg",
-    # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
-    # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_ksp_max_it": 1,
-    "mg_levels_pc_type": "sor",
-}
-# A solve that takes more than MANY iterations, and more than WORN times as many as the first with
-# the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
-MANY, WORN = 30, 1.5
-CLOSE = 1e-5
-"""Share of the forces that a first solve from a start on the path may leave. With the usual one the
-start's smooth errors remain, points open or slip by them, and a solve more is needed."""
-
-
-class Multigrid:
-    """An iterative solver, whatever its options are, whose preconditioner is kept.
-
-    Operator and finest smoother are those of the matrix at hand; the coarse spaces and their
-    matrices are those of an earlier one until solves take too long. What changes from one tangent
-    to the next is the contact, which the smoother sees; the bodies, for which there are coarse
-    spaces, hardly change. Nor does a wider pattern matter to them.
-
-    Attributes:
-        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
-        made: how often the preconditioner was made.
-    """
-
-    direct, part, closest = False, "preconditioner", CLOSEST
-
-    def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
-        """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
-        self._ksp, self._matrix, self._near = ksp, matrix, near
-        self._is_made = False
-        self._fresh: float | None = None  # iterations of the first solve with the preconditioner
-        self._iterations = 0.0  # of the last solve before the run was resumed
-        self._usual = self._share = float(ksp.getTolerances()[0])  # of forces, left by a solve
-        self.made = 0
-
-    def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
-        return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
-
-    def worn(self) -> bool:
-        """Whether the last solve with the preconditioner took too many iterations."""
-        last = self._last_iterations() if self._is_made else 0
-        if last == 0:
-            return False
-        if self._fresh is None:
-            self._fresh = last
-        return last > max(MANY, WORN * self._fresh)
-
-    def renew(self) -> None:
-        """Forget the preconditioner with its coarse spaces; collective."""
-        self._ksp.reset()
-        self._is_made, self._fresh = False, None
-
-    def set_up(self, widened: bool) -> bool:
-        """Make the preconditioner if there is none that serves; collective.
-
-        See :class:`tribox.app.implicit.linear_way.LinearWay`.
-        """
-        if self.worn():
-            self.renew()
-        anew, self._is_made = not self._is_made, True
-        self.made += anew
-        self._matrix.setNearNullSpace(self._near)
-        self._ksp.setOperators(self._matrix)
-        preconditioner = self._ksp.getPC()
-        preconditioner.setReusePreconditioner(not anew)
-        self._ksp.setUp()
-        preconditioner.setReusePreconditioner(True)
-        return anew
-
-    def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`; the options say what is usual."""
-        self._share = min(self._usual, max(share, CLOSE)) if on_path else self._usual
-        self._ksp.setTolerances(rtol=self._share)
-
-    def snapshot(self) -> Snapshot:
-        """What tells whether the preconditioner is worn."""
-        return {"fresh": self._fresh, "iterations": self._last_iterations()}
-
-    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
-        set_up()
-        self._fresh, self._iterations = kept["fresh"], kept["iterations"]
-
-    def _last_iterations(self) -> float:
-        """Iterations that the last solve, or that before the run was resumed, took to the usual."""
-        taken = float(self._ksp.getIterationNumber())
-        if self._share < self._usual:
-            taken *= math.log(min(self._usual, 0.5)) / math.log(self._share)
-        return taken or self._iterations
-
-
-def rigid_motions_of(problem: Equilibrium) -> PETSc.NullSpace:
-    """Rigid motions, orthonormal, for smoothed aggregation; collective.
-
-    Those of all bodies together serve each of them: smoothed aggregation restricts them to its
-    aggregates, which lie within a body.
-    """
-    nodes = problem.owned // problem.dim
-    position = problem.space.tabulate_dof_coordinates()[:nodes, : problem.dim]
-    coordinates = problem.new_vector()
-    coordinates.array[:] = position.reshape(-1)
-    return PETSc.NullSpace().createRigidBody(coordinates)
 
 
 # -- What a tangent was assembled from, so that a run that goes on can make the same one again -----

@@ -435,7 +435,7 @@ class Newton:
         A Newton iteration that reduced the residual by c has moved the tangent by about as much,
         so the old one reduces it by about c once more.
         """
-        if not self.solver.direct or len(self.residuals) < 2 or self.residuals[-2] == 0.0:
+        if len(self.residuals) < 2 or self.residuals[-2] == 0.0:
             return False
         last = self.residuals[-1]
         return REUSE_SAFETY * last * last / self.residuals[-2] <= self._tolerance

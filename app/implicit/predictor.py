@@ -97,11 +97,8 @@ class Predictor:
 
         Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
         while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
-        An iterative solver has nothing at hand that would be cheaper than an iteration.
         """
         extrapolated = self._extrapolate(trial, ratio, step)
-        if not self.solver.direct:
-            return
         norm = self._correct(trial, extrapolated, 1, step)
         if norm <= WORTHWHILE * extrapolated:
             return
@@ -275,7 +272,7 @@ class Predictor:
             if not np.isfinite(norm) or norm == 0.0:
                 break
             before = trial.array_r.copy()
-            solved = self.solver.solve(self._kept, self._increment)
+            solved = self.solver.solve(self._kept, self._increment, on_path=True)
             trial.axpy(-1.0, self._increment)
             now = self._residual_norm(trial, step)
             if not solved or not now < WORTHWHILE * norm:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, state_of, unlike
 from tests.app.checkpoint.small_cases import COARSE, STAGES, changed
-from tests.app.conftest import BLOCK
+from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.app.implicit.test_linear_solver import new_solver
 from tests.conftest import SOFT
@@ -22,10 +22,18 @@ from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks, condensed_bodies
-from tribox.app.implicit.body_blocks import FAILED, MOST, TOO_MANY, BodyBlocks, BodyByBody
+from tribox.app.implicit.body_blocks import (
+    FAILED,
+    KEPT_LIMIT,
+    MOST,
+    TOO_MANY,
+    BodyBlocks,
+    BodyByBody,
+)
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
-from tribox.app.implicit.coupled_factor import CoupledFactor
+from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
+from tribox.app.implicit.multigrid import KRYLOV, MultigridSolver, rigid_motions_of
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.materials import NeoHookean
@@ -310,6 +318,84 @@ def test_a_run_is_that_with_the_whole_factorised(by, with_the_whole):
         assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-9, abs=1e-9)
     spent = [sum(row.newton_iterations for row in rows) for rows in (ours.rows, with_the_whole)]
     assert spent[0] <= spent[1] + 1
+
+
+def boxes(comm, linear):
+    """Boxes in space, the lower one a thousand times stiffer, are pressed and slid."""
+    keys = {"solver": {"linear": linear, "tolerance": 1e-9}, "bodies.elastomer.nu": 0.45}
+    sim = Simulation(build_model(Case.model_validate(changed(BOXES, keys)), comm))
+    sim.run(Observer())
+    return sim
+
+
+def forces_of(sim):
+    return [[row.normal_force, row.tangential_force] for row in sim.rows]
+
+
+def by_iterations(comm, directory):
+    """Forces, and iterations of Newton's method and of linear solves; collective."""
+    sim = boxes(comm, "krylov")
+    way = sim.stepper.solver.way
+    assert isinstance(way._bodies.own, MultigridSolver) and way._whole is None
+    return forces_of(sim), *(
+        sum(getattr(row, name) for row in sim.rows)
+        for name in ("newton_iterations", "linear_iterations")
+    )
+
+
+@pytest.fixture(scope="module")
+def boxes_by_factors():
+    sim = boxes(MPI.COMM_SELF, "direct")
+    assert isinstance(sim.stepper.solver.way._bodies.own, Factor)
+    return forces_of(sim), sum(row.newton_iterations for row in sim.rows)
+
+
+@pytest.mark.mpi(by_iterations, 2)
+@pytest.mark.parametrize(("ranks", "limit"), [(1, KEPT_LIMIT), (1, 0), (2, KEPT_LIMIT)])
+def test_bodies_solved_for_by_iterations(on_ranks, monkeypatch, boxes_by_factors, ranks, limit):
+    """The soft one, and the stiff one where it is too large to factorise."""
+    monkeypatch.setattr(body_blocks, "KEPT_LIMIT", limit)
+    found, newton, linear = (
+        on_ranks(by_iterations, 2) if ranks == 2 else by_iterations(MPI.COMM_SELF, None)
+    )
+    wanted, exactly = boxes_by_factors
+    np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
+    assert newton <= exactly + 2 * len(wanted)
+    assert 5 * newton < linear < 40 * newton
+
+
+def test_a_body_that_is_solved_for_by_iterations_follows_a_stiff_one(pair):
+    """What moves the stiff one is so large that the forces of the soft one are nothing beside."""
+    problem, x = sunk(pair(), upper=METAL, lower=SOFT)
+    solver = new_solver(problem, "krylov")
+    solver.assemble(x)
+    rhs, increment = problem.new_vector(), problem.new_vector()
+    increment.array[problem.prescribed[1].dofs] = -0.01
+    assert solver.solve_from(x, rhs, increment)
+    assert isinstance(solver.way._bodies.own, MultigridSolver) and solver.way._whole is None
+    wanted = exact(solver.matrix, rhs)
+    soft = pair().nodes("aluminium")
+    moved, wanted = (u.reshape(-1, 2)[soft] for u in (increment.array_r, wanted))
+    np.testing.assert_allclose(moved, wanted, atol=0.03 * np.abs(wanted).max())
+
+
+def test_blocks_follow_the_values_of_the_matrix(pair):
+    """PETSc keeps the inverses of the diagonal blocks, which must not be those of before."""
+    problem, x = sunk(pair())
+    matrix, rhs = assembled(problem, x).matrix, forces(problem)
+    swept = []
+    for changes in ((3.0,), ()):
+        near = rigid_motions_of(problem)
+        solver = MultigridSolver(matrix, near, f"blocks{len(changes)}_", KRYLOV, lambda n: None)
+        solver.make()
+        finest = solver.multigrid.ksp.getPC().getMGLevels() - 1
+        for factor in changes:
+            solver.solve(rhs.array_r, 1e-3 * rhs.norm())
+            matrix.scale(factor)
+            solver.make()
+        swept.append(problem.new_vector())
+        solver.multigrid.ksp.getPC().getMGSmoother(finest).getPC().apply(rhs, swept[-1])
+    np.testing.assert_allclose(swept[0].array_r, swept[1].array_r, rtol=1e-12, atol=1e-15)
 
 
 def solvers_of(directory):

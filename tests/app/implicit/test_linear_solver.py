@@ -16,18 +16,15 @@ from tests.contact_boxes import two_boxes
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit import linear_solver
-from tribox.app.implicit.coupled_factor import DIRECT
+from tribox.app.implicit import multigrid
+from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import (
     DIRECT_LIMIT,
-    KRYLOV,
-    PAYS,
     LinearSolver,
-    Multigrid,
-    factorised_again,
     linear_options,
 )
+from tribox.app.implicit.multigrid import KRYLOV, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -60,12 +57,12 @@ def test_krylov_and_direct_agree():
     coarse = CoarseStates()
     direct, krylov = simulated("direct"), simulated("krylov", coarse)
     assert direct.stepper.solver.direct and not krylov.stepper.solver.direct
-    assert krylov.stepper.snes.getKSP().getPC().getType() == "gamg"
+    assert krylov.stepper.solver.way.multigrid.ksp.getPC().getType() == "gamg"
     for a, b in zip(direct.rows, krylov.rows, strict=True):
         assert b.normal_force == pytest.approx(a.normal_force, rel=1e-8)
         assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7, abs=1e-9)
     # One preconditioner serves: SNES, which would make one with each tangent, leaves it alone.
-    assert len(coarse.found) == krylov.stepper.solver.way.made == 1
+    assert len(coarse.found) == krylov.stepper.solver.way.multigrid.made == 1
     assert krylov.stepper.solver.assembled > 20
     # An inexact solve costs Newton's method little: its tolerance is below what a step gains.
     spent = [sum(row.newton_iterations for row in sim.rows) for sim in (direct, krylov)]
@@ -79,18 +76,18 @@ def test_nearly_incompressible_in_space_with_friction_and_a_platen():
     direct = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
     data["solver"] = {"linear": "krylov"}
     sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    counts = []
+    counts, count = [], sim.stepper.solver.way.count
 
-    def count(ksp, iteration, norm):
-        counts.append(iteration)
+    def seen(iterations):
+        counts.append(iterations)
+        count(iterations)
 
-    sim.stepper.solver.ksp.setMonitor(count)
-
+    sim.stepper.solver.way.count = seen
     sim.run(Observer())
     direct.run(Observer())
     assert [row.attempts for row in sim.rows] == [1, 1, 1]
     assert 5 < max(counts) < 60
-    assert sum(row.linear_iterations for row in sim.rows) == np.count_nonzero(counts)
+    assert sum(row.linear_iterations for row in sim.rows) == sum(counts)
     assert not any(row.linear_iterations for row in direct.rows)
     assert sim.rows[-1].normal_force == pytest.approx(0.4, rel=1e-4)
     for a, b in zip(sim.rows, direct.rows, strict=True):
@@ -131,41 +128,22 @@ def test_a_slide_of_many_facets_in_space_is_one_step():
     assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7)
 
 
-def test_auto_factorises_up_to_a_number_of_unknowns(monkeypatch):
+def test_auto_factorises_up_to_a_number_of_unknowns():
     class Size:
         def __init__(self, size, dim):
             self.size, self.dim = size, dim
 
-    again = 1.01 * np.sqrt(PAYS * (DIRECT_LIMIT[3] + 1))
-    monkeypatch.setattr(linear_solver, "factorised_again", lambda problem: again)
     for dim, limit in DIRECT_LIMIT.items():
         assert linear_options(Size(limit, dim), "auto") == DIRECT
         assert linear_options(Size(limit + 1, dim), "auto") == KRYLOV
         assert linear_options(Size(limit + 1, dim), "direct") == DIRECT
         assert linear_options(Size(1, dim), "krylov") == KRYLOV
-    # By bodies, as far as what is factorised again and again is little.
-    again = 0.99 * np.sqrt(PAYS * (DIRECT_LIMIT[3] + 1))
-    assert linear_options(Size(DIRECT_LIMIT[3] + 1, 3), "auto") == DIRECT
-    assert linear_options(Size(DIRECT_LIMIT[2] + 1, 2), "auto") == KRYLOV
-
-
-def test_what_is_factorised_again_is_all_but_a_stiff_body_on_supports():
-    data = tomllib.loads(BOXES)
-    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
-    soft, stiff = (
-        3 * np.prod([n + 1 for n in data["geometry"][name]["elements"]])
-        for name in ("upper", "lower")
-    )
-    assert problem.size == soft + stiff and factorised_again(problem) == soft
-    data["bodies"]["aluminium"] |= {"E": data["bodies"]["elastomer"]["E"]}
-    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
-    assert factorised_again(problem) == problem.size
 
 
 # -- the solver itself ----------------------------------------------------------------------------
 
 
-def new_solver(problem, kind="direct"):
+def new_solver(problem, kind="direct", as_it_is=False):
     solver = LinearSolver(problem, problem.new_vector())
     ksp = PETSc.KSP().create(problem.comm)
     ksp.setOptionsPrefix(f"test_{kind}_")
@@ -173,7 +151,7 @@ def new_solver(problem, kind="direct"):
     for key, value in linear_options(problem, kind).items():
         options[key] = value
     ksp.setFromOptions()
-    solver.use(ksp)
+    solver.use(ksp, as_it_is)
     return solver
 
 
@@ -339,7 +317,9 @@ def coarse_state(solver):
 
     Whoever keeps it keeps the matrix itself: the next one can't take its place in memory.
     """
-    matrix = solver.ksp.getPC().getMGCoarseSolve().getOperators()[0]
+    way = solver.way
+    kept = way if isinstance(way, Multigrid) else way.multigrid
+    matrix = kept.ksp.getPC().getMGCoarseSolve().getOperators()[0]
     return matrix, matrix.stateGet()
 
 
@@ -347,15 +327,15 @@ def test_coarse_spaces_are_kept_while_the_pattern_widens(pair, monkeypatch):
     """All systems are solved with the matrix at hand; worn, everything is made anew."""
     blocks = pair("quadrilateral", (6, 2), (40, 2))
     problem = blocks.problem(coulomb(0.3), prescribed=held(blocks, "top", "bottom"))
-    solver = new_solver(problem, "krylov")
+    solver = new_solver(problem, "krylov", as_it_is=True)
     solver.ksp.setTolerances(rtol=1e-10)
-    solver.use(solver.ksp)
+    solver.use(solver.ksp, as_it_is=True)
     rhs, found, image = noise(problem), problem.new_vector(), problem.new_vector()
     patterns, states = set(), []
     for way in (0.0, 0.2, 0.4, 0.4):
         if len(states) == 3:
-            monkeypatch.setattr(linear_solver, "MANY", 1)
-            monkeypatch.setattr(linear_solver, "WORN", 0.0)
+            monkeypatch.setattr(multigrid, "MANY", 1)
+            monkeypatch.setattr(multigrid, "WORN", 0.0)
         x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
         solver.assemble(x)
         patterns.add(problem.pattern_changes)
