@@ -110,6 +110,7 @@ class FilmWatch:
         # A slider or a plate: the gap is narrow up to the edge, and there is nothing further out.
         bounded = np.count_nonzero(term.faces == first) < 2
         bounded &= bool(film.film[first] < BOUNDED * film.film[loaded].min())
+        bounded |= bool(film.filled[first] < PASSED)  # what is not full there begins further in
         if width > 0.0 and ahead < AHEAD * width and not bounded:
             self._keep(
                 f"ahead {place}",
