@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tribox.forms.contact.lubricated import FilmModel
     from tribox.forms.film.roughness import Asperities
     from tribox.forms.friction.film import FilmThickness
+    from tribox.forms.friction.film_rheology import FilmRheology
 
 _PRESSURE = Quantity("Pa", ge=0.0, name="pressure")
 _SEPARATION = Quantity("", name="g/sigma")
@@ -295,6 +296,12 @@ class Film(Model):
             return GreenwoodTripp(self.K * modulus, self.sigma)
         return Exponential(self.c * modulus, self.u_0 or self.sigma)
 
+    def rheology(self) -> FilmRheology:
+        """Of the oil, as this table says."""
+        from tribox.forms.friction.film_rheology import FilmRheology
+
+        return FilmRheology(**{key: getattr(self, key) for key in _RHEOLOGY})
+
     def unknown(self, modulus: float, rheology: Any = None) -> FilmModel:
         """The film that is solved for.
 
@@ -303,11 +310,10 @@ class Film(Model):
             rheology: of a map that the friction law is; None: that of this table.
         """
         from tribox.forms.contact.lubricated import FilmModel
-        from tribox.forms.friction.film_rheology import FilmRheology
 
         assert self.sigma is not None and self.share is not None and self.oil is not None
         if rheology is None:
-            rheology = FilmRheology(**{key: getattr(self, key) for key in _RHEOLOGY})
+            rheology = self.rheology()
         mass = self.oil if isinstance(self.oil, float) else None
         return FilmModel(
             rough=self._rough(),

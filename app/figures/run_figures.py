@@ -18,6 +18,7 @@ from tribox.app.figures.steady_points import draw_steady, steady_series
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.figures.style import CASE_STYLE, save
 from tribox.app.figures.sweep import comparison_figure, sweep_figure
+from tribox.app.figures.tractions import film_figure
 from tribox.app.results import read
 from tribox.app.results.reading import files_of_one_run
 
@@ -63,6 +64,7 @@ def _draw_run(results: Results, figures: Path) -> list[Path]:
         "energy.png": energies_figure(results),
         "force_displacement.png": force_displacement_figure(results),
         "stribeck.png": stribeck_figure(series_of(results), results.case.title),
+        "film.png": film_figure(results),
     }
     files = _saved(drawn, figures) + draw_phases(results, figures)
     steady = _steady_rows(results.table("load_steps"))

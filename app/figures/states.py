@@ -52,7 +52,7 @@ def states_to_draw(results: Results) -> list[State]:
     history = results.table("history")
     last = int(outputs[-1])
     names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
-    ends = _stage_ends(history) if len(history) else []
+    ends = stage_ends(results)
     for number, (stage, end) in enumerate(ends[:-1], 1):
         step = _nearest(outputs, end)
         names.setdefault(step, f"deformed-{number}-{_as_name(stage)}")
@@ -72,8 +72,11 @@ def title_of(results: Results, step: int) -> str:
     return _title(results, step, [])
 
 
-def _stage_ends(history: Table) -> list[tuple[str, int]]:
-    """Each stage with its last step, in order."""
+def stage_ends(results: Results) -> list[tuple[str, int]]:
+    """Each stage of a run with its last step, in order."""
+    history = results.table("history")
+    if not len(history):
+        return []
     return [(str(stage), int(rows["step"][-1])) for stage, rows in history.parts("stage")]
 
 

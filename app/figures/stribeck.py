@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.history import spans_decades
-from tribox.app.figures.names import titled
+from tribox.app.figures.names import pair_names, titled
+from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import film_numbers
 from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
 from tribox.app.figures.symbols import HERSEY, RATIO, VELOCITY
-from tribox.app.figures.units import fitting, velocity_unit
+from tribox.app.figures.units import Unit, fitting, velocity_unit
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
@@ -36,6 +37,7 @@ class StribeckSeries:
         hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
         star: m/s, V* of the film, where friction jumps; NaN where it plays no part.
         settled: (n,) False where the velocity ended before the force was steady.
+        dry: (n,) share of the load that asperities carry, where the film is an unknown; else None.
         film: its thickness, m, and its law, of the only pair of a run with a friction map.
     """
 
@@ -44,6 +46,7 @@ class StribeckSeries:
     ratio: Floats
     hersey: Floats
     settled: NDArray[np.bool_]
+    dry: Floats | None = None
     star: float = math.nan
     film: tuple[float, FrictionMapParameters] | None = None
 
@@ -55,6 +58,9 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
         results: of a run.
         label: of the run, before the name of the pair.
     """
+    found = [one for pair in _unknown_films(results) for one in _film_series(results, label, pair)]
+    if found:
+        return found
     ends = results.table("load_steps")
     if "velocity" not in ends:
         return []
@@ -77,6 +83,40 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
         speeds, own_settled = ends["velocity"][there], settled[there]
         found.append(_series(words, rows, speeds, own_settled, results.case, number))
     return found
+
+
+def _unknown_films(results: Results) -> list[int]:
+    """Numbers of the pairs whose film is found."""
+    pairs = enumerate(results.case.contact)
+    return [n for n, one in pairs if one.film is not None and one.film.is_unknown]
+
+
+def _film_series(results: Results, label: str, pair: int) -> list[StribeckSeries]:
+    """A pair whose film is found, at the end of each stage that it slides in and load step.
+
+    Its slip speed is that of the surfaces, whatever drives them.
+    """
+    contacts, name = results.table("contacts"), pair_names(results)[pair]
+    if not len(contacts):
+        return []
+    rows = contacts.where("pair", name)
+    load_steps = results.table("load_steps")
+    ends = {step for _, step in stage_ends(results)}
+    unsettled: set[int] = set()
+    if "steady" in load_steps:
+        ends |= set(load_steps["step"].astype(int).tolist())
+        unsettled = set(load_steps["step"][load_steps["steady"] == 0.0].astype(int).tolist())
+    taken = np.isin(rows["step"], list(ends)) & (rows["slip_speed"] > 0.0)
+    rows = rows.rows(taken & (rows["normal_force"] > 0.0))
+    if len(np.unique(rows["slip_speed"])) < 2:
+        return []
+    words = " ".join(
+        part for part in (label, name if len(_unknown_films(results)) > 1 else "") if part
+    )
+    settled = ~np.isin(rows["step"], list(unsettled))
+    one = _series(words, rows, rows["slip_speed"], settled, results.case, pair)
+    order = np.argsort(np.abs(rows["slip_speed"]), kind="stable")
+    return [replace(one, dry=(rows["asperity_force"] / rows["normal_force"])[order])]
 
 
 def _film(case: Case, ends: Table) -> tuple[float, FrictionMapParameters] | None:
@@ -104,6 +144,11 @@ def _numbers(series: list[StribeckSeries]) -> list[int]:
 def _viscosity(case: Case, pair: int) -> float:
     """η_b of a pair, Pa s; NaN without a film."""
     contact = case.contact[pair]
+    film = contact.film
+    if film is not None and film.is_unknown and film.eta_b is not None:
+        return film.eta_b
+    if film is not None and film.is_unknown and isinstance(contact.friction, FrictionMap):
+        return float(contact.friction.eta_b)
     wet = isinstance(contact.friction, FrictionMap) and contact.given_film is not None
     return float(contact.friction.eta_b) if wet else np.nan  # type: ignore[union-attr]
 
@@ -147,8 +192,13 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
     if not series:
         return None
     film = any(np.isfinite(one.hersey).any() for one in series)
-    figure = Figure(figsize=(10.0 if film else 6.0, 4.6), layout="constrained")
-    panels = figure.subplots(1, 2 if film else 1, sharey=True, squeeze=False)[0]
+    shared = any(one.dry is not None for one in series)
+    figure = Figure(figsize=(10.0 if film else 6.0, 6.6 if shared else 4.6), layout="constrained")
+    rows = figure.subplots(
+        1 + shared, 1 + film, sharey="row", sharex="col", squeeze=False,
+        height_ratios=[2.0, 1.0] if shared else None,
+    )  # fmt: skip
+    panels = rows[0]
     speeds = velocity_unit(np.concatenate([one.speed for one in series]))
     _draw(panels[0], series, [speeds.of(one.speed) for one in series])
     panels[0].set_xlabel(VELOCITY.label(speeds.name))
@@ -157,6 +207,12 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
         lengths = fitting(np.concatenate([one.hersey for one in series]), "m")
         _draw(panels[1], series, [lengths.of(one.hersey) for one in series])
         panels[1].set_xlabel(f"{HERSEY.label(lengths.name)}, p = N/A")
+    for column, axes in enumerate(rows[1] if shared else ()):
+        _draw_shares(axes, series, speeds if column == 0 else lengths, column == 0)
+        axes.set_xlabel(panels[column].get_xlabel())
+        panels[column].set_xlabel("")
+    if shared:
+        rows[1][0].set_ylabel("load on asperities (-)")
     unsteady = not all(one.settled.all() for one in series)
     words = "; grey crosses: NOT steady" if unsteady else ""
     if any(len(_parts(one)) > 1 for one in series):
@@ -166,6 +222,16 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center",
                       fontsize=8)  # fmt: skip
     return figure
+
+
+def _draw_shares(axes: Axes, series: list[StribeckSeries], unit: Unit, speed: bool) -> None:
+    """What asperities carry of the load, over velocity (``speed``) or Hersey's length."""
+    for number, one in zip(_numbers(series), series, strict=True):
+        if one.dry is not None:
+            x = unit.of(one.speed if speed else one.hersey)
+            axes.plot(x, one.dry, marker_of(number), ls=dashes_of(number),
+                      color=colour_of(number), lw=0.8, ms=4)  # fmt: skip
+    axes.set_ylim(-0.03, 1.03)
 
 
 def _parts(one: StribeckSeries) -> list[slice]:

@@ -1,4 +1,4 @@
-"""Tractions of contact pairs along the arc length of their slave surfaces, in the plane.
+"""Tractions and films of contact pairs along the arc length of their slave surfaces, in the plane.
 
 Axis letters: v vertices, f facets, q points, i space.
 """
@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import COLOURS, Floats
+from tribox.app.figures.names import pair_names, titled
+from tribox.app.figures.states import stage_ends
+from tribox.app.figures.style import COLOURS, Floats, colour_of, thin_log_ticks
 from tribox.app.figures.symbols import CONTACT_PRESSURE, TRACTION
-from tribox.app.figures.units import Unit
+from tribox.app.figures.units import Unit, fitting
 from tribox.geometry.surfaces.ordering import chains
 
 if TYPE_CHECKING:
@@ -27,6 +30,9 @@ Ints = NDArray[np.int64]
 MOST_POINTS = 20_000  # contact points beyond which they are left out: one colour, and slow
 SMALL = 0.35  # share of a surface below which only what is pressed is shown
 MARGIN = 0.25  # of the pressed length, then shown on either side of it
+MOST_STAGES = 6  # of a run whose films are shown together
+LOADED_FILM = 1e-2  # of the largest pressure, from which on a vertex counts as loaded
+THINNEST, THICKEST = 0.7, 100.0  # of the least film, between which the axis lies
 NO_LOAD = 1e-9  # of the largest mean pressure of a run, below which a pressure is round-off
 
 
@@ -248,3 +254,82 @@ def line_starts(nodes: Grid, pairs: Sequence[int]) -> dict[int, Floats]:
         pair: nodes.points[slave_line(reference, facets_of(nodes, pair), pressed).vertices[0], :2]
         for pair in pairs
     }
+
+
+# -- Films that are unknowns -----------------------------------------------------------------------
+
+
+def film_figure(results: Results) -> Figure | None:
+    """Film and both pressures along the slave at the end of each stage; None without such a film.
+
+    Of many stages some are shown, evenly over the run. A column is a pair whose film is an unknown.
+    """
+    table = results.case.contact
+    pairs = [n for n, one in enumerate(table) if one.film is not None and one.film.is_unknown]
+    ends = [(name, step) for name, step in stage_ends(results) if step in results.steps]
+    if not pairs or not ends:
+        return None
+    few = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), MOST_STAGES)).round().astype(int))
+    shown = [(ends[k][0], results.grid("contact", ends[k][1])) for k in few]
+    if "film_pressure" not in shown[0][1].point_data:
+        return None
+    figure = Figure(figsize=(6.5 * len(pairs), 6.4), layout="constrained")
+    panels = figure.subplots(2, len(pairs), squeeze=False, sharex="col")
+    for column, pair in zip(panels.T, pairs, strict=True):
+        film = table[pair].film
+        assert film is not None
+        _draw_films(column, shown, pair, film.sigma or 0.0)
+        column[0].set_title(pair_names(results)[pair] if len(pairs) > 1 else "", fontsize=9)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
+    words = "the film, and what it and the asperities carry, at the end of stages"
+    figure.suptitle(titled(results.case.title, words), fontsize=9)
+    return figure
+
+
+def _draw_films(
+    panels: Sequence[Axes], shown: list[tuple[str, Grid]], pair: int, sigma: float
+) -> None:
+    """The films of some states of a pair above, their pressures below."""
+    lines, films, pressures = [], [], []
+    for _, nodes in shown:
+        data = {name: np.asarray(v, dtype=np.float64) for name, v in nodes.point_data.items()}
+        wet, dry = data["film_pressure"], data["asperity_pressure"]
+        loaded = wet + dry > LOADED_FILM * float(np.max(wet + dry, initial=0.0))
+        line = slave_line(data["reference"][:, :2], facets_of(nodes, pair), loaded)
+        film = np.where(data["film_thickness"] > 0.0, data["film_thickness"], np.nan)
+        lines.append((line, loaded[line.vertices]))
+        films.append(line.broken(film))
+        pressures.append((line.broken(wet)[1], line.broken(dry)[1]))
+    inside = np.concatenate([line.arc[on] for line, on in lines])
+    reach = max(float(np.ptp(inside)) if len(inside) else 0.0, 1e-12)
+    length = fitting(lines[0][0].arc, "m")
+    low = inside.min() - 0.4 * reach if len(inside) else 0.0
+    high = inside.max() + 0.4 * reach if len(inside) else lines[0][0].arc[-1]
+    low, high = max(low, 0.0), min(high, float(lines[0][0].arc[-1]))
+    near = [h[(at >= low) & (at <= high) & np.isfinite(h)] for at, h in films]
+    least = min((float(h.min()) for h in near if len(h)), default=1.0)
+    most = max((float(h.max()) for h in near if len(h)), default=1.0)
+    thin = fitting([least * 10.0], "m")
+    stress = fitting(np.concatenate([p for both in pressures for p in both]), "Pa")
+    for number, ((name, _), (at, h), (wet, dry)) in enumerate(
+        zip(shown, films, pressures, strict=True)
+    ):
+        colour = colour_of(number)
+        panels[0].plot(length.of(at), thin.of(h), color=colour, lw=1.3, label=name)
+        panels[1].plot(length.of(at), stress.of(wet), color=colour, lw=1.3)
+        if sigma > 0.0:
+            panels[1].plot(length.of(at), stress.of(dry), color=colour, lw=1.1, ls="--")
+    if sigma > 0.0:
+        panels[0].axhline(thin.of(sigma), color="0.5", lw=0.8, ls=":")
+        panels[0].annotate("σ", (1.0, float(thin.of(sigma))), xycoords=("axes fraction", "data"),
+                           xytext=(-4, 2), textcoords="offset points", ha="right",
+                           fontsize=8, color="0.35")  # fmt: skip
+    panels[0].set_yscale("log")
+    panels[0].set_ylim(thin.of(THINNEST * least), thin.of(min(THICKEST * least, 1.5 * most)))
+    panels[0].set_xlim(length.of(low), length.of(high))
+    panels[0].set_ylabel(f"film h ({thin.name})")
+    words = "film p_f, asperities p_a dashed" if sigma > 0.0 else "film p_f"
+    panels[1].set_ylabel(f"{words} ({stress.name})")
+    panels[1].set_xlabel(f"undeformed arc length of the slave ({length.name})")
+    thin_log_ticks(panels[0])

@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tribox.app.errors import InputError, tell
 from tribox.app.friction_map.material_tests import compute_map, summary, write_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import default_directory
+
+if TYPE_CHECKING:
+    from tribox.app.case.case import Case
 
 BUILT_IN = Path("built-in.toml")
 """Names the results of a map without a case."""
@@ -34,9 +37,18 @@ def run_map(
     Raises:
         InputError: The case or the directory is not usable; nothing is changed then.
     """
-    setup = map_setup(case_file, overrides)
     directory = out or suffixed_directory(case_file or BUILT_IN, "map")
     keep_input(directory, case_file)
+    found = _with_film(case_file, overrides)
+    if found is not None:
+        from tribox.app.friction_map.line_contact import film_map, map_film
+
+        films = film_map(found)
+        with claimed(directory, force) as claim:
+            claim.clear()
+            map_film(films, directory)
+        return directory
+    setup = map_setup(case_file, overrides)
     with claimed(directory, force) as claim:
         started = time.perf_counter()
         result = compute_map(setup)
@@ -50,6 +62,17 @@ def run_map(
         draw_map(setup, result, directory / "figures")
     _tell(directory, law_notes(setup), summary(setup, result, seconds))
     return directory
+
+
+def _with_film(case_file: Path | None, overrides: Sequence[str]) -> Case | None:
+    """The case, where its first contact has a film that is found; None: another, or none."""
+    if case_file is None:
+        return None
+    from tribox.app.case.reading import load_case
+
+    case = load_case(case_file, overrides)
+    film = case.contact[0].film if case.contact else None
+    return case if film is not None and film.is_unknown else None
 
 
 def suffixed_directory(source: Path, suffix: str) -> Path:

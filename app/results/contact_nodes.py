@@ -15,6 +15,7 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.results.contact_points import point_values
 from tribox.app.results.vtu import Array
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from tribox.forms.contact.state import ContactTrial
@@ -86,7 +87,8 @@ def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNod
         m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and
         NaN with no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
         ``friction_traction`` (v, i), Pa; means of the other values of
-        :func:`tribox.app.results.contact_points.contact_arrays`, but for the regime. None on the
+        :func:`tribox.app.results.contact_points.contact_arrays`, but for the regime; where a film
+        is an unknown ``film_pressure`` and ``asperity_pressure``, Pa, per current area. None on the
         others.
     """
     problem = model.problem
@@ -124,7 +126,28 @@ def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) ->
             "tangential_traction": np.linalg.norm(vectors, axis=1),
             "friction_traction": vectors,
         }
-    return out | {name: _mean(term, of_points[name]) for name in _AVERAGED}
+    out |= {name: _mean(term, of_points[name]) for name in _AVERAGED}
+    if any(isinstance(other, LubricatedTerm) for other in model.problem.contacts):
+        out |= _film(trial, out)
+    return out
+
+
+def _film(trial: ContactTrial, values: dict[str, Array]) -> dict[str, Array]:
+    """The film's own values at the vertices, and its pressures; of other pairs all is dry."""
+    film = trial.normal_contact.lubrication
+    if film is None:
+        return {
+            "film_pressure": np.zeros_like(values["pressure"]),
+            "asperity_pressure": values["pressure"],
+        }
+    wet, dry = (np.where(film.members, p, 0.0) for p in (film.pressure, film.asperity))
+    return {
+        "film_thickness": np.where(film.members, film.film, 0.0),
+        "cover": np.where(film.members, film.filled, 0.0),
+        "alpha": np.divide(wet, wet + dry, out=np.zeros_like(wet), where=wet + dry > 0.0),
+        "film_pressure": wet,
+        "asperity_pressure": dry,
+    }
 
 
 def _mean(term: ContactTerm, values: Floats) -> Floats:

@@ -42,6 +42,7 @@ OWN = (
     "mesh.msh",
     "friction_map.csv",
     "load_map.csv",
+    "film_map.csv",
     "slip_weakening.csv",
     "start_stop.csv",
     "velocity_jump.csv",
@@ -64,7 +65,7 @@ BELOW = {
     "stress.bp": _ADIOS2,
     CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
     "figures": re.compile(
-        r"(mesh|history|energy|force_displacement|stribeck|phase|effective_viscosity|friction_map|sweep"
+        r"(mesh|history|energy|force_displacement|stribeck|film|phase|effective_viscosity|friction_map|sweep"
         r"|deformed|animation|slip_weakening|start_stop|velocity_jump|fit|verify_).*"
         r"\.(png|gif|mp4)(\.part)?"
     ),

@@ -1,8 +1,11 @@
-"""Watches films that are found: whether facets resolve their inlet, and where laws are stretched.
+"""Watches films that are found: what makes them wrong without a word, and where laws are stretched.
 
 The gap before the edge of a contact grows with the distance x as x^3/2. The inlet is as long as it
 takes the film to double there, (h²R²/a)^1/3 for a cylinder of radius R and a contact of half-width
 a: its length is seen from how much the film grows along the facet at the edge.
+
+Axis letters: v vertices of the slave, n those that the film has, f faces of the film, q contact
+points.
 """
 
 from __future__ import annotations
@@ -16,14 +19,25 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.lubricated import LubricatedTerm
-from tribox.forms.contact.state import Lubrication
-from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.forms.contact.state import ContactTrial, Lubrication
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 LOADED = 0.01  # of the largest pressure, from which on a vertex counts as loaded
 FELT = 0.02  # share of the load from which on the film's accuracy matters
 COARSE = 0.5  # facet over the length of the inlet
+FINER = 2.0  # times that facets may be longer where films have several cells on each, at most
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
 THIN = 0.5  # h/σ below which the laws of film and asperities are extrapolated
+BOUNDED = (
+    10.0  # film at the end of the slave over the least: up to it a contact ends there by itself
+)
+SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
+EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
+PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
+FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
+MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
+UNEVEN = 1e-3  # of the flow, by which it may change along a loaded film in a steady state
+AGAIN = 0.05  # share of the contact's area that may have been in it before
 
 
 class FilmWatch:
@@ -35,33 +49,45 @@ class FilmWatch:
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
         self._found: dict[str, list[float | str]] = {}  # how bad, and what is said of it
+        # Of each pair, where its load was in the step before, and which vertices have come out.
+        self._middle: dict[int, Floats] = {}
+        self._was: dict[int, Bools] = {}
+        self._left: dict[int, Bools] = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step."""
+        when = f"worst at time {time_text(row.time, row.dt)}, stage {row.stage}"
         for index, term in self._terms:
-            film = self._problem.committed[index].normal_contact.lubrication
-            history = term.state.film
+            trial, history = self._problem.committed[index], term.state.film
+            film = trial.normal_contact.lubrication
             if film is None or film.solution is None or film.step is None or history is None:
                 continue
-            load = term.surface.vertices.area @ np.where(
-                film.members, film.asperity + film.pressure, 0.0
-            )
-            carried = term.surface.vertices.area @ np.where(film.members, film.pressure, 0.0)
-            if carried < FELT * load:
+            area, place = term.surface.vertices.area, f"contact.{index}"
+            carried = np.where(film.members, film.asperity + film.pressure, 0.0)
+            self._look_at_motion(index, term, film, carried, row.dt, when)
+            if area @ np.where(film.members, film.pressure, 0.0) < FELT * (area @ carried):
                 continue
-            when = f"worst at time {time_text(row.time, row.dt)}, stage {row.stage}"
-            faces = term.faces[film.members[term.faces].all(axis=1)]
-            length = history.length[film.members[term.faces].all(axis=1)]
-            cells = term.places.per_facet
-            self._look_at_inlet(f"contact.{index}", film, faces, length, when, cells)
-            self._look_at_roughness(f"contact.{index}", term, film, when)
+            inside = film.members[term.faces].all(axis=1)
+            faces, length = term.faces[inside], history.length[inside]
+            self._look_at_inlet(place, term, film, faces, length, when)
+            self._look_at_roughness(place, term, film, when)
+            self._look_at_facets(place, term, trial, film, when)
+            self._look_at_oil(place, term, film, when)
+            self._look_at_flow(place, film, faces, when)
 
     def _look_at_inlet(
-        self, place: str, film: Lubrication, faces: Longs, length: Floats, when: str, cells: int = 1
+        self,
+        place: str,
+        term: LubricatedTerm,
+        film: Lubrication,
+        faces: Longs,
+        length: Floats,
+        when: str,
     ) -> None:
         """Hold the facet at the inlet, and the film before it, against what they should be."""
         assert film.step is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
+        cells = term.places.per_facet
         loaded = carried > LOADED * carried.max()
         upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
         downstream = faces.sum(axis=1) - upstream
@@ -71,19 +97,24 @@ class FilmWatch:
         inlet = int(at[np.argmax(length[at])])
         inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
         growth = outside / inside - 1.0
-        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * cells:
+        finer = min(float(np.sqrt(cells)), FINER)
+        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * finer:
             size = length[inlet] / growth ** (2.0 / 3.0)
             self._keep(
                 f"inlet {place}",
-                length[inlet] / (cells * size),
-                f"{place}: the inlet of the film is about {size:.2g} m long and its cells "
-                f"there {length[inlet] / cells:.2g} m ({when}): too much load is left to the "
-                f"asperities, and friction is too high; refine the slave at the edges of the "
-                f"contact, or raise film.cells, until they are {COARSE * size:.2g} m",
+                length[inlet] / (finer * size),
+                f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
+                f"there {length[inlet]:.2g} m ({when}): too much load is left to the asperities, "
+                f"and friction is too high; refine the slave at the edges of the contact to "
+                f"{COARSE * finer * size:.2g} m (film.cells = 4 lets facets be twice as long)",
             )
         width = 0.5 * float(length[loaded[faces].all(axis=1)].sum())
-        ahead = self._ahead(upstream, downstream, length, inlet)
-        if width > 0.0 and ahead < AHEAD * width:
+        ahead, first = self._ahead(upstream, downstream, length, inlet)
+        # A slider or a plate: the gap is narrow up to the edge, and there is nothing further out.
+        bounded = np.count_nonzero(term.faces == first) < 2
+        bounded &= bool(film.film[first] < BOUNDED * film.film[loaded].min())
+        bounded |= bool(film.filled[first] < PASSED)  # what is not full there begins further in
+        if width > 0.0 and ahead < AHEAD * width and not bounded:
             self._keep(
                 f"ahead {place}",
                 width / max(ahead, 1e-9 * width),
@@ -93,8 +124,8 @@ class FilmWatch:
             )
 
     @staticmethod
-    def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> float:
-        """Length of film upstream of a face, m, this included."""
+    def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> tuple[float, int]:
+        """Length of film upstream of a face, m, this included, and the vertex it begins at."""
         before = {int(vertex): face for face, vertex in enumerate(downstream)}
         total, face = 0.0, inlet
         for _ in range(len(length)):
@@ -103,7 +134,7 @@ class FilmWatch:
             if following is None:
                 break
             face = following
-        return total
+        return total, int(upstream[face])
 
     def _look_at_roughness(
         self, place: str, term: LubricatedTerm, film: Lubrication, when: str
@@ -121,6 +152,133 @@ class FilmWatch:
                 f"contact ({when}), where the laws of film and asperities are extrapolated",
             )
 
+    def _look_at_facets(
+        self, place: str, term: LubricatedTerm, trial: ContactTrial, film: Lubrication, when: str
+    ) -> None:
+        """Hold the arc over the chord of a faceted master against the film."""
+        vertices, at = term.surface.vertices, trial.projection
+        if at.curvature is not None:  # round, or made smooth
+            return
+        carried = vertices.at_points(np.where(film.members, film.asperity + film.pressure, 0.0))
+        loaded = np.nonzero(trial.kinematics.closed & (carried > LOADED * carried.max()))[0]
+        facets, first = np.unique(at.facet[loaded], return_index=True)
+        if len(facets) < 2:
+            return
+        tangents = at.tangents[loaded[first], 0]
+        length = np.linalg.norm(tangents, axis=1)
+        unit = tangents / length[:, None]
+        near = np.asarray(term.surface.target.neighbours[facets][:, facets].todense()) > 0
+        turn = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0))
+        turn = np.where(near & (turn < EDGE), turn, 0.0).max(axis=1)
+        worst = int(np.argmax(length * turn))
+        sagitta = 0.125 * float(length[worst] * turn[worst])
+        thickness = vertices.at_points(film.film)[loaded]
+        least = float(thickness[at.facet[loaded] == facets[worst]].min())
+        if sagitta > SAGITTA * least:
+            fine = length[worst] * np.sqrt(SAGITTA * least / sagitta)
+            self._keep(
+                f"facets {place}",
+                sagitta / least,
+                f"{place}: the master's facets are {length[worst]:.2g} m long and lie up to "
+                f"{sagitta:.2g} m from its arc, {100.0 * sagitta / least:.0f} % of the film "
+                f"({when}): film and friction ripple with them; a circle, a plane or fillets as "
+                f"tool, a smoothing_angle, or facets of {fine:.2g} m",
+            )
+
+    def _look_at_oil(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
+        """See whether more oil is given than passes."""
+        assert film.step is not None and film.solution is not None and film.solver is not None
+        step, solution, cells = film.step, film.solution, film.solver.cells
+        if not np.isfinite(term.model.oil):
+            return
+        if np.isfinite(step.dt):
+            end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
+            if end.any() and solution.pressure.max() > 0.0:
+                self._keep(
+                    f"oil {place}",
+                    1.0,
+                    f"{place}: the oil before the contact fills the film up to its end ({when}): "
+                    f"more is given than passes, and what no longer fits presses on a wall that is "
+                    f'not there; less film.oil, a larger film.h_max, or film.oil = "flooded"',
+                )
+            return
+        a, b = cells.ends.T
+        entering = np.where(step.speed >= 0.0, a, b)
+        first = step.fixed[entering]
+        offered = np.abs(step.speed[first]) * cells.width[first]
+        offered = float(offered @ np.minimum(step.content, step.film)[entering[first]])
+        passed = float(solution.supply[entering[first]].sum())
+        if offered > 0.0 and passed < PASSED * offered:
+            self._keep(
+                f"oil {place}",
+                offered / max(passed, 1e-3 * offered),
+                f"{place}: {100.0 * passed / offered:.2g} % of the oil that is brought passes the "
+                f"contact ({when}): there is no steady state, the rest piles up before it; the "
+                f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
+            )
+
+    def _look_at_flow(self, place: str, film: Lubrication, faces: Longs, when: str) -> None:
+        """See whether a steady film lets as much out as it takes in."""
+        assert film.step is not None and film.solution is not None
+        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
+        inside = (carried > LOADED * carried.max())[faces].all(axis=1)
+        flow = film.solution.flux[np.repeat(inside, len(film.solution.flux) // len(faces))]
+        if np.isfinite(film.step.dt) or len(flow) < 2 or not np.any(film.step.speed):
+            return
+        uneven = float(np.ptp(flow) / np.abs(flow).max())
+        if uneven > UNEVEN:
+            self._keep(
+                f"flow {place}",
+                uneven,
+                f"{place}: the flow changes by {100.0 * uneven:.2g} % of itself along the loaded "
+                f"film ({when}), which is no steady state: rounding of open gaps, most likely; a "
+                "smaller film.h_max",
+            )
+
+    def _look_at_motion(
+        self,
+        index: int,
+        term: LubricatedTerm,
+        film: Lubrication,
+        carried: Floats,
+        dt: float,
+        when: str,
+    ) -> None:
+        """See where the contact goes on the slave, and whether it was there before."""
+        assert film.step is not None
+        vertices, place = term.surface.vertices, f"contact.{index}"
+        loaded = carried > LOADED * carried.max(initial=0.0)
+        weight = vertices.area * carried
+        middle = weight @ vertices.position / max(weight.sum(), np.finfo(float).tiny)
+        before = self._middle.get(index, middle)
+        self._middle[index] = middle
+        moved = float(np.linalg.norm(middle - before))
+        slid = 2.0 * dt * float(np.abs(film.step.speed).max(initial=0.0))
+        if term.model.steady:
+            if moved > max(MOVED * slid, term.surface.facet_length):
+                self._keep(
+                    f"steady {place}",
+                    moved,
+                    f"{place}: the contact moved {moved:.2g} m along the slave while it slid "
+                    f"{slid:.2g} m ({when}): film.steady is for a contact that stays where it is "
+                    "on the slave; make the other surface the slave, or leave film.steady out",
+                )
+            return
+        left, was = self._left.get(index), self._was.get(index)
+        left = np.zeros_like(loaded) if left is None else left
+        if was is not None:
+            left = left | (was & ~loaded)
+        self._left[index], self._was[index] = left, loaded
+        share = float(vertices.area @ (left & loaded) / max(vertices.area @ loaded, 1e-300))
+        if np.isfinite(term.model.oil) and share > AGAIN:
+            self._keep(
+                f"again {place}",
+                share,
+                f"{place}: {100.0 * share:.0f} % of the contact's surface has left it before "
+                f"({when}), with all of the oil: what the master carries away at the exit is not "
+                "known, and up to half is its; give the second pass its own film.oil",
+            )
+
     def _keep(self, word: str, bad: float, said: str) -> None:
         if word not in self._found or float(self._found[word][0]) < bad:
             self._found[word] = [bad, said]
@@ -131,8 +289,16 @@ class FilmWatch:
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
-        return {"found": [[word, *found] for word, found in self._found.items()]}
+        return {
+            "found": [[word, *found] for word, found in self._found.items()],
+            "middle": [[pair, *at.tolist()] for pair, at in self._middle.items()],
+            "was": [[pair, *on.tolist()] for pair, on in self._was.items()],
+            "left": [[pair, *on.tolist()] for pair, on in self._left.items()],
+        }
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._found = {word: [bad, said] for word, bad, said in kept["found"]}
+        self._middle = {int(pair): np.array(at) for pair, *at in kept["middle"]}
+        self._was = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["was"]}
+        self._left = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["left"]}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
+from tribox import load_case, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError
 from tribox.app.results.directory import read_table
@@ -146,3 +148,44 @@ def test_an_explicit_run_is_refused_in_one_line():
     del data["tools"]["roll"]["rotation"]
     with pytest.raises(InputError, match=r'film.model = "reynolds" goes with .*implicit'):
         build_model(case_of(data), MPI.COMM_SELF)
+
+
+# -- closed forms, in the cases that are shipped ---------------------------------------------------
+
+FILMS = Path(__file__).parents[3] / "cases" / "film"
+
+
+def shipped(name, directory, *overrides):
+    quick = ("output.figures=false", "output.fields_every=0")
+    run_case(load_case(FILMS / f"{name}.toml", [*overrides, *quick]), directory, quiet=True)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory):
+    return shipped("slider", tmp_path_factory.mktemp("slider") / "out", "stage.0.steps=1")
+
+
+def warnings_of(directory):
+    return [line for line in (directory / "log.txt").read_text().splitlines() if "warning" in line]
+
+
+def test_a_slider_carries_and_drags_as_reynolds_says(slider):
+    load, drag = 31776.6, 309.035  # 6 (ln 2 - 2/3) η U L²/h², (4 ln 2 - 2) η U L/h
+    assert column(slider, "normal_force") == pytest.approx(load, rel=5e-3)
+    assert column(slider, "friction_force") == pytest.approx(drag, rel=1e-3)
+    assert column(slider, "asperity_force") == pytest.approx(0.0)
+    # The pad ends where its film does: that it does not reach further is as it should be.
+    assert warnings_of(slider) == []
+
+
+@pytest.mark.parametrize(
+    "disc", [(), ("geometry.section=axisymmetric", 'tools.plate.force.y="-1413.717 N"')]
+)
+def test_a_plate_sinks_through_a_film_in_the_time_of_the_closed_form(disc, tmp_path):
+    directory = shipped("squeeze", tmp_path / "out", *disc)
+    film, time = column(directory, "film_thickness"), column(directory, "time")
+    assert len(film) == 4  # one step a halving, and one that takes the load up
+    scale = 0.8 * 0.01**3 / (2.0 * 30e3)  # η L³/2W; 3πηR⁴/4W under the disc's load
+    assert np.diff(time) == pytest.approx(scale * np.diff(film**-2.0), rel=2e-3)
+    assert warnings_of(directory) == []

@@ -1,0 +1,512 @@
+r"""Friction of a line contact over load, speed and oil: ``tribox map`` where the film is found.
+
+A round tool on a half plane of the bodies' E\*, in a steady state, with the roughness, oil and
+asperities of the case. With the gap g between the mean planes, p = p_a(g) + p_f and the approach d
+
+.. math:: g(x) = \frac{x^2}{2 R} - d - \frac{2}{\pi E^*} \int p(s) \ln|x - s|\, ds, \qquad
+   \int p\, dx = W
+
+by Newton's method, the film's own equations solved inside (:mod:`tribox.forms.film.reynolds`).
+
+Axis letters: n places along the contact.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tribox.app.case.friction import Coulomb, Frictionless
+from tribox.app.case.tools import CircleTool
+from tribox.app.errors import InputError, tell
+from tribox.app.results.directory import write_json, write_table
+from tribox.forms.film.reynolds import FilmCells, FilmError, FilmStep, ReynoldsFilm
+from tribox.forms.film.roughness import Asperities, RoughGap
+from tribox.forms.friction.film_rheology import FilmRheology
+
+if TYPE_CHECKING:
+    from tribox.app.case.case import Case
+
+Floats = NDArray[np.float64]
+
+COLUMNS = (
+    *("load [N/m]", "pressure [Pa]", "velocity [m/s]", "oil [kg/m^2]", "friction_coefficient [-]"),
+    *("asperity_share [-]", "film_middle [m]", "film_least [m]", "film_over_sigma [-]"),
+    *("oil_passed [-]", "iterations"),
+)
+LOADS = (0.3, 1.0, 3.0)  # of that of the case
+OILS = (1.5, 3.0, 6.0)  # σ, where the case has more oil than enough; else shares of its own
+OF_OWN = (0.25, 0.5, 1.0, 2.0)
+DENSITY = 900.0  # kg/m³, where the case gives none
+FILMS = (0.03, 30.0)  # σ, films of a smooth contact between which the speeds lie
+SPEEDS_PER_DECADE = 4
+ENDS = (-6.0, 3.0)  # a, of the film
+STEP_AT_EDGE = 0.5  # of the inlet's length
+GROWTH, WIDEST = 1.2, 0.1  # of one step over the last, and a
+MOST_HALVINGS = 6  # of the logarithm of a speed step
+TOLERANCE, MOST_ITERATIONS = 1e-8, 60
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A steady contact.
+
+    Attributes:
+        gap: g (n,), m; unknown: w (n,) of the film; approach: d, m.
+        friction: F/W; dry: share of the asperities; film: h (n,), m; pressure: p (n,), Pa.
+        passed: share of the oil brought that passes; iterations: of Newton's method.
+    """
+
+    gap: Floats
+    unknown: Floats
+    approach: float
+    friction: float
+    dry: float
+    film: Floats
+    pressure: Floats
+    passed: float
+    iterations: int
+
+
+@dataclass(frozen=True, slots=True)
+class LineContact:
+    """What is pressed and slid.
+
+    Attributes:
+        radius: R, m; modulus: E*, Pa; mu: of the asperities.
+        place: x (n,), m, oil coming from below; compliance: (n, n), m/Pa.
+        rough, asperities, rheology: of surfaces and oil.
+    """
+
+    radius: float
+    modulus: float
+    mu: float
+    place: Floats
+    compliance: Floats
+    rough: RoughGap
+    asperities: Asperities
+    rheology: FilmRheology
+
+    def half_width(self, load: float) -> float:
+        """H. Hertz's a, m, under a load, N/m."""
+        return float(np.sqrt(4.0 * load * self.radius / (np.pi * self.modulus)))
+
+    def on(self, load: float) -> LineContact:
+        """The same with places for a load, N/m: fine at both edges, where the film begins."""
+        a, sigma = self.half_width(load), self.rough.sigma
+        inlet = (sigma**2 * self.radius**2 / a) ** (1.0 / 3.0)
+        place = graded(ENDS[0] * a, ENDS[1] * a, a, min(STEP_AT_EDGE * inlet, WIDEST * a))
+        return replace(self, place=place, compliance=half_plane(place, self.modulus))
+
+    def dry(self, load: float) -> Point:
+        """At rest, on the asperities alone."""
+        ten = 10.0 * max(self.rough.sigma, 1e-12)
+        shape = self.place**2 / (2.0 * self.radius)
+        start = Point(
+            shape + ten, np.full(len(shape), -1e-3), -ten, 0.0, 1.0, shape, 0.0 * shape, 1.0, 0
+        )
+        for share in (1e-3, 1e-2, 0.1, 0.3, 1.0):
+            start = self.at(share * load, 0.0, np.inf, start)
+        return start
+
+    def at(self, load: float, speed: float, oil: float, start: Point) -> Point:
+        """The steady state of a load (N/m), a speed (m/s) and an oil (m, θh that is brought).
+
+        Raises:
+            FilmError: there is no convergence from ``start``.
+        """
+        area, count = self._cells().area, len(self.place)
+        shape = self.place**2 / (2.0 * self.radius)
+        gap, w, d = start.gap, start.unknown, start.approach
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            film, d_film = self.rough.film(gap)
+            dry, d_dry = self.asperities.pressure(gap)
+            wet, w, d_wet, passed, filled = self._film(film, speed, oil, w, load)
+            carried, by_gap = dry + wet, np.diag(d_dry) + d_wet * d_film
+            error = gap - shape + d - self.compliance @ carried
+            missing = area @ carried / load - 1.0
+            matrix = np.empty((count + 1, count + 1))
+            matrix[:-1, :-1] = np.eye(count) - self.compliance @ by_gap
+            matrix[:-1, -1], matrix[-1, -1] = 1.0, 0.0
+            matrix[-1, :-1] = area @ by_gap / load
+            change = np.linalg.solve(matrix, -np.append(error, missing))
+            loaded = carried > 0.01 * carried.max()
+            size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(missing))
+            if size < TOLERANCE:
+                drag = self._drag(film, dry, wet, filled, speed)
+                share = float(area @ dry) / load
+                return Point(gap, w, d, drag / load, share, film, carried, passed, iteration)
+            step = self._bounded(change[:-1], film, loaded)
+            gap, d = gap + step * change[:-1], d + step * change[-1]
+        raise FilmError(f"no steady contact in {MOST_ITERATIONS} iterations")
+
+    def _bounded(self, change: Floats, film: Floats, loaded: NDArray[np.bool_]) -> float:
+        """Share of a change of the gap (n,), m, that Newton's method takes."""
+        least = 4.0 * self.rough.sigma
+        closing = -change / np.maximum(0.7 * film, least)
+        opening = np.where(loaded, change, 0.0) / np.maximum(2.0 * film, least)
+        return float(1.0 / max(1.0, closing.max(), opening.max()))
+
+    def _cells(self) -> FilmCells:
+        return FilmCells.on_line(self.place)
+
+    def _film(
+        self, film: Floats, speed: float, oil: float, w: Floats, load: float
+    ) -> tuple[Floats, Floats, Floats, float, Floats]:
+        """Pressure (n,), w, ∂p/∂h (n, n), share of the oil that passes and θ (n,) of a film."""
+        count = len(film)
+        if speed == 0.0:
+            none = np.zeros(count)
+            return none, w, np.zeros((count, count)), 1.0, none + 1.0
+        a = self.half_width(load)
+        solver = ReynoldsFilm(self._cells(), self.rheology, self.rough, 2.0 * load / (np.pi * a))
+        u = np.full(count - 1, 0.5 * speed)
+        # The flow takes the mean film of the first face, so that this content brings the oil.
+        brought = np.full(count, 2.0 * oil * film[0] / (film[0] + film[1]))
+        step = FilmStep(film, u, solver.cells.last(), brought)
+        found = solver.solve(step, w)
+        passed = float(found.supply[0]) / (0.5 * speed * min(oil, float(film[0])))
+        slopes = solver.slopes(step, found).pressure
+        return found.pressure, found.unknown, slopes, passed, found.filled
+
+    def _drag(self, film: Floats, dry: Floats, wet: Floats, filled: Floats, speed: float) -> float:
+        """Friction force, N/m: asperities, and the film's shear on the half plane."""
+        area = self._cells().area
+        eta = self.rheology.viscosity(speed / film, wet).value
+        gradient = 0.25 * (film[1:] + film[:-1]) @ np.diff(wet)
+        return float(area @ (self.mu * dry + filled * eta * speed / film) - gradient)
+
+
+def graded(low: float, high: float, edge: float, least: float) -> Floats:
+    """Places (n,), m, from low to high: ``least`` apart at ± ``edge``, wider away from both."""
+
+    def side(way: float) -> Floats:
+        """Distances from an edge up to ``way``, growing, the last at ``way``."""
+        steps = [least]
+        while sum(steps) < way:
+            steps.append(min(steps[-1] * GROWTH, WIDEST * edge))
+        found = np.concatenate([[0.0], np.cumsum(steps)])
+        return np.asarray(found * (way / found[-1]), dtype=np.float64)
+
+    inner = side(edge)
+    parts = [-edge - side(-edge - low)[:0:-1], -edge + inner, edge - inner[-2::-1]]
+    return np.concatenate([*parts, edge + side(high - edge)[1:]])
+
+
+def half_plane(place: Floats, modulus: float) -> Floats:
+    """Displacement (n, n) into a half plane, m/Pa, of pressures linear between places (n,), m.
+
+    K. L. Johnson, Contact Mechanics, 1985, section 2.3: −2/(π E*) ∫ p ln|x − s| ds.
+    """
+
+    def first(t: Floats) -> Floats:
+        """∫ ln|t| dt."""
+        return np.asarray(t * np.log(np.where(t == 0.0, 1.0, np.abs(t))) - t, dtype=np.float64)
+
+    def second(t: Floats) -> Floats:
+        """∫ t ln|t| dt."""
+        log = np.log(np.where(t == 0.0, 1.0, np.abs(t)))
+        return np.asarray(0.5 * t**2 * log - 0.25 * t**2, dtype=np.float64)
+
+    low = place[None, :-1] - place[:, None]
+    high = place[None, 1:] - place[:, None]
+    length = np.diff(place)
+    plain, turned = first(high) - first(low), second(high) - second(low)
+    out = np.zeros((len(place), len(place)))
+    out[:, :-1] += (high * plain - turned) / length
+    out[:, 1:] += (turned - low * plain) / length
+    return np.asarray(-2.0 / (np.pi * modulus) * out, dtype=np.float64)
+
+
+# -- What is mapped, tables and figures ------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class FilmMap:
+    """What is mapped.
+
+    Attributes:
+        title: of the case; contact: without places; sigma: m.
+        loads: N/m; speeds: m/s, rising; oils: kg/m², the last infinite; density: kg/m³, of them.
+        notes: what was assumed, a line each.
+    """
+
+    title: str
+    contact: LineContact
+    sigma: float
+    loads: tuple[float, ...]
+    speeds: tuple[float, ...]
+    oils: tuple[float, ...]
+    density: float
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Rows (v,) of :data:`COLUMNS` at rising speeds, of one load and oil; failed: speeds, m/s."""
+
+    load: float
+    oil: float
+    rows: tuple[tuple[float, ...], ...]
+    failed: tuple[float, ...]
+
+
+def film_map(case: Case) -> FilmMap:
+    """The line contact of a case's first pair.
+
+    Raises:
+        InputError: the pair is none.
+    """
+    pair = case.contact[0]
+    film, tool = pair.film, case.tools.get(pair.master)
+    assert film is not None and film.sigma is not None
+    where = "tribox map of a film that is found"
+    if not isinstance(tool, CircleTool) or tool.inside:
+        raise InputError(f'contact.0.master = "{pair.master}": {where} takes a circle as tool')
+    if film.share != "contact" or film.sigma == 0.0:
+        raise InputError(f'contact.0.film: {where} takes share = "contact" and sigma > 0')
+    if not isinstance(pair.friction, (Coulomb, Frictionless)):
+        raise InputError(
+            f'contact.0.friction.law = "{pair.friction.law}": {where} takes "coulomb", of the '
+            'asperities, or "frictionless"'
+        )
+    load = _load(case, tool) / case.geometry.slab
+    modulus = _modulus(case, pair.slave)
+    none: Floats = np.zeros(0)
+    contact = LineContact(
+        radius=tool.radius,
+        modulus=modulus,
+        mu=_coefficient(pair.friction),
+        place=none,
+        compliance=none,
+        rough=RoughGap(film.sigma, film.gamma or None),
+        asperities=film.asperity_law(modulus),
+        rheology=film.rheology(),
+    )
+    own = film.oil if isinstance(film.oil, float) else None
+    density = film.density or DENSITY
+    oils = [n * film.sigma * density for n in OILS] if own is None else [n * own for n in OF_OWN]
+    notes = [] if film.density else [f"the case gives no density: {DENSITY:g} kg/m^3 assumed"]
+    return FilmMap(
+        title=case.title,
+        contact=contact,
+        sigma=film.sigma,
+        loads=tuple(factor * load for factor in LOADS),
+        speeds=_speeds(contact, film.sigma, load),
+        oils=(*oils, np.inf),
+        density=density,
+        notes=tuple(notes),
+    )
+
+
+def _load(case: Case, tool: CircleTool) -> float:
+    """The largest force that presses a tool, N.
+
+    Raises:
+        InputError: none does.
+    """
+    force = tool.force.y if tool.force is not None else None
+    largest = max((abs(value) for value in force.values), default=0.0) if force is not None else 0.0
+    if largest == 0.0:
+        raise InputError(
+            "tribox map of a film that is found takes the load from force.y of the tool: give one"
+        )
+    return largest
+
+
+def _coefficient(friction: Coulomb | Frictionless) -> float:
+    """μ of the asperities; of a program its largest."""
+    if isinstance(friction, Frictionless):
+        return 0.0
+    return friction.mu if isinstance(friction.mu, float) else max(friction.mu.values)
+
+
+def _modulus(case: Case, slave: str) -> float:
+    """E*, Pa, of the body that a surface is named after, or of the only one.
+
+    Raises:
+        InputError: it has no moduli of its own.
+    """
+    bodies = case.bodies
+    names = [name for name in bodies if slave.startswith(name)] or list(bodies)
+    body = bodies[max(names, key=len)]
+    shear, bulk = getattr(body, "shear_modulus", None), getattr(body, "bulk_modulus", None)
+    if (len(names) > 1 and len(bodies) == len(names)) or shear is None or bulk is None:
+        raise InputError(f"contact.0.slave = {slave}: no elastic moduli of its body are found")
+    poisson = (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
+    return float(2.0 * shear / (1.0 - poisson))
+
+
+def _speeds(contact: LineContact, sigma: float, load: float) -> tuple[float, ...]:
+    """From where the film is far thinner than the roughness to where it is far thicker.
+
+    A smooth, soft contact has about h = 2.5 R (u η/2 E* R)^0.6 (W/2 E* R)^-0.2 (K. Herrebrugh,
+    J. Lubr. Technol. 90, 1968, with the constant rounded), u = V/2.
+    """
+    scale = 2.0 * contact.modulus * contact.radius
+    eta = contact.rheology.eta_b
+    ends = []
+    for ratio in FILMS:
+        film = ratio * sigma / (2.5 * contact.radius)
+        ends.append(2.0 * scale / eta * (film * (load / scale) ** 0.2) ** (1.0 / 0.6))
+    low, high = (10.0 ** np.round(np.log10(end)) for end in ends)
+    count = round(np.log10(high / low)) * SPEEDS_PER_DECADE + 1
+    return tuple(float(f"{v:.6g}") for v in np.geomspace(low, high, count))
+
+
+def compute(setup: FilmMap) -> list[Curve]:
+    """All curves: every load with every oil, more than enough first."""
+    curves = []
+    for load in setup.loads:
+        contact = setup.contact.on(load)
+        dry = contact.dry(load)
+        for oil in sorted(setup.oils, reverse=True):
+            points, failed, last, before = [], [], dry, 0.1 * setup.speeds[0]
+            for speed in setup.speeds:
+                try:
+                    last = _reached(contact, load, oil / setup.density, (before, speed), last)
+                except FilmError:
+                    failed.append(speed)
+                    continue
+                before = speed
+                points.append(_row(contact, setup, load, speed, oil, last))
+            curves.append(Curve(load, oil, tuple(points), tuple(failed)))
+    return curves
+
+
+def _reached(
+    contact: LineContact,
+    load: float,
+    oil: float,
+    speeds: tuple[float, float],
+    start: Point,
+    halvings: int = MOST_HALVINGS,
+) -> Point:
+    """The steady contact at the second of two speeds, from that at the first, by smaller steps.
+
+    Where oil begins to lack, the pressure of a film that is all but flat turns from that of a full
+    film to none with the last per cent of the gap.
+
+    Raises:
+        FilmError: not even by the smallest steps.
+    """
+    try:
+        return contact.at(load, speeds[1], oil, start)
+    except FilmError:
+        if halvings == 0:
+            raise
+    middle = float(np.sqrt(speeds[0] * speeds[1]))
+    start = _reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
+    return _reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
+
+
+def _row(
+    contact: LineContact, setup: FilmMap, load: float, speed: float, oil: float, at: Point
+) -> tuple[float, ...]:
+    a = contact.half_width(load)
+    middle = float(np.interp(0.0, contact.place, at.film))
+    least = float(at.film[at.pressure > 0.01 * at.pressure.max()].min())
+    return (
+        *(load, load / (2.0 * a), speed, oil, at.friction, at.dry),
+        *(middle, least, middle / setup.sigma, at.passed, float(at.iterations)),
+    )
+
+
+def write(setup: FilmMap, curves: list[Curve], directory: Path, seconds: float) -> None:
+    """Write ``film_map.csv`` and ``summary.json``."""
+    rows = [list(row) for curve in curves for row in curve.rows]
+    write_table(directory / "film_map.csv", COLUMNS, rows)
+    write_json(
+        directory / "summary.json",
+        {
+            "title": setup.title,
+            "notes": list(setup.notes),
+            "radius_m": setup.contact.radius,
+            "modulus_Pa": setup.contact.modulus,
+            "mu": setup.contact.mu,
+            "sigma_m": setup.sigma,
+            "density_kg_per_m3": setup.density,
+            "loads_N_per_m": list(setup.loads),
+            "points": len(rows),
+            "points_not_found": sum(len(curve.failed) for curve in curves),
+            "seconds": round(seconds, 2),
+        },
+    )
+
+
+def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
+    """Draw friction and the asperities' share: over loads when flooded, over oils at one load."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    from tribox.app.figures.names import titled
+    from tribox.app.figures.style import (
+        STYLE,
+        colour_of,
+        dashes_of,
+        marker_of,
+        save,
+        thin_log_ticks,
+    )
+
+    middle = setup.loads[len(setup.loads) // 2]
+    choices = [
+        [c for c in curves if np.isinf(c.oil)],
+        sorted((c for c in curves if c.load == middle), key=lambda c: c.oil),
+    ]
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 6.6), layout="constrained")
+        panels = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[2.0, 1.0])
+        for column, chosen in zip(panels.T, choices, strict=True):
+            by_load = chosen is choices[0]
+            for number, curve in enumerate(chosen):
+                if not curve.rows:
+                    continue
+                rows = np.array(curve.rows)
+                style = {"color": colour_of(number), "ls": dashes_of(number), "lw": 0.9}
+                for axes, name in zip(column, (4, 5), strict=True):
+                    axes.plot(rows[:, 2], rows[:, name], marker_of(number), ms=4, **style,
+                              label=_label(curve, by_load))  # fmt: skip
+            column[0].set_xscale("log")
+            column[1].set_xlabel("sliding velocity V (m/s)")
+            column[0].legend(fontsize=8)
+        panels[0, 0].set_ylim(bottom=0.0)
+        panels[1, 0].set_ylim(-0.03, 1.03)
+        panels[0, 0].set_ylabel("friction coefficient (-)")
+        panels[1, 0].set_ylabel("load on asperities (-)")
+        panels[0, 0].set_title("more oil than passes", fontsize=9)
+        panels[0, 1].set_title(f"p = {choices[1][0].rows[0][1] / 1e6:.3g} MPa", fontsize=9)
+        for axes in panels.flat:
+            thin_log_ticks(axes)
+        words = "a round tool on a half plane, steady, with the film that is found"
+        figure.suptitle(titled(setup.title, words), fontsize=9)
+        save(figure, path)
+
+
+def _label(curve: Curve, by_load: bool) -> str:
+    """What a curve is called."""
+    if by_load:
+        return f"p = {curve.rows[0][1] / 1e6:.3g} MPa"
+    return "flooded" if np.isinf(curve.oil) else f"{1e3 * curve.oil:.3g} g/m²"
+
+
+def map_film(setup: FilmMap, directory: Path) -> None:
+    """Map a film into a directory that is ready."""
+    started = time.perf_counter()
+    curves = compute(setup)
+    seconds = time.perf_counter() - started
+    write(setup, curves, directory, seconds)
+    (directory / "figures").mkdir(exist_ok=True)
+    draw(setup, curves, directory / "figures" / "film_map.png")
+    for note in setup.notes:
+        tell(f"note: {note}")
+    print(f"{sum(len(curve.rows) for curve in curves)} steady states in {seconds:.3g} s")
+    lost = sum(len(curve.failed) for curve in curves)
+    if lost:
+        print(f"warning: {lost} states were not found; film_map.csv is without them")
+    print(f"results in {directory}")
