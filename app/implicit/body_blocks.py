@@ -353,7 +353,6 @@ class BodyByBody:
         self._kept, self._others = bodies.dofs, bodies.others
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
         self.works = self._stiff.make()
-        self._first = problem.first
         self._rows = self._global(self._others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
@@ -369,7 +368,7 @@ class BodyByBody:
 
     def _global(self, dofs: Ints, comm: MPI.Comm) -> PETSc.IS:
         """Owned local unknowns as PETSc numbers them; collective."""
-        return PETSc.IS().createGeneral(dofs + self._first, comm=comm)
+        return PETSc.IS().createGeneral(dofs + self._problem.first, comm=comm)
 
     def _solver_of_kept(self, K: PETSc.Mat) -> Factor | MultigridSolver:
         """Their solver, for good."""

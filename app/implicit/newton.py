@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -102,6 +102,15 @@ class Inside:
     opening: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How soon a phase that does badly ends, see :meth:`Newton.solve`."""
+
+    patient: bool = False
+    hasty: bool = False
+    eager: bool = False
+
+
 class Newton:
     """Solves for the unknowns at given loads, from the start that ``trial`` holds.
 
@@ -136,7 +145,7 @@ class Newton:
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
-        self._patient = self._hasty = self._eager = False
+        self._patience = Patience()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -198,7 +207,7 @@ class Newton:
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._hasty = self._eager = False
+        self._patience = replace(self._patience, hasty=False, eager=False)
         self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
         try:
             return self._run(WHOLE_STEPS, step)
@@ -221,10 +230,10 @@ class Newton:
         Returns:
             Newton iterations, and PETSc's converged reason.
         """
-        self._patient, self._hasty, self._eager = patient, hasty, eager
+        self._patience = Patience(patient, hasty, eager)
         iterations, reason = 0, 0
         if self.is_bounded and not patient:
-            self._hasty = False
+            self._patience = Patience(eager=eager)
             return self._run(BOUNDED_STEPS, step)
         for phase in NEWTON_PHASES:
             within = phase.within if phase.within is None or not hasty else KINKED
@@ -457,9 +466,9 @@ class Newton:
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration >= self._limit:
             return reasons.DIVERGED_MAX_IT
-        if self._hasty and iteration >= HASTY and self._is_slow():
+        if self._patience.hasty and iteration >= HASTY and self._is_slow():
             return reasons.DIVERGED_LINE_SEARCH
-        if self._eager and iteration and self._gains_little():
+        if self._patience.eager and iteration and self._gains_little():
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH
@@ -492,7 +501,7 @@ class Newton:
         """Whether the residual has stopped to fall, and another phase or start is better."""
         recent = self.residuals[-STALL_WINDOW - 1 :]
         stalled = len(recent) > STALL_WINDOW and recent[-1] > 0.9 * recent[0]
-        return stalled and (recent[-1] <= STALLED or not self._patient)
+        return stalled and (recent[-1] <= STALLED or not self._patience.patient)
 
 
 def length_to_least_energy(work: Callable[[float], float], first: float) -> float:

@@ -9,12 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
-
 from tribox.app.build.load_steps import LoadStep
 from tribox.app.case.case import Case
 from tribox.app.errors import SaidOnce, folded
@@ -31,6 +25,8 @@ from tribox.app.simulation.time_text import time_text
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from tribox.app.run.stage_bars import StageBars
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -78,6 +74,8 @@ class Reporter(Observer):
         if self._console is None or ranks_around() > 1 or quiet:
             return
         if self._console.file.isatty() and not self._console.is_dumb_terminal:
+            from tribox.app.run.stage_bars import StageBars  # rich takes long to load
+
             self._bars = StageBars(self._progress, self._console)
 
     def go_on(self, state: RunState, ends: Iterable[tuple[float, float]], steps: int) -> None:
@@ -324,60 +322,3 @@ class Log:
                 self._file = GrowingFile(self._path, keep=self._keep)
             self._file.append(self._waiting)
             self._waiting = ""
-
-
-# -- The stages of a run on a terminal: a bar for each, and a line on the step at hand -------------
-
-MOST_BARS = 6  # stages shown at a time
-NAME_WIDTH, BAR_WIDTH = 20, 20  # characters
-
-
-class StageBars:
-    """Bars that stay below the lines of a run while it goes on, and vanish at its end.
-
-    Attributes:
-        details: what is said of the step at hand.
-    """
-
-    def __init__(self, progress: StagesProgress, console: Console) -> None:
-        """Show the bars.
-
-        Args:
-            progress: of the stages, kept up to date by somebody else.
-            console: the terminal, on which other lines are printed too.
-        """
-        self._progress = progress
-        self.details = ""
-        self._live = Live(
-            console=console,
-            transient=True,
-            refresh_per_second=4,
-            get_renderable=self.render,
-            redirect_stderr=False,
-        )
-        self._live.start()
-
-    def render(self) -> RenderableType:
-        """The bars as they stand."""
-        grid = Table.grid(padding=(0, 1))
-        begun = self._progress.begun[-MOST_BARS:]
-        names = [f"{one.number}/{self._progress.count} {one.stage.name}" for one in begun]
-        width = min(max(map(len, names)), NAME_WIDTH)
-        grid.add_column(no_wrap=True, overflow="ellipsis", width=width)
-        grid.add_column(width=BAR_WIDTH)
-        grid.add_column(no_wrap=True, overflow="ellipsis")
-        now = self._progress.now()
-        for name, one in zip(names, begun, strict=True):
-            said = one.time_left(now)
-            if one.ended is None:
-                said = ", ".join(part for part in (one.place(), said) if part)
-            grid.add_row(
-                Text(name),
-                ProgressBar(total=1.0, completed=one.share, width=BAR_WIDTH),
-                Text(said),
-            )
-        return Group(grid, Text(self.details, no_wrap=True, overflow="ellipsis"))
-
-    def close(self) -> None:
-        """Take the bars away."""
-        self._live.stop()

@@ -36,6 +36,7 @@ from tribox.app.implicit.newton import (
     WHOLE_STEPS,
     Inside,
     Newton,
+    Patience,
     length_to_least_energy,
 )
 from tribox.app.implicit.options import ImplicitOptions
@@ -168,7 +169,7 @@ def test_patience_lets_a_phase_stall_far_from_the_solution_only(pair, patient):
     problem = pair().problem(None)
     x = problem.new_vector()
     newton = Newton(problem, LinearSolver(problem, x), x, ImplicitOptions())
-    newton._patient = patient
+    newton._patience = Patience(patient=patient)
     for last, stalled in ((2.0 * STALLED, not patient), (0.5 * STALLED, True)):
         newton.residuals = list(np.linspace(1.05, 1.0, 5) * last)
         assert newton._is_stalled() == stalled
@@ -315,6 +316,6 @@ def test_an_eager_iteration_ends_where_it_gains_little(pair, residuals, little):
     before, last = residuals
     newton.problem.reference_force, newton._phase = 1.0, WHOLE_STEPS
     for eager in (True, False):
-        newton.residuals, newton._eager = [before], eager
+        newton.residuals, newton._patience = [before], Patience(eager=eager)
         ends = newton._test(newton.snes, 1, (0.0, 0.0, last))
         assert ends == (reasons.DIVERGED_LINE_SEARCH if eager and little else None)

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from tribox.app.case.reading import load_case
-from tribox.app.run.progress import StageBars
+from tribox.app.run.stage_bars import StageBars
 from tribox.app.run.stage_progress import StagesProgress, clock
 
 
