@@ -104,8 +104,8 @@ def _film_series(results: Results, label: str, pair: int) -> list[StribeckSeries
     ends = {step for _, step in stage_ends(results)}
     unsettled: set[int] = set()
     if "steady" in load_steps:
-        ends |= set(load_steps["step"].astype(int).tolist())
-        unsettled = set(load_steps["step"][load_steps["steady"] == 0.0].astype(int).tolist())
+        ends |= set(map(int, load_steps["step"]))
+        unsettled = set(map(int, load_steps["step"][load_steps["steady"] == 0.0]))
     taken = np.isin(rows["step"], list(ends)) & (rows["slip_speed"] > 0.0)
     rows = rows.rows(taken & (rows["normal_force"] > 0.0))
     if len(np.unique(rows["slip_speed"])) < 2:
@@ -179,7 +179,8 @@ def _series(
     pressed = normal > 0.0
     pressure = float(np.mean(normal[pressed] / area[pressed])) if pressed.any() else 0.0
     star = _threshold(case, pair, pressure)
-    return StribeckSeries(label, speed[order], ratio[order], hersey[order], settled[order], star)
+    points = speed[order], ratio[order], hersey[order], settled[order]
+    return StribeckSeries(label, *points, star=star)
 
 
 def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | None:

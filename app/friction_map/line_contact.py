@@ -106,7 +106,7 @@ class LineContact:
     def dry(self, load: float) -> Point:
         """At rest, on the asperities alone."""
         ten = 10.0 * max(self.rough.sigma, 1e-12)
-        shape = self.place**2 / (2.0 * self.radius)
+        shape: Floats = np.asarray(self.place**2 / (2.0 * self.radius), dtype=np.float64)
         start = Point(
             shape + ten, np.full(len(shape), -1e-3), -ten, 0.0, 1.0, shape, 0.0 * shape, 1.0, 0
         )
@@ -150,7 +150,7 @@ class LineContact:
         least = 4.0 * self.rough.sigma
         closing = -change / np.maximum(0.7 * film, least)
         opening = np.where(loaded, change, 0.0) / np.maximum(2.0 * film, least)
-        return float(1.0 / max(1.0, closing.max(), opening.max()))
+        return 1.0 / max(1.0, float(closing.max()), float(opening.max()))
 
     def _cells(self) -> FilmCells:
         return FilmCells.on_line(self.place)
@@ -171,15 +171,17 @@ class LineContact:
         step = FilmStep(film, u, solver.cells.last(), brought)
         found = solver.solve(step, w)
         passed = float(found.supply[0]) / (0.5 * speed * min(oil, float(film[0])))
-        slopes = solver.slopes(step, found).pressure
-        return found.pressure, found.unknown, slopes, passed, found.filled
+        slopes = solver.slopes(step, found)
+        by_film = slopes.by_pressure[:, None] * slopes.unknown(slopes.by_film.toarray())
+        return found.pressure, found.unknown, by_film, passed, found.filled
 
     def _drag(self, film: Floats, dry: Floats, wet: Floats, filled: Floats, speed: float) -> float:
         """Friction force, N/m: asperities, and the film's shear on the half plane."""
         area = self._cells().area
-        eta = self.rheology.viscosity(speed / film, wet).value
+        rate: Floats = np.asarray(speed / film, dtype=np.float64)
+        eta = self.rheology.viscosity(rate, wet).value
         gradient = 0.25 * (film[1:] + film[:-1]) @ np.diff(wet)
-        return float(area @ (self.mu * dry + filled * eta * speed / film) - gradient)
+        return float(area @ (self.mu * dry + filled * eta * rate) - gradient)
 
 
 def graded(low: float, high: float, edge: float, least: float) -> Floats:

@@ -88,7 +88,7 @@ class SchurFactor(Factor):
         rows.destroy()
         return inner
 
-    def make(self) -> bool:
+    def make(self, _widened: bool = False) -> bool:
         """Factorise the matrix as it is now; returns whether it could be done.
 
         Before it solves it wants a dense part: its own may be singular.

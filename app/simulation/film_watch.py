@@ -264,8 +264,8 @@ class FilmWatch:
                     "on the slave; make the other surface the slave, or leave film.steady out",
                 )
             return
-        left, was = self._left.get(index), self._was.get(index)
-        left = np.zeros_like(loaded) if left is None else left
+        left = self._left.get(index, np.zeros_like(loaded))
+        was = self._was.get(index)
         if was is not None:
             left = left | (was & ~loaded)
         self._left[index], self._was[index] = left, loaded
@@ -291,9 +291,9 @@ class FilmWatch:
         """What has been seen so far."""
         return {
             "found": [[word, *found] for word, found in self._found.items()],
-            "middle": [[pair, *at.tolist()] for pair, at in self._middle.items()],
-            "was": [[pair, *on.tolist()] for pair, on in self._was.items()],
-            "left": [[pair, *on.tolist()] for pair, on in self._left.items()],
+            "middle": [[pair, *map(float, at)] for pair, at in self._middle.items()],
+            "was": [[pair, *map(bool, on)] for pair, on in self._was.items()],
+            "left": [[pair, *map(bool, on)] for pair, on in self._left.items()],
         }
 
     def restore(self, kept: Snapshot) -> None:

@@ -175,6 +175,11 @@ class MemorySolid(Solid):
         """
         law, points = self._frozen if origin.elastic else self.law, len(origin.values)
         kernel = self._kernel(law, origin.dt)
+        u: Floats
+        F: Floats
+        P: Floats
+        end: Floats
+        energies: Floats
         if spare is None or kernel is None:
             u, F = np.empty_like(self._u.x.array), np.empty((points, self._width))
             forces, energies = np.empty_like(u), np.empty((3, points))

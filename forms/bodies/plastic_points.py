@@ -259,7 +259,8 @@ class PlasticPoints:
             raise ValueError(f"F and state have shapes {F.shape}, {state.shape}, not {wanted}")
         if kernel := self.kernel("space" if self.space else "ring", dt, volumetric):
             P, new, A, energies, valid = kernel.update(F, state, tangent)
-            return PlasticUpdate(P, new, A, *energies, valid=valid)
+            elastic, dissipation, rated = energies
+            return PlasticUpdate(P, new, A, elastic, dissipation, rated, valid)
         bulk = self.material.bulk_modulus if volumetric else 0.0
         with np.errstate(all="ignore"):
             return self._update(F, state, dt, tangent, bulk)

@@ -164,11 +164,11 @@ class PointCells:
         rows = cells.nodes[take], cells.number[take], cells.table[take]
         return PointCells(self._section, Cells(*rows, cells.shape, cells.count), self.moduli)
 
-    def _run(self, kernel: Kernel | None = None, symmetric: bool = False, **arrays: Floats) -> bool:
+    def _run(self, kernel: Kernel | None = None, symmetric: bool = False, **arrays: Any) -> bool:
         """Call the loop with what ``Work`` shall point to; False: a point is not valid."""
         return not self._call(ctypes.byref(self._work(kernel, symmetric, **arrays)))
 
-    def _work(self, kernel: Kernel | None, symmetric: bool, **arrays: Floats) -> _Work:
+    def _work(self, kernel: Kernel | None, symmetric: bool, **arrays: Any) -> _Work:
         for array in arrays.values():
             assert array.flags.c_contiguous
         work = _Work(**self._fixed, symmetric=symmetric)
@@ -206,7 +206,7 @@ class PointCells:
         Returns:
             Whether all could be evaluated; where not, P, energies and forces are NaN.
         """
-        return self._run(kernel, u=u, state=state, **out)
+        return self._run(kernel, False, u=u, state=state, **out)
 
     def gradients(self, u: Floats, F: Floats) -> None:
         """Put the deformation gradients at ``u`` (n,), m, into ``F`` (k, p)."""
@@ -230,7 +230,8 @@ class PointCells:
         of = self.moduli
         if of.kernel is not None:
             assert of.state is not None
-            given, symmetric = {"state": of.state}, of.kernel.symmetric
+            given: dict[str, Any] = {"state": of.state}
+            symmetric = of.kernel.symmetric
         else:
             assert of.A is not None, "the points have not been evaluated for a tangent"
             given, symmetric = {"A": of.A}, False

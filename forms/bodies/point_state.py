@@ -303,8 +303,8 @@ class PointState:
         be an origin, in a snapshot too: they are left alone.
         """
         if self.trial is not None:
-            found, self.trial = self.trial, None
-            return found
+            trial, self.trial = self.trial, None
+            return trial
         found, self.retired = self.retired, None
         return None if found is None else replace(found, values=np.empty_like(found.values))
 

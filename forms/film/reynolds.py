@@ -38,7 +38,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 from scipy.linalg import lapack
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -67,6 +66,8 @@ class Band:
 
     def __init__(self, ends: Longs, count: int) -> None:
         """Number ``count`` places so that neighbours ``ends`` (f, 2) are near each other."""
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # only films need it
+
         every = np.arange(count)
         self.row = np.concatenate([np.repeat(ends[:, 0], 2), np.repeat(ends[:, 1], 2), every])
         self.column = np.concatenate([ends.reshape(-1), ends.reshape(-1), every])
@@ -87,9 +88,10 @@ class Band:
         """
         reach, count = self._reach, self._count
         size = (2 * reach + 1, count)
-        by_row = np.bincount(self._place, entries, size[0] * count).reshape(size)
+        summed = np.bincount(self._place, entries, size[0] * count)
+        by_row: Floats = summed.astype(np.float64).reshape(size)
         rows = _reciprocal(np.abs(by_row).max(axis=0, initial=0.0))
-        by_row *= rows
+        by_row = by_row * rows
         # LAPACK's bands go by columns, with room for what pivoting fills.
         bands = np.zeros((3 * reach + 1, count), order="F")
         for off in range(-reach, reach + 1):
@@ -260,9 +262,8 @@ class FilmPlaces:
         width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at
         low, high, size = width[:, :-1], width[:, 1:], length[:, None] / k
         shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
-        area: Floats = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
-        middle = 0.5 * (low + high).reshape(-1)
-        area = area.astype(np.float64)
+        summed = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
+        middle, area = 0.5 * (low + high).reshape(-1), summed.astype(np.float64)
         return FilmCells(self._ends, np.repeat(length / k, k), middle, area, self._band)
 
 
@@ -451,7 +452,7 @@ class ReynoldsFilm:
         eta = max(self.rheology.eta_b, np.finfo(float).tiny)
         pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
         moved = TOLERANCE * cells.width * np.abs(step.speed) * film + _ROUNDOFF * pressed
-        limit = np.zeros(len(h))
+        limit: Floats = np.zeros(len(h))
         limit += np.bincount(a, moved, len(h)) + np.bincount(b, moved, len(h))
         limit += TOLERANCE * h * self._per_time(step)
         limit = np.where(step.fixed, _ROUNDOFF, limit)
