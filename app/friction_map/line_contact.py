@@ -136,7 +136,7 @@ class LineContact:
             matrix[-1, :-1] = area @ by_gap / load
             change = np.linalg.solve(matrix, -np.append(error, missing))
             loaded = carried > 0.01 * carried.max()
-            size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(missing))
+            size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(float(missing)))
             if size < TOLERANCE:
                 drag = self._drag(film, dry, wet, filled, speed)
                 share = float(area @ dry) / load
