@@ -29,7 +29,7 @@ SCALE = 0.1  # of E*: the pressure that cavitation is rounded off with
 _NEEDED = ("sigma", "oil", "share")
 _REYNOLDS = (
     *("sigma", "asperities", "c", "u_0", "K", "table", "oil", "density", "share", "gamma"),
-    *("h_max", "steady", "eta_b", "tau_0", "zeta", "critical_rate", "thinning_exponent"),
+    *("h_max", "steady", "cells", "eta_b", "tau_0", "zeta", "critical_rate", "thinning_exponent"),
     *("eta_inf", "barus"),
 )
 _RHEOLOGY = ("eta_b", "tau_0", "zeta", "critical_rate", "thinning_exponent", "eta_inf", "barus")
@@ -137,6 +137,10 @@ class Film(Model):
     )
     steady: Flag = Field(
         default=False, description="each step is the steady state of its speed: nothing is stored"
+    )
+    cells: Annotated[int, Field(ge=1, le=16)] = Field(
+        default=1,
+        description="cells of the film on each facet of the slave: more resolve its inlet",
     )
     eta_b: Annotated[float, Quantity("Pa*s", gt=0.0)] | None = Field(
         default=None, description='viscosity of the oil; needed with share = "contact"'
@@ -320,4 +324,5 @@ class Film(Model):
             reach=self.h_max or REACH * self.sigma,
             steady=self.steady,
             scale=SCALE * modulus,
+            cells=self.cells,
         )

@@ -32,6 +32,8 @@ GAIN = 4.0
 FURTHEST = 1e3  # of the tolerance, as share of the forces: no solve need come closer on its account
 LEAST_FORCE = 1e-6  # of the largest force of the run, that residuals are compared with at least
 HASTY = 7  # iterations from which on a hasty phase ends where it is slow
+CARRIED = 0.05  # share of the load from which on a film's steps are tested
+NATURAL = 4  # times that a step is halved that films bound
 SHORTEST = 6  # times that a single step is halved
 ENOUGH = 0.3  # share of the forces' work along a step that is left where it ends
 LONGER, LENGTHS = 4.0, 10  # factor of a step that may go on, and lengths that are tried at most
@@ -249,7 +251,35 @@ class Newton:
                 share = min(share, term.bearable(trial, there))
         there.destroy()
         y.scale(share)
+        if self._carried_by_films() and self.residuals and self.residuals[-1] > EDGED:
+            share *= self._natural(x, y)
         return share < 1.0
+
+    def _carried_by_films(self) -> bool:
+        """Whether films carry enough, now or at the last step, for their kinks to count most."""
+        trials = [*self.problem.trials, *self.problem.committed]
+        films = [trial.normal_contact.lubrication for trial in trials]
+        return any(f is not None and f.share > CARRIED for f in films)
+
+    def _natural(self, x: PETSc.Vec, y: PETSc.Vec) -> float:
+        """Shorten a step ``y`` off ``x`` until the one that would follow it is smaller; collective.
+
+        That is measured with the tangent at hand: the natural monotonicity test of P. Deuflhard,
+        which no scaling of the residual enters. Returns the share that is left.
+        """
+        there, f, following = x.copy(), x.duplicate(), x.duplicate()
+        length, share = y.norm(), 1.0
+        for _ in range(NATURAL):
+            there.waxpy(-1.0, y, x)
+            self._function(self.snes, there, f)
+            self.solver.solve(f, following)
+            if following.norm() <= (2.0 - share) * length:
+                break
+            y.scale(0.5)
+            share *= 0.5
+        for vector in (there, f, following):
+            vector.destroy()
+        return share
 
     def residual_of(self, step: StepMode) -> float:
         """Residual at ``trial`` over the reference force; collective."""

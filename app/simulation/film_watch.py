@@ -72,7 +72,7 @@ class FilmWatch:
             self._look_at_roughness(place, term, film, when)
             self._look_at_facets(place, term, trial, film, when)
             self._look_at_oil(place, term, film, when)
-            self._look_at_flow(place, film, faces, when)
+            self._look_at_flow(place, film, faces, term.places.per_facet, when)
 
     def _look_at_inlet(
         self,
@@ -85,9 +85,10 @@ class FilmWatch:
     ) -> None:
         """Hold the facet at the inlet, and the film before it, against what they should be."""
         assert film.step is not None
+        cells = term.places.per_facet
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
-        upstream = np.where(film.step.speed >= 0.0, faces[:, 0], faces[:, 1])
+        upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
         downstream = faces.sum(axis=1) - upstream
         at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
         if not len(at):
@@ -95,15 +96,15 @@ class FilmWatch:
         inlet = int(at[np.argmax(length[at])])
         inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
         growth = outside / inside - 1.0
-        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE:
+        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * cells:
             size = length[inlet] / growth ** (2.0 / 3.0)
             self._keep(
                 f"inlet {place}",
-                length[inlet] / size,
-                f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
-                f"there {length[inlet]:.2g} m ({when}): too much load is left to the asperities, "
-                f"and friction is too high; refine the slave at the edges of the contact to "
-                f"{COARSE * size:.2g} m",
+                length[inlet] / (cells * size),
+                f"{place}: the inlet of the film is about {size:.2g} m long and its cells "
+                f"there {length[inlet] / cells:.2g} m ({when}): too much load is left to the "
+                f"asperities, and friction is too high; refine the slave at the edges of the "
+                f"contact, or raise film.cells, until they are {COARSE * size:.2g} m",
             )
         width = 0.5 * float(length[loaded[faces].all(axis=1)].sum())
         ahead, first = self._ahead(upstream, downstream, length, inlet)
@@ -202,7 +203,9 @@ class FilmWatch:
         a, b = cells.ends.T
         entering = np.where(step.speed >= 0.0, a, b)
         first = step.fixed[entering]
-        offered = np.abs(step.speed[first]) * cells.width[first]
+        # The flow takes the mean film of a face with the content of its first place.
+        mean = 0.5 * (step.film[a] + step.film[b]) / step.film[entering]
+        offered = np.abs(step.speed[first]) * cells.width[first] * mean[first]
         offered = float(offered @ np.minimum(step.content, step.film)[entering[first]])
         passed = float(solution.supply[entering[first]].sum())
         if offered > 0.0 and passed < PASSED * offered:
@@ -214,11 +217,14 @@ class FilmWatch:
                 f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
             )
 
-    def _look_at_flow(self, place: str, film: Lubrication, faces: Longs, when: str) -> None:
+    def _look_at_flow(
+        self, place: str, film: Lubrication, faces: Longs, cells: int, when: str
+    ) -> None:
         """See whether a steady film lets as much out as it takes in."""
         assert film.step is not None and film.solution is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        flow = film.solution.flux[(carried > LOADED * carried.max())[faces].all(axis=1)]
+        loaded = (carried > LOADED * carried.max())[faces].all(axis=1)
+        flow = film.solution.flux[np.repeat(loaded, cells)]
         if np.isfinite(film.step.dt) or len(flow) < 2 or not np.any(film.step.speed):
             return
         uneven = float(np.ptp(flow) / np.abs(flow).max())

@@ -130,7 +130,7 @@ def opposite(
 
 
 def relate(
-    points: Floats, projection: Projection, anchor: Anchor, closed: Bools
+    points: Floats, projection: Projection, anchor: Anchor, closed: Bools, arcs: bool = False
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
 
@@ -142,21 +142,25 @@ def relate(
         projection: their closest points on the deformed master.
         anchor: state of the last converged step, moved with the current master.
         closed: (q,) points in contact.
+        arcs: whether the slip is as long as the way on a curved master, see :class:`_Arc`.
     """
     n = projection.normal
     slip = np.where(closed[:, None], _in_plane(n, _apart(points, projection, anchor)), 0.0)
+    if arcs:
+        slip *= _Arc.of(slip, points, projection, anchor).stretch[:, None]
     image = _in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)
 
 
-def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
+def vary(points: Floats, projection: Projection, anchor: Anchor, arcs: bool = False) -> Variations:
     """Variation of the kinematics of points that are closed.
 
     Args:
         points: (q, i), m, current: closed slave points.
         projection: their closest points on the deformed master, or those along rays.
         anchor: state of the last converged step, moved with the current master.
+        arcs: whether the slip is as long as the way on a curved master, see :class:`_Arc`.
     """
     n = projection.normal
     count, dim = n.shape
@@ -178,7 +182,47 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
         d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
+    if arcs:
+        slip = _in_plane(n, s)
+        d_sunk = np.einsum("qi,qir->qr", s, d_normal) - d_gap
+        d_sunk[:, c] += n
+        d_slip = _Arc.of(slip, points, projection, anchor).vary(slip, d_slip, d_sunk)
     return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal, d), d_xi)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arc:
+    r"""How much longer the way on a curved master is than its image v in the tangent plane.
+
+    With the depth ν of the last step's place below that plane the arc has the length
+    :math:`\sqrt{v^2 + 4\nu^2/3}`, up to the fifth power of the angle it turns by: a roll of the
+    radius R that turns by Δθ rubs over R Δθ, of which the image is R sin Δθ.
+
+    Attributes:
+        length: v (q,), m, 1 where the slip is as it is; sunk: ν (q,), m; stretch: (q,).
+    """
+
+    length: Floats
+    sunk: Floats
+    stretch: Floats
+
+    @classmethod
+    def of(cls, slip: Floats, points: Floats, at: Projection, anchor: Anchor) -> _Arc:
+        """Of images ``slip`` (q, i); across a corner, or clamped to an end, they stay."""
+        length = np.sqrt(_dot(slip, slip))
+        sunk = _dot(at.normal, points - anchor.foot) - at.gap
+        bent = ~at.clamped & (np.abs(sunk) < 0.5 * length)
+        length, sunk = np.where(bent, length, 1.0), np.where(bent, sunk, 0.0)
+        return cls(length, sunk, np.sqrt(1.0 + 4.0 / 3.0 * (sunk / length) ** 2))
+
+    def vary(self, slip: Floats, d_slip: Floats, d_sunk: Floats) -> Floats:
+        """Variation (q, i, r) of the longer slip from that of its image and of ν (q, r)."""
+        slope = self.sunk / self.length
+        along = slip / self.length[:, None]
+        grown = d_sunk - slope[:, None] * np.einsum("qi,qir->qr", along, d_slip)
+        grown *= (4.0 / 3.0 * slope / self.stretch)[:, None]
+        out: Floats = self.stretch[:, None, None] * d_slip + _outer(along, grown)
+        return out
 
 
 def _apart(points: Floats, projection: Projection, anchor: Anchor) -> Floats:

@@ -26,6 +26,8 @@ with R the rows of the gaps, S those of half the sliding speeds of the facets, a
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -33,7 +35,7 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from tribox.forms.contact.kinematics import ContactKinematics, Variations, vary
+from tribox.forms.contact.kinematics import ContactKinematics, Variations
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import (
@@ -47,7 +49,7 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.contact.vertex_rows import Coupling
-from tribox.forms.film.reynolds import FilmCells, FilmError, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import FilmError, FilmPlaces, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
@@ -73,6 +75,7 @@ class FilmModel:
         reach: m, gap beyond which oil is only kept.
         steady: whether each step is the steady state of its speed.
         scale: Pa, of the order of the pressures.
+        cells: of the film per facet of the slave.
     """
 
     rough: RoughGap
@@ -83,10 +86,15 @@ class FilmModel:
     reach: float
     steady: bool
     scale: float
+    cells: int = 1
 
 
 class AsperityPressure(AveragedPressure):
-    """Pressure of the asperities from the mean gaps of the vertices."""
+    """Pressure of the asperities from the mean gaps of the vertices.
+
+    Attributes:
+        model: of the film; places: of it; facet_of: (q,) numbers of the points' facets there.
+    """
 
     def __init__(self, surface: ContactSurface, model: FilmModel) -> None:
         """Take the surface; where a penalty is asked for, the stiffness of the closed gap."""
@@ -94,6 +102,11 @@ class AsperityPressure(AveragedPressure):
         stiffness = -float(model.asperities.pressure(step)[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
         self.model = model
+        _, first, self.facet_of = np.unique(
+            surface.slave.facet, return_index=True, return_inverse=True
+        )
+        facets = surface.vertices.of_point[first]
+        self.places = FilmPlaces(facets, surface.vertices.count, model.cells)
 
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
@@ -159,19 +172,18 @@ class LubricatedTerm(ContactTerm):
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.rule = AsperityPressure(surface, model)
-        self.linearised = LubricatedTangent(surface, self.rule)
-        facet, first, self._face = np.unique(
-            surface.slave.facet, return_index=True, return_inverse=True
-        )
-        self.faces: Longs = surface.vertices.of_point[first]
-        self._weight: Floats = np.zeros(len(facet))
-        self._weight += np.bincount(self._face, surface.slave.weight, len(facet))
+        self.linearised = LubricatedTangent(surface, self.rule, arcs=True)
+        self.places, self._face = self.rule.places, self.rule.facet_of
+        self.faces: Longs = self.places.facets
+        self._weight: Floats = np.zeros(len(self.faces))
+        self._weight += np.bincount(self._face, surface.slave.weight, len(self.faces))
         self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
         ends = surface.vertices.position[self.faces]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        radius = surface.vertices.position[:, 0] if surface.axisymmetric else np.ones(1)
-        self._axis = radius < 1e-9 * length.max() if surface.axisymmetric else np.zeros(1, bool)
-        self._lengths = length, self._weight / length
+        self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        self._axis = np.zeros(self.places.count, dtype=bool)
+        if surface.axisymmetric:
+            radius = surface.vertices.position[:, 0]
+            self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
 
@@ -179,15 +191,25 @@ class LubricatedTerm(ContactTerm):
 
     def _initial(self) -> FilmHistory:
         """Before the first step."""
-        vertices, (length, width) = self.surface.vertices, self._lengths
+        vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
         gap = vertices.sums(self.surface.slave.weight * np.where(at.on_surface, at.gap, np.inf))
         gap = gap / vertices.area
-        film = np.minimum(self.model.rough.film(gap)[0], self.model.reach)
+        film = self.model.rough.film(places.between @ gap)[0]
+        film = np.minimum(film, self.model.reach)
         content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
-        none = np.zeros(vertices.count)
-        volume, area = content * vertices.area, vertices.area.copy()
-        return FilmHistory(none, film, volume, none.copy(), gap, length, width, area, 0.0)
+        parts = self._parts(np.ones(len(self._face)))
+        volume = content * places.cells(self._length, parts).area
+        none, area = np.zeros(places.count), vertices.area.copy()
+        return FilmHistory(
+            none, film, volume, np.zeros(vertices.count), gap, self._length, parts, area, 0.0
+        )
+
+    def _parts(self, area_ratio: Floats) -> Floats:
+        """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,)."""
+        weighted = (self.surface.slave.weight * area_ratio)[:, None] * self.surface.vertices.shape
+        parts = [np.bincount(self._face, part, len(self.faces)) for part in weighted.T]
+        return np.stack(parts, axis=1).astype(np.float64)
 
     @property
     def _flooded(self) -> bool:
@@ -221,17 +243,18 @@ class LubricatedTerm(ContactTerm):
             along=along,
             turned=turned,
             sign=-1.0 if at.rays is None else 1.0,
-            slopes=np.array([[-1.0, 1.0]]) / history.length[self._face][:, None],
+            pulled=np.zeros(len(self.faces)),
             drawn=np.zeros(len(along)),
             by_film=np.zeros_like(along),
             by_filled=np.zeros_like(along),
             by_pressure=np.zeros_like(along),
+            part=self.places.part(members),
             solver=None,
             step=None,
             solution=None,
         )
         if mode.rate_dependent and members.any():
-            film = self._with_film(film, kinematics, dt)
+            film = self._with_film(film, normal.gap, kinematics, dt)
         film, response = self._rubbed(film, normal, kinematics, dt, mode)
         self._press(normal, film)
         thickness = np.where(normal.closed, vertices.at_points(film.film), 0.0)
@@ -262,54 +285,52 @@ class LubricatedTerm(ContactTerm):
         out: Floats = mean * (-0.5 / dt)
         return out
 
-    def _felt(self, inside: Bools) -> Floats:
-        """Table (f′, f) from the faces' speeds to those that the film of some of them feels.
-
-        A steady state has one speed: where part of a contact sticks there is none, and the mean
-        is taken.
-        """
-        return felt_speeds(self.model.steady, inside, self._weight)
-
     def _with_film(
-        self, film: Lubrication, kinematics: ContactKinematics, dt: float
+        self, film: Lubrication, gap: Floats, kinematics: ContactKinematics, dt: float
     ) -> Lubrication:
         """The same with the pressure of the film; not a number where there is no solution."""
-        model, history = self.model, self.state.film
+        model, history, part = self.model, self.state.film, film.part
         assert history is not None
-        here = film.members
-        cells = FilmCells(self.faces, history.length, history.width, history.area)
-        inside: Bools = np.all(here[self.faces], axis=1)
-        part = cells.only(here)
-        solver = ReynoldsFilm(part, model.rheology, model.rough, model.scale)
-        fixed = part.last() & (self._flooded or model.steady)
-        if self.surface.axisymmetric:
-            fixed &= ~self._axis[here]
-        before = np.where(np.isfinite(history.film), history.film, film.film)[here]
+        cells = part.of(self.places.cells(history.length, history.parts))
+        solver = ReynoldsFilm(cells, model.rheology, model.rough, model.scale)
+        fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
+        thickness = model.rough.film(part.between @ gap)[0]
+        before = history.film[part.here]
+        before = np.where(np.isfinite(before), before, thickness)
+        felt = felt_speeds(model.steady, part.inside, self._weight)
+        speed = felt @ self.speeds(film.along, kinematics.slip, dt)
         step = FilmStep(
-            film=film.film[here],
-            speed=self._felt(inside) @ self.speeds(film.along, kinematics.slip, dt),
+            film=thickness,
+            speed=np.repeat(np.broadcast_to(speed, np.count_nonzero(part.inside)), model.cells),
             fixed=fixed,
             content=np.full(len(before), model.oil),
             dt=np.inf if model.steady else dt,
             before=None if model.steady else before,
-            volume=None if model.steady else history.volume[here],
+            volume=None if model.steady else history.volume[part.here],
         )
-        solution = self._solved(solver, step, here)
-        pressure, filled = np.zeros_like(film.film), np.ones_like(film.film)
+        solution = self._solved(solver, step, part.here)
+        film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
-            pressure[here] = np.nan
-        else:
-            pressure[here], filled[here] = solution.pressure, solution.filled
+            return replace(film, pressure=np.where(film.members, np.nan, 0.0))
+        length, pulled = history.length[part.inside], np.zeros(len(self.faces))
+        pulled[part.inside] = part.pulls(thickness, solution.pressure, length)
+        whole = np.where(film.members, part.sums(cells.area, np.ones(len(thickness))), 1.0)
+        full = part.sums(cells.area, solution.filled) / whole
         return replace(
-            film, pressure=pressure, filled=filled, solver=solver, step=step, solution=solution
+            film,
+            pressure=part.sums(cells.area, solution.pressure) / history.area,
+            filled=np.where(film.members, full, 1.0),
+            pulled=pulled,
         )
 
     def _solved(self, solver: ReynoldsFilm, step: FilmStep, here: Bools) -> FilmSolution | None:
         """The film from the last w, that of the last step, or from full and empty places."""
         history = self.state.film
         assert history is not None
-        upstream = np.where(np.arange(len(step.film)) < np.argmin(step.film), 0.05, -0.1)
-        starts = [history.unknown[here], upstream, upstream[::-1]]
+        number = solver.cells.band.number
+        first = number < number[np.argmin(step.film)]
+        starts = [history.unknown[here]]
+        starts += [np.where(first == up, 0.05, -0.1) for up in (True, False)]
         if self._guess is not None:
             starts.insert(0, self._guess[here])
         for start in starts:
@@ -402,16 +423,14 @@ class LubricatedTerm(ContactTerm):
         vertices, slip = self.surface.vertices, kinematics.slip
         h, ratio = vertices.at_points(film.film), self.state.area_ratio
         p_f, filled = vertices.at_points(film.pressure), vertices.at_points(film.filled)
-        gradient = np.einsum("qk,qk->q", film.slopes, film.pressure[vertices.of_point])
-        drawn = np.where(closed, film.sign * 0.5 * ratio * h * gradient, 0.0)
-        by_film = film.by_film + (drawn / h)[:, None] * film.along
+        drawn = np.where(closed, film.sign * 0.5 * ratio * film.pulled[self._face], 0.0)
         traction = response.traction + drawn[:, None] * film.along
         parts = response.dissipation
         if self.model.share == "map":
             squared = np.einsum("qi,qi->q", slip, slip) * filled
             resistance = np.zeros_like(squared)
             np.divide(parts.viscous, squared, out=resistance, where=squared > 0.0)
-            film = replace(film, drawn=drawn, by_film=by_film, by_filled=resistance[:, None] * slip)
+            film = replace(film, drawn=drawn, by_filled=resistance[:, None] * slip)
             return film, replace(response, traction=traction)
         rate = np.linalg.norm(slip, axis=1) / (dt * h)
         eta = self.model.rheology.viscosity(rate, p_f)
@@ -428,7 +447,7 @@ class LubricatedTerm(ContactTerm):
         film = replace(
             film,
             drawn=drawn,
-            by_film=by_film - thinner,
+            by_film=film.by_film - thinner,
             by_filled=(per_slip * eta.value / filled)[:, None] * slip,
             by_pressure=(per_slip * eta.d_pressure)[:, None] * slip,
         )
@@ -458,6 +477,8 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
+        # Where a film is, the next slip begins at the place below, pressed or not.
+        self.state.ahead[trial.kinematics.closed] = 0.0
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
@@ -466,32 +487,34 @@ class LubricatedTerm(ContactTerm):
         history, film = self.state.film, trial.normal_contact.lubrication
         assert history is not None and film is not None
         weight, faces = self.surface.slave.weight, len(self.faces)
-        here, gap = film.members, trial.normal_contact.gap
+        here, gap = film.part.here, trial.normal_contact.gap
         assert gap is not None and trial.slave_tangents is not None
-        grown = np.bincount(self._face, weight * trial.area_ratio, faces) / self._weight
         longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
         longer = np.bincount(self._face, weight * longer, faces) / self._weight
-        length, width = self._lengths
-        area = self.surface.vertices.sums(weight * trial.area_ratio)
+        length, parts = self._length * longer, self._parts(trial.area_ratio)
+        area = self.places.cells(length, parts).area
+        thickness = np.full(self.places.count, self.model.reach)
+        thickness[here] = self.model.rough.film(film.part.between @ gap)[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:
             volume[here], unknown[here] = film.solution.volume, film.solution.unknown
             supplied += float(film.solution.supply.sum()) * trial.dt
         if self._flooded:  # what no film has is under oil
-            flooded = area * np.minimum(film.film, self.model.reach)
+            flooded = area * np.minimum(thickness, self.model.reach)
             volume = np.where(here & (film.solution is not None), volume, flooded)
         elif film.solution is None:
-            volume = np.where(here, np.minimum(volume, area * film.film), volume)
+            volume = np.where(here, np.minimum(volume, area * thickness), volume)
+            supplied += float(np.sum(volume - history.volume))  # pressed out
         return FilmHistory(
             unknown=unknown,
-            film=np.where(here, film.film, self.model.reach),
+            film=thickness,
             volume=volume,
             pressure=film.pressure,
-            gap=np.where(here, gap, np.inf),
-            length=length * longer,
-            width=width * grown / longer,
-            area=area,
+            gap=np.where(film.members, gap, np.inf),
+            length=length,
+            parts=parts,
+            area=self.surface.vertices.sums(weight * trial.area_ratio),
             supplied=supplied,
         )
 
@@ -515,120 +538,166 @@ class LubricatedTangent(PairTangent):
         normal, film = trial.normal_contact, trial.normal_contact.lubrication
         if film is None or not film.members.any():
             return None
-        take = np.nonzero(trial.kinematics.closed)[0]
-        needs = normal.needs()
+        take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
         gaps = self._gap_rows(state, trial, needs)
-        gaps = scipy.sparse.diags(1.0 / self.surface.vertices.area) @ gaps
-        speeds = self._speed_rows(state, trial, take)
-        product = np.zeros((gaps.shape[1], gaps.shape[1]))
-        by_gap, by_speed = _field_slopes(film)
-        for field, vectors in self._field_vectors(state, trial, film, take).items():
-            left = self._vertex_rows(trial, take, vectors, needs)
-            change = by_gap[field] @ gaps.toarray()
-            if field in by_speed:
-                change += speeds.T.dot(by_speed[field].T).T
-            product += left.T @ change
-        matrix = scipy.sparse.csr_matrix(product)
+        gaps.data /= np.repeat(self.surface.vertices.area, np.diff(gaps.indptr))
+        own, pressed, filled = (
+            self._vertex_rows(trial, take, vectors, needs)
+            for vectors in self._field_vectors(trial, film, take)
+        )
+        pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
+        parts = [gaps, own, pressed, filled, pulled, speeds]
+        every = scipy.sparse.vstack(parts, format="csr")
         if trial.carried is not None:
-            operator = trial.carried.operator(self.surface.first_master)
-            matrix = (operator.T @ matrix @ operator).tocsr()
-        return Coupling(self.surface.nodes, self.surface.nodes, matrix)
+            every = every @ trial.carried.operator(self.surface.first_master)
+        # The film couples all that it feels: from here on all of it is dense.
+        dim = self.surface.dim
+        used = np.unique(every.indices // dim)
+        number = np.full(every.shape[1] // dim, -1)
+        number[used] = np.arange(len(used))
+        column = number[every.indices // dim] * dim + every.indices % dim
+        every = scipy.sparse.csr_matrix(
+            (every.data, column, every.indptr), (every.shape[0], len(used) * dim)
+        )
+        ends = np.cumsum([0] + [part.shape[0] for part in parts])
+        rows = [every[low:high] for low, high in itertools.pairwise(ends)]
+        nodes = self.surface.nodes[used]
+        if film.solution is None:
+            return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
+        felt = self._through_film(state, trial, rows[2:5], rows[5].shape[0])
+        right = scipy.sparse.vstack([rows[0], rows[5]], format="csr")
+        product = np.asarray((right.T @ felt.T).T + rows[1].T @ rows[0])
+        size = len(used) * dim
+        start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
+        index = np.tile(np.arange(size, dtype=np.int32), size)
+        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
+        return Coupling(nodes, nodes, matrix)
+
+    def _through_film(
+        self,
+        state: ContactState,
+        trial: ContactTrial,
+        left: Sequence[scipy.sparse.csr_matrix],
+        speeds: int,
+    ) -> Floats:
+        """The part of the tangent that goes through the film's equations, by R and S.
+
+        Args:
+            state: of the last step.
+            trial: of the tangent.
+            left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
+            speeds: number s of the speeds that the film feels.
+
+        Returns:
+            (c, v + s), to be multiplied by R and S.
+        """
+        pressed, filled, pulled = left
+        film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
+        assert film is not None and film.solver is not None and film.step is not None
+        assert film.solution is not None and history is not None and gap is not None
+        assert isinstance(self.rule, AsperityPressure)
+        part, area = film.part, film.solver.cells.area
+        d_film = scipy.sparse.diags(self.rule.model.rough.film(part.between @ gap)[1])
+        d_film = d_film @ part.between
+        slopes = film.solver.slopes(film.step, film.solution)
+        faces = np.arange(slopes.by_speed.shape[1])
+        feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
+        spread = scipy.sparse.csr_matrix(
+            (np.ones(len(faces)), (faces, feels)), (len(faces), speeds)
+        )
+        balance = [(slopes.by_film @ d_film).toarray(), (slopes.by_speed @ spread).toarray()]
+        d_unknown = slopes.unknown(np.concatenate(balance, axis=1))
+        d_pressure = slopes.by_pressure[:, None] * d_unknown
+        whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
+        d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
+        out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
+        out += filled.T @ d_filled
+        length = history.length[part.inside]
+        by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
+        out += pulled.T @ (by_pressure @ d_pressure)
+        out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
+        return out
 
     def _field_vectors(
-        self, state: ContactState, trial: ContactTrial, film: Lubrication, take: Longs
-    ) -> dict[str, Floats]:
-        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,), by field."""
+        self, trial: ContactTrial, film: Lubrication, take: Longs
+    ) -> tuple[Floats, Floats, Floats]:
+        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,).
+
+        Of gaps without the film's equations, and of the film's pressure and filling.
+        """
         vertices, n = self.surface.vertices, trial.kinematics.normal[take]
-        shape, slopes = vertices.shape[take][:, :, None], film.slopes[take][:, :, None]
-        thickness = vertices.at_points(film.film)[take]
-        along = film.along[take][:, None, :]
-        share = film.sign * 0.5 * state.area_ratio[take] * thickness
-        return {
-            "carried": -shape * n[:, None, :],
-            "asperity": shape * trial.response.d_traction_d_pressure[take][:, None, :],
-            "film": shape * film.by_film[take][:, None, :],
-            "filled": shape * film.by_filled[take][:, None, :],
-            "pressure": shape * film.by_pressure[take][:, None, :]
-            + share[:, None, None] * slopes * along,
-        }
+        shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
+        ratio, carried = film.ratio[at][:, :, None], -shape * n[:, None, :]
+        by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
+        own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
+        own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]
+        pressed = ratio * carried + shape * film.by_pressure[take][:, None, :]
+        return own, pressed, shape * film.by_filled[take][:, None, :]
+
+    def _pull_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
+        film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
+        assert film is not None and isinstance(self.rule, AsperityPressure)
+        inside = film.part.inside
+        number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
+        facet = trial.projection.facet[take]
+        master = surface.target.weights(facet, trial.projection.xi[take])
+        shape = np.concatenate([slave.shape[take], -master], axis=1)
+        share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
+        values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
+        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        return self._of_facets(number, nodes, values, int(np.count_nonzero(inside)))
+
+    def _of_facets(
+        self, number: Longs, nodes: Longs, values: Floats, count: int
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
+        dim = self.surface.dim
+        column = nodes[:, :, None] * dim + np.arange(dim)
+        row = np.broadcast_to(number[:, None, None], column.shape)
+        place = row.reshape(-1), column.reshape(-1)
+        return scipy.sparse.csr_matrix((values.reshape(-1), place), (count, self._places * dim))
 
     def _speed_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs
     ) -> scipy.sparse.csr_matrix:
-        """S: change (f, m·i) of half the sliding speed of the film's faces."""
+        """S: change (f′, m·i) of half the sliding speed that the film's facets feel."""
         film, surface = trial.normal_contact.lubrication, self.surface
-        columns = self._places * surface.dim
         assert film is not None and trial.anchor is not None
+        assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
-            return scipy.sparse.csr_matrix((0, columns))
-        _, face = np.unique(surface.slave.facet, return_inverse=True)
+            return scipy.sparse.csr_matrix((0, self._places * surface.dim))
+        face = self.rule.facet_of
         total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
-        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
         d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
         d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
         scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
         values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
-        column = places[:, :, None] * surface.dim + np.arange(surface.dim)
-        row = np.broadcast_to(face[take][:, None, None], column.shape)
-        out = scipy.sparse.csr_matrix(
-            (values.reshape(-1), (row.reshape(-1), column.reshape(-1))),
-            (len(total), columns),
-        )
-        # Faces of the film: those of which both vertices are its own.
-        _, first = np.unique(surface.slave.facet, return_index=True)
-        inside: Bools = np.all(film.members[surface.vertices.of_point[first]], axis=1)
-        steady = not np.isfinite(film.step.dt)
-        return scipy.sparse.csr_matrix(felt_speeds(steady, inside, total)) @ out
+        out = self._of_facets(face[take], places, values, len(total))
+        return felt_speeds(not np.isfinite(film.step.dt), film.part.inside, total) @ out
 
 
-def _field_slopes(film: Lubrication) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """∂X/∂g (v, v) and ∂X/∂u (v, f) of the fields on which tractions depend."""
-    count, here = len(film.members), np.nonzero(film.members)[0]
-    d_film, by_film = np.diag(np.where(film.members, film.d_film, 0.0)), np.zeros((count, count))
-    asperity = np.diag(film.ratio * film.d_asperity)
-    if film.solver is None or film.step is None or film.solution is None:
-        return {
-            "carried": asperity,
-            "asperity": asperity,
-            "film": d_film,
-            "filled": by_film,
-            "pressure": by_film,
-        }, {}
-    slopes = film.solver.slopes(film.step, film.solution)
-    filled, pressure = np.zeros((count, count)), by_film
-    pressure[np.ix_(here, here)] = slopes.pressure * film.d_film[here]
-    filled[np.ix_(here, here)] = slopes.filled * film.d_film[here]
-    faces = slopes.pressure_by_speed.shape[1]
-    pressure_u, filled_u = np.zeros((count, faces)), np.zeros((count, faces))
-    pressure_u[here], filled_u[here] = slopes.pressure_by_speed, slopes.filled_by_speed
-    by_gap = {
-        "carried": asperity + film.ratio[:, None] * pressure,
-        "asperity": asperity,
-        "film": d_film,
-        "filled": filled,
-        "pressure": pressure,
-    }
-    by_speed = {
-        "carried": film.ratio[:, None] * pressure_u,
-        "filled": filled_u,
-        "pressure": pressure_u,
-    }
-    return by_gap, by_speed
+def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr_matrix:
+    """Table (f′, f), or (1, f), from the speeds of all facets to those that a film feels.
 
-
-def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> Floats:
-    """Table (f′, f) from the speeds of all faces to those of the faces ``inside`` a film.
+    A steady state has one speed: where part of a contact sticks there is none, and the mean of the
+    facets inside the film is taken.
 
     Args:
         steady: whether all feel their mean.
         inside: (f,).
-        weight: (f,), m², of the faces.
+        weight: (f,), m², of the facets.
     """
+    at = np.nonzero(inside)[0]
     if not steady:
-        return np.eye(len(inside))[inside]
-    share = np.where(inside, weight, 0.0)
-    return np.tile(share / max(share.sum(), np.finfo(float).tiny), (np.count_nonzero(inside), 1))
+        place = np.arange(len(at)), at
+        return scipy.sparse.csr_matrix((np.ones(len(at)), place), (len(at), len(inside)))
+    share = weight[at] / max(weight[at].sum(), np.finfo(float).tiny)
+    return scipy.sparse.csr_matrix((share, (np.zeros(len(at), dtype=int), at)), (1, len(inside)))
 
 
 def _turned_right(normal: Floats) -> Floats:

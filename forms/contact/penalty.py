@@ -182,7 +182,7 @@ class ContactTerm:
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
         if not self.active:
             normal = normal.opened()
-        kinematics = relate(points, current, anchor, normal.closed)
+        kinematics = relate(points, current, anchor, normal.closed, self.linearised.arcs)
         film, response = self._loaded(normal, current, kinematics, dt, mode)
         return ContactTrial(
             position=points,

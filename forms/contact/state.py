@@ -12,7 +12,7 @@ import numpy as np
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics
-from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import FilmPart, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
@@ -98,12 +98,13 @@ AS_IS = ContactMode()
 
 @dataclass(frozen=True, slots=True)
 class FilmHistory:
-    """The film of a pair after a converged step, at its vertices (v,) and faces (f,).
+    """The film of a pair after a converged step, at places (n,), vertices (v,) and facets (f,).
 
     Attributes:
-        unknown: w (v,); film: h_T (v,), m, infinite where nothing is opposite; volume: (v,), m² or
+        unknown: w (n,); film: h_T (n,), m, infinite where nothing is opposite; volume: (n,), m² or
             m³, oil; pressure: p_f (v,), Pa; gap: (v,), m.
-        length, width: (f,), m, current; area: (v,), m² or of rings, current.
+        length: (f,), m, current; parts: (f, 2), m² or of rings, current, that each vertex has of a
+            facet; area: (v,) their sums.
         supplied: m² or m³, oil that came in from the reservoirs since the start.
     """
 
@@ -113,14 +114,14 @@ class FilmHistory:
     pressure: Floats
     gap: Floats
     length: Floats
-    width: Floats
+    parts: Floats
     area: Floats
     supplied: float
 
 
 @dataclass(frozen=True, slots=True)
 class Lubrication:
-    """The film of one set of gaps, at vertices (v,) and points (q,).
+    """The film of one set of gaps, at vertices (v,), facets (f,) and points (q,).
 
     Attributes:
         members: (v,) vertices that the film has; film: h_T (v,), m, and d_film: dh_T/dg (v,).
@@ -128,11 +129,12 @@ class Lubrication:
             filled: θ (v,). Pressures are per current area; ratio: (v,), da/dA.
         along: (q, i) unit vectors from the first end of the points' faces to the second;
             turned: (q,) 1 or −1, whether they are the normals turned to the right; sign: 1 where
-            the normal is the slave's, −1 where it is the master's; slopes: ∂N/∂s (q, k), 1/m.
+            the normal is the slave's, −1 where it is the master's.
+        pulled: (f,), Pa, mean of h ∂p_f/∂s, per current area.
         drawn: (q,), Pa, traction along them from the gradient of the film's pressure.
         by_film, by_filled, by_pressure: ∂T/∂h (q, i), Pa/m, ∂T/∂θ, Pa, and ∂T/∂p_f.
-        solver, step, solution: what was solved for the members; None where the film does not feel
-            time, or its equations have no solution.
+        part: places that the film has; solver, step, solution: what was solved for them;
+            None where the film does not feel time, or its equations have no solution.
     """
 
     members: Bools
@@ -146,14 +148,22 @@ class Lubrication:
     along: Floats
     turned: Floats
     sign: float
-    slopes: Floats
+    pulled: Floats
     drawn: Floats
     by_film: Floats
     by_filled: Floats
     by_pressure: Floats
+    part: FilmPart
     solver: ReynoldsFilm | None
     step: FilmStep | None
     solution: FilmSolution | None
+
+    @property
+    def share(self) -> float:
+        """What the film carries of the load that it bears with the asperities."""
+        carried = float(self.ratio @ np.where(self.members, self.pressure, 0.0))
+        both = carried + float(self.ratio @ np.where(self.members, self.asperity, 0.0))
+        return carried / both if both > 0.0 else 0.0
 
 
 @dataclass(slots=True)

@@ -44,10 +44,12 @@ class PairTangent:
 
     Attributes:
         surface: of the pair; rule: from gaps to pressure.
+        arcs: whether slips are as long as ways on a curved master.
     """
 
     surface: ContactSurface
     rule: NormalRule
+    arcs: bool = False
     _known: dict[bool, list[VertexRows]] = field(
         default_factory=lambda: {False: [], True: []}, repr=False
     )
@@ -59,14 +61,19 @@ class PairTangent:
 
     # -- point by point -----------------------------------------------------------------------
 
+    def varied(self, trial: ContactTrial, take: Longs) -> Variations:
+        """Variation of the kinematics of the closed points ``take`` (p,)."""
+        assert trial.anchor is not None
+        at, anchor = trial.projection.of(take), trial.anchor.of(take)
+        return vary(trial.position[take], at, anchor, self.arcs)
+
     def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
         """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.
 
         t = t_N n − T changes through gap, normal, slip and elastic slip; through an averaged
         pressure elsewhere, see :meth:`vertex_coupling`.
         """
-        assert trial.anchor is not None
-        v = vary(trial.position[take], trial.projection.of(take), trial.anchor.of(take))
+        v = self.varied(trial, take)
         r, normal = trial.response, trial.kinematics.normal[take]
         out: Floats = trial.normal_contact.spring[take][:, None, None] * v.d_normal
         if not isinstance(self.rule, AveragedPressure):

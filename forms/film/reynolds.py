@@ -37,7 +37,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.linalg
+from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -53,6 +54,63 @@ class FilmError(RuntimeError):
     """The film's own equations were not solved."""
 
 
+class Band:
+    """Matrices (n, n) with entries of neighbours only, as bands, and their solution.
+
+    Places along a line have one neighbour on either side, those of a ring too once both its halves
+    are numbered side by side.
+
+    Attributes:
+        row, column: (e,) of the entries: of each face those of both ends (4 f), and the diagonal.
+        number: (n,) of the places, along the line.
+    """
+
+    def __init__(self, ends: Longs, count: int) -> None:
+        """Number ``count`` places so that neighbours ``ends`` (f, 2) are near each other."""
+        every = np.arange(count)
+        self.row = np.concatenate([np.repeat(ends[:, 0], 2), np.repeat(ends[:, 1], 2), every])
+        self.column = np.concatenate([ends.reshape(-1), ends.reshape(-1), every])
+        entries = np.ones(len(self.row)), (self.row, self.column)
+        pattern = scipy.sparse.csr_matrix(entries, (count, count))
+        self._order = reverse_cuthill_mckee(pattern, symmetric_mode=True) if count else every
+        self.number = np.empty(count, dtype=np.int64)
+        self.number[self._order] = every
+        apart = self.number[self.column] - self.number[self.row]
+        self._reach = int(np.max(np.abs(apart), initial=0))
+        self._place = (apart + self._reach) * count + self.number[self.row]
+        self._count = count
+
+    def solved(self, entries: Floats, right: Floats) -> Floats:
+        """Solution for ``right`` (n,) or (n, r) with the ``entries`` (e,); NaN if singular.
+
+        Rows and columns are scaled by their largest entries.
+        """
+        reach, count = self._reach, self._count
+        size = (2 * reach + 1, count)
+        by_row = np.bincount(self._place, entries, size[0] * count).reshape(size)
+        rows = _reciprocal(np.abs(by_row).max(axis=0, initial=0.0))
+        by_row *= rows
+        # LAPACK's bands go by columns, with room for what pivoting fills.
+        bands = np.zeros((3 * reach + 1, count), order="F")
+        for off in range(-reach, reach + 1):
+            here = slice(max(0, -off), count - max(0, off))
+            bands[2 * reach - off, max(0, off) : count + min(0, off)] = by_row[reach + off, here]
+        columns = _reciprocal(np.abs(bands).max(axis=0, initial=0.0))
+        bands *= columns
+        factor, pivots, info = lapack.dgbtrf(bands, reach, reach, overwrite_ab=True)
+        out: Floats = np.full_like(right, np.nan)
+        if info == 0 and count:
+            shape = (count,) + (1,) * (right.ndim - 1)
+            scaled = np.asfortranarray(right[self._order] * rows.reshape(shape))
+            found, _ = lapack.dgbtrs(factor, reach, reach, scaled, pivots, overwrite_b=True)
+            out[self._order] = found.reshape(right.shape) * columns.reshape(shape)
+        return out
+
+
+def _reciprocal(size: Floats) -> Floats:
+    return np.divide(1.0, size, out=np.ones_like(size), where=size > 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class FilmCells:
     """Where the film's places are, and which are neighbours.
@@ -61,12 +119,14 @@ class FilmCells:
         ends: (f, 2) places that a face lies between; length: (f,), m, between them; width: (f,),
             m of rings, or 1 per unit thickness.
         area: (n,), m² per unit thickness, or of rings.
+        band: of matrices between neighbours.
     """
 
     ends: Longs
     length: Floats
     width: Floats
     area: Floats
+    band: Band
 
     @classmethod
     def on_line(cls, position: Floats, rings: bool = False) -> FilmCells:
@@ -77,20 +137,133 @@ class FilmCells:
         area = np.pi * np.diff(edges**2) if rings else np.diff(edges)
         width = 2.0 * np.pi * middle if rings else np.ones(len(number))
         ends = np.stack([number, number + 1], axis=1)
-        return cls(ends, np.diff(position), width, area)
-
-    def only(self, members: Bools) -> FilmCells:
-        """The part (m,) of some places (n,); nothing flows out of it."""
-        number = np.cumsum(members) - 1
-        inside = members[self.ends].all(axis=1)
-        ends = number[self.ends[inside]]
-        return FilmCells(ends, self.length[inside], self.width[inside], self.area[members])
+        return cls(ends, np.diff(position), width, area, Band(ends, len(area)))
 
     def last(self) -> Bools:
         """Places (n,) with fewer than two neighbours: the ends of the film."""
         count = np.bincount(self.ends.reshape(-1), minlength=len(self.area))
         out: Bools = count < 2
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class FilmPart:
+    """Places that a film has, of those that facets are divided into.
+
+    Attributes:
+        members: (v,) vertices; inside: (f,) facets between them; here: (n,) places.
+        between: (m, v), from values at vertices to those of the m places, and its transpose.
+        ends: (e, 2) of these, that each face lies between; faces: (e,) numbers among all faces.
+        band: of matrices between neighbours; per_facet: k, cells on each facet.
+    """
+
+    members: Bools
+    inside: Bools
+    here: Bools
+    between: scipy.sparse.csr_matrix
+    shared: scipy.sparse.csr_matrix
+    ends: Longs
+    faces: Longs
+    band: Band
+    per_facet: int
+
+    def of(self, cells: FilmCells) -> FilmCells:
+        """The cells of these places, of those of all; nothing flows out of them."""
+        length, width = cells.length[self.faces], cells.width[self.faces]
+        return FilmCells(self.ends, length, width, cells.area[self.here], self.band)
+
+    def sums(self, area: Floats, values: Floats) -> Floats:
+        """What vertices get (v, …) of values (m, …) per area (m,)."""
+        weighted = values * (area if values.ndim == 1 else area[:, None])
+        out: Floats = self.shared @ weighted
+        return out
+
+    def pulls(self, film: Floats, pressure: Floats, length: Floats) -> Floats:
+        """Mean of h ∂p/∂s (f′,), Pa, of the facets inside, which are ``length`` (f′,) m long."""
+        a, b = self.ends.T
+        steps = 0.5 * (film[a] + film[b]) * (pressure[b] - pressure[a])
+        out: Floats = steps.reshape(-1, self.per_facet).sum(axis=1) / length
+        return out
+
+    def pull_slopes(
+        self, film: Floats, pressure: Floats, length: Floats
+    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """Derivatives (f′, m) of :meth:`pulls` for film, Pa/m, and pressure."""
+        (a, b), size = self.ends.T, (len(length), len(film))
+        over = np.repeat(1.0 / length, self.per_facet)
+        mean, rise = 0.5 * (film[a] + film[b]) * over, 0.5 * (pressure[b] - pressure[a]) * over
+        start = 2 * self.per_facet * np.arange(len(length) + 1)
+        by_film = np.stack([rise, rise], axis=1).reshape(-1)
+        by_pressure = np.stack([-mean, mean], axis=1).reshape(-1)
+        index = self.ends.reshape(-1)
+        return (
+            scipy.sparse.csr_matrix((by_film, index, start), size),
+            scipy.sparse.csr_matrix((by_pressure, index, start), size),
+        )
+
+
+class FilmPlaces:
+    """Places of a film on facets: their vertices, and places between these.
+
+    Axis letters: v vertices, f facets, n places. What facets give is linear between their vertices,
+    and what they take is shared out by the same functions: both do the same work.
+
+    Attributes:
+        facets: (f, 2) vertices; per_facet: k, cells of the film on each.
+        count: of places, v + (k − 1) f: the vertices, and those inside the facets, in order.
+        between: (n, v), from values at vertices to those at places.
+    """
+
+    def __init__(self, facets: Longs, vertices: int, per_facet: int) -> None:
+        """Divide ``facets`` (f, 2) of so many vertices."""
+        self.facets, self.per_facet = facets, per_facet
+        inner = vertices + np.arange(len(facets) * (per_facet - 1)).reshape(len(facets), -1)
+        self.count = vertices + inner.size
+        line = np.concatenate([facets[:, :1], inner, facets[:, 1:]], axis=1)
+        self._ends = np.stack([line[:, :-1], line[:, 1:]], axis=2).reshape(-1, 2)
+        self._band = Band(self._ends, self.count)
+        share = np.tile(np.arange(1, per_facet) / per_facet, len(facets))
+        every = np.arange(vertices)
+        row = np.concatenate([every, inner.reshape(-1), inner.reshape(-1)])
+        ends = [np.repeat(end, per_facet - 1) for end in facets.T]
+        data = np.concatenate([np.ones(vertices), 1.0 - share, share])
+        place = row, np.concatenate([every, *ends])
+        self.between = scipy.sparse.csr_matrix((data, place), (self.count, vertices))
+        self._part: FilmPart | None = None
+
+    def part(self, members: Bools) -> FilmPart:
+        """Places between vertices (v,) that are members; kept while these stay the same."""
+        known = self._part
+        if known is not None and np.array_equal(known.members, members):
+            return known
+        inside = np.all(members[self.facets], axis=1)
+        here = np.concatenate([members, np.repeat(inside, self.per_facet - 1)])
+        faces = np.nonzero(np.repeat(inside, self.per_facet))[0]
+        ends = (np.cumsum(here) - 1)[self._ends[faces]]
+        between = self.between[here]
+        band = Band(ends, int(np.count_nonzero(here)))
+        part = FilmPart(
+            *(members.copy(), inside, here, between, between.T.tocsr(), ends, faces, band),
+            self.per_facet,
+        )
+        self._part = part
+        return part
+
+    def cells(self, length: Floats, parts: Floats) -> FilmCells:
+        """Cells of facets (f,), m long, of which the vertices have the areas ``parts`` (f, 2).
+
+        The width of rings is linear along a facet.
+        """
+        k, (a, b) = self.per_facet, parts.T / length
+        ends = np.stack([4.0 * a - 2.0 * b, 4.0 * b - 2.0 * a], axis=1)
+        at = np.arange(k + 1) / k
+        width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at
+        low, high, size = width[:, :-1], width[:, 1:], length[:, None] / k
+        shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
+        area: Floats = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
+        middle = 0.5 * (low + high).reshape(-1)
+        area = area.astype(np.float64)
+        return FilmCells(self._ends, np.repeat(length / k, k), middle, area, self._band)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,25 +313,39 @@ class FilmSlopes:
     """How a film that balances changes with thickness and speed.
 
     Attributes:
-        pressure: ∂p/∂h (n, n), Pa/m, and filled: ∂θ/∂h (n, n), 1/m.
-        pressure_by_speed: ∂p/∂u (n, f), Pa s/m, and filled_by_speed: ∂θ/∂u (n, f), s/m.
+        by_pressure, by_filled: ∂p/∂w (n,), Pa, and ∂θ/∂w (n,).
+        by_film: (n, n) and by_speed: (n, f), of the balance at the same w.
     """
 
-    pressure: Floats
-    filled: Floats
-    pressure_by_speed: Floats
-    filled_by_speed: Floats
+    by_pressure: Floats
+    by_filled: Floats
+    by_film: scipy.sparse.csr_matrix
+    by_speed: scipy.sparse.csr_matrix
+    _entries: Floats
+    _band: Band
+
+    def unknown(self, balance: Floats) -> Floats:
+        """Change of w (n,) or (n, r) as the balance rises by (n,) or (n, r)."""
+        return -self._band.solved(self._entries, balance)
 
 
 @dataclass(frozen=True, slots=True)
-class _Linear:
-    """The balance at one w: its residual (n,), flux (f,) and derivatives."""
+class _Given:
+    """What does not change while a step's film is sought.
 
-    residual: Floats
-    flux: Floats
-    by_unknown: scipy.sparse.csc_matrix
-    by_film: scipy.sparse.csr_matrix
-    by_speed: scipy.sparse.csr_matrix
+    Attributes:
+        cube, d_cube: (n,) mobility, m³, and its derivative for h; film: (f,), m, mean of both ends;
+            rate: (f,), 1/s; held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh.
+        limit: (n,) error of the balance that is accepted, m²/s or m³/s; of w, where it is given.
+    """
+
+    cube: Floats
+    d_cube: Floats
+    film: Floats
+    rate: Floats
+    held: Floats
+    d_held: Floats
+    limit: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,51 +393,76 @@ class ReynoldsFilm:
         Raises:
             FilmError: Newton's method does not converge.
         """
-        w = self._held(step, start.copy())
+        given = self._given(step)
+        w = np.where(step.fixed, given.held, start)
         for iteration in range(1, MOST_ITERATIONS + 1):
-            linear = self._linear(step, w)
+            p, theta, d_p, d_theta = self.parts(w)
+            flow = self._flow(step, given, p, theta)
+            residual = self._balance(step, theta, flow.value)
+            residual = np.where(step.fixed, w - given.held, residual)
             with np.errstate(all="ignore"):
-                change = _scaled_solve(linear.by_unknown, -linear.residual)
+                entries = self._by_unknown(step, flow, d_p, d_theta)
+                change = self.cells.band.solved(entries, -residual)
             if not np.isfinite(change).all():
                 break
-            balanced = bool(np.all(np.abs(linear.residual) <= self._limit(step)))
+            balanced = bool(np.all(np.abs(residual) <= given.limit))
             w = w + self._bounded(change)
             if balanced:
-                return self._solution(step, w, iteration)
+                return self._solution(step, given, w, iteration)
         raise FilmError(f"the film's mass balance was not met in {iteration} iterations")
 
     def slopes(self, step: FilmStep, solution: FilmSolution) -> FilmSlopes:
-        """Derivatives of pressure and filling of a solution."""
-        _, _, d_p, d_theta = self.parts(solution.unknown)
-        linear = self._linear(step, solution.unknown)
-        right = scipy.sparse.hstack([linear.by_film, linear.by_speed]).toarray()
-        d_w = -_scaled_solve(linear.by_unknown, right)
-        count = len(step.film)
-        by_film, by_speed = d_w[:, :count], d_w[:, count:]
-        return FilmSlopes(
-            d_p[:, None] * by_film,
-            d_theta[:, None] * by_film,
-            d_p[:, None] * by_speed,
-            d_theta[:, None] * by_speed,
+        """Derivatives of a solution."""
+        given, cells = self._given(step), self.cells
+        p, theta, d_p, d_theta = self.parts(solution.unknown)
+        flow = self._flow(step, given, p, theta)
+        free = np.where(step.fixed, 0.0, 1.0)
+        stored = theta * self._per_time(step)
+        data = self._entries(flow.by_film, stored, free, np.where(step.fixed, -given.d_held, 0.0))
+        count, face = len(theta), np.arange(len(cells.ends))
+        by_film = scipy.sparse.csr_matrix(
+            (data, (cells.band.row, cells.band.column)), (count, count)
         )
+        row, column = cells.ends.T.reshape(-1), np.tile(face, 2)
+        data = np.concatenate([flow.by_speed, -flow.by_speed]) * free[row]
+        by_speed = scipy.sparse.csr_matrix((data, (row, column)), (count, len(face)))
+        entries = self._by_unknown(step, flow, d_p, d_theta)
+        return FilmSlopes(d_p, d_theta, by_film, by_speed, entries, cells.band)
 
     def _bounded(self, change: Floats) -> Floats:
         """A change of w (n,) by which no viscosity grows more than e-fold."""
         growth = self.rheology.barus * self.scale * float(np.max(change, initial=0.0))
         return change * (1.0 / max(1.0, growth))
 
-    def _solution(self, step: FilmStep, w: Floats, iterations: int) -> FilmSolution:
+    def _solution(self, step: FilmStep, given: _Given, w: Floats, iterations: int) -> FilmSolution:
         p, theta, _, _ = self.parts(w)
-        flux = self._flow(step, p, theta).value
+        flux = self._flow(step, given, p, theta).value
         balance = self._balance(step, theta, flux)
         volume = theta * step.film * self.cells.area
         supply = np.where(step.fixed, balance, 0.0)
         return FilmSolution(w, p, theta, volume, flux, supply, iterations)
 
-    def _held(self, step: FilmStep, w: Floats) -> Floats:
-        """The unknowns with those of the reservoirs as they are."""
-        given, _ = _reservoir(step)
-        return np.where(step.fixed, given, w)
+    def _given(self, step: FilmStep) -> _Given:
+        """What a step's film is sought with."""
+        cells, (a, b), h = self.cells, self.cells.ends.T, step.film
+        cube, d_cube = self._mobility(step)
+        film = 0.5 * (h[a] + h[b])
+        held, d_held = _reservoir(step)
+        eta = max(self.rheology.eta_b, np.finfo(float).tiny)
+        pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
+        moved = TOLERANCE * cells.width * np.abs(step.speed) * film + _ROUNDOFF * pressed
+        limit = np.zeros(len(h))
+        limit += np.bincount(a, moved, len(h)) + np.bincount(b, moved, len(h))
+        limit += TOLERANCE * h * self._per_time(step)
+        limit = np.where(step.fixed, _ROUNDOFF, limit)
+        rate = 2.0 * np.abs(step.speed) / film
+        return _Given(cube, d_cube, film, rate, held, d_held, limit)
+
+    def _per_time(self, step: FilmStep) -> Floats:
+        """What is stored (n,) in a step per thickness of film, over its duration; 0 if steady."""
+        if step.volume is None or not np.isfinite(step.dt):
+            return np.zeros_like(self.cells.area)
+        return self.cells.area * (1.0 / step.dt)
 
     def _balance(self, step: FilmStep, theta: Floats, flux: Floats) -> Floats:
         """What leaves a place and is stored there (n,), m²/s or m³/s; 0 where nothing feeds it."""
@@ -274,15 +486,12 @@ class ReynoldsFilm:
         phi, d_phi = phi_slope
         return phi * cube, d_phi * cube + phi * d_cube
 
-    def _flow(self, step: FilmStep, p: Floats, theta: Floats) -> _Flow:
+    def _flow(self, step: FilmStep, given: _Given, p: Floats, theta: Floats) -> _Flow:
         """Flow through the faces."""
         cells, (a, b) = self.cells, self.cells.ends.T
-        ends, h = cells.ends, step.film
-        cube, d_cube = self._mobility(step)
-        mean_film = 0.5 * (h[a] + h[b])
-        rate = 2.0 * np.abs(step.speed) / mean_film
+        ends, mean_film, rate = cells.ends, given.film, given.rate
         flow = self.rheology.viscosity(rate, 0.5 * (p[a] + p[b]))
-        over = 0.5 * (cube[a] + cube[b]) / (12.0 * flow.value)
+        over = 0.5 * (given.cube[a] + given.cube[b]) / (12.0 * flow.value)
         slope = (p[b] - p[a]) / cells.length
         pressed, thinning = -over * slope, over * slope / flow.value
         up = np.where(step.speed >= 0.0, a, b)
@@ -292,7 +501,7 @@ class ReynoldsFilm:
             [over / cells.length, -over / cells.length], axis=1
         )
         by_filled = at_up * (step.speed * mean_film)[:, None]
-        by_film = -(slope / (24.0 * flow.value))[:, None] * d_cube[ends]
+        by_film = -(slope / (24.0 * flow.value))[:, None] * given.d_cube[ends]
         by_film += 0.5 * (carried - thinning * flow.d_rate * rate / mean_film)[:, None]
         by_speed = theta[up] * mean_film
         by_speed += thinning * flow.d_rate * 2.0 * np.sign(step.speed) / mean_film
@@ -305,57 +514,19 @@ class ReynoldsFilm:
             width * by_speed,
         )
 
-    def _linear(self, step: FilmStep, w: Floats) -> _Linear:
-        """The balance and its derivatives."""
-        cells, count = self.cells, len(w)
-        p, theta, d_p, d_theta = self.parts(w)
-        flow = self._flow(step, p, theta)
-        residual = self._balance(step, theta, flow.value)
-        by_w = flow.by_pressure * d_p[cells.ends] + flow.by_filled * d_theta[cells.ends]
-        stored_w: Floats = np.zeros(count)
-        stored_h: Floats = np.zeros(count)
-        if step.volume is not None and np.isfinite(step.dt):
-            per_time = cells.area * (1.0 / step.dt)
-            stored_w = d_theta * step.film * per_time
-            stored_h = theta * per_time
-        given, d_given = _reservoir(step)
-        residual = np.where(step.fixed, w - given, residual)
-        free = np.where(step.fixed, 0.0, 1.0)
-        by_unknown = self._table(by_w, stored_w, free, step.fixed.astype(np.float64))
-        by_film = self._table(flow.by_film, stored_h, free, np.where(step.fixed, -d_given, 0.0))
-        face = np.arange(len(cells.ends))
-        row, column = cells.ends.T.reshape(-1), np.tile(face, 2)
-        data = np.concatenate([flow.by_speed, -flow.by_speed]) * free[row]
-        by_speed = scipy.sparse.csr_matrix((data, (row, column)), (count, len(face)))
-        return _Linear(residual, flow.value, by_unknown.tocsc(), by_film, by_speed)
+    def _by_unknown(self, step: FilmStep, flow: _Flow, d_p: Floats, d_theta: Floats) -> Floats:
+        """Entries (e,) of the balance's derivatives for w."""
+        ends, fixed = self.cells.ends, step.fixed.astype(np.float64)
+        of_faces = flow.by_pressure * d_p[ends] + flow.by_filled * d_theta[ends]
+        stored = d_theta * step.film * self._per_time(step)
+        return self._entries(of_faces, stored, 1.0 - fixed, fixed)
 
-    def _table(
-        self, of_faces: Floats, stored: Floats, free: Floats, diagonal: Floats
-    ) -> scipy.sparse.csr_matrix:
-        """Table (n, n) of derivatives (f, 2) of the flow for both ends and (n,) of storage."""
-        ends, count = self.cells.ends, len(stored)
-        row = np.concatenate([np.repeat(ends[:, 0], 2), np.repeat(ends[:, 1], 2), np.arange(count)])
-        column = np.concatenate([ends.reshape(-1), ends.reshape(-1), np.arange(count)])
+    def _entries(self, of_faces: Floats, stored: Floats, free: Floats, diagonal: Floats) -> Floats:
+        """Entries (e,) from derivatives (f, 2) of the flow for both ends and (n,) of storage."""
         plain = of_faces.reshape(-1)
-        data = np.concatenate([plain, -plain, stored]) * free[row]
-        data[-count:] += diagonal
-        return scipy.sparse.csr_matrix((data, (row, column)), (count, count))
-
-    def _limit(self, step: FilmStep) -> Floats:
-        """Error (n,) of the balance that is accepted, m²/s or m³/s; of w, where it is given."""
-        cells, h = self.cells, step.film
-        a, b = cells.ends.T
-        cube, _ = self._mobility(step)
-        eta = max(self.rheology.eta_b, np.finfo(float).tiny)
-        pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
-        sheared = cells.width * np.abs(step.speed) * 0.5 * (h[a] + h[b])
-        moved = TOLERANCE * sheared + _ROUNDOFF * pressed
-        count = len(h)
-        out = np.zeros(count)
-        out += np.bincount(a, moved, count) + np.bincount(b, moved, count)
-        if np.isfinite(step.dt):
-            out += TOLERANCE * h * cells.area / step.dt
-        return np.where(step.fixed, _ROUNDOFF, out)
+        out = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
+        out[len(out) - len(stored) :] += diagonal
+        return out
 
 
 def _reservoir(step: FilmStep) -> tuple[Floats, Floats]:
@@ -364,19 +535,3 @@ def _reservoir(step: FilmStep) -> tuple[Floats, Floats]:
     content = np.where(short, step.content, step.film)
     given = np.where(short, content / step.film - 1.0, 0.0)
     return given, np.where(short, -content / step.film**2, 0.0)
-
-
-def _scaled_solve(matrix: scipy.sparse.csc_matrix, right: Floats) -> Floats:
-    """Solution with rows and columns scaled by their largest entries; not finite if singular."""
-    rows = abs(matrix).max(axis=1).toarray().ravel()
-    rows = 1.0 / np.where(rows > 0.0, rows, 1.0)
-    scaled = scipy.sparse.diags(rows) @ matrix
-    columns = abs(scaled).max(axis=0).toarray().ravel()
-    columns = 1.0 / np.where(columns > 0.0, columns, 1.0)
-    try:
-        factor = scipy.sparse.linalg.splu((scaled @ scipy.sparse.diags(columns)).tocsc())
-    except RuntimeError:  # exactly singular
-        return np.full_like(right, np.nan)
-    by_row = right * (rows if right.ndim == 1 else rows[:, None])
-    out: Floats = factor.solve(by_row) * (columns if right.ndim == 1 else columns[:, None])
-    return out

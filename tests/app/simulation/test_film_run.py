@@ -100,6 +100,12 @@ def test_the_film_takes_load_over_from_the_asperities(flooded):
     assert column(flooded, "normal_force")[-1] == pytest.approx(400.0, rel=0.01)
 
 
+def test_what_the_drive_does_is_dissipated(flooded):
+    last, end = read_table(flooded / "history.csv")[-2:]
+    error, work = (float(end[k]) - float(last[k]) for k in ("energy_error", "external_work"))
+    assert abs(error) < 1e-4 * abs(work)
+
+
 def test_given_oil_is_kept(tmp_path):
     run(case_of(data_of(**OIL)), tmp_path / "out")
     oil = column(tmp_path / "out", "oil_volume")[3:]

@@ -55,6 +55,8 @@ KINDS = {
     "given oil": {"steady": False, "oil": 0.024},
     "steady oil": {"oil": 0.035},
     "map": {"share": "map", "law": MAP},
+    "three cells": {"cells": 3},
+    "three cells with given oil": {"cells": 3, "steady": False, "oil": 0.02},
 }
 
 
@@ -83,3 +85,39 @@ def test_the_tangent_is_that_of_differences(kind, shape):
     assert film.pressure.max() > 0.01 * film.asperity.max()
     assert np.count_nonzero(trial.kinematics.closed) > 3
     assert scene.error(x) < 1e-6
+
+
+@pytest.mark.parametrize("angle", [0.05, 0.2])
+def test_a_turning_tool_rubs_over_its_arc(angle):
+    scene = Lubricated()
+    scene.motion = scene.term.surface.master.motion
+    x = scene.unknowns(1, 0.0, tool=0.0, theta=0.0)
+    tool = scene._dofs(scene.tool)
+    x[tool[1]] = -0.03
+    # The tool turns about the centre of its circle: that moves with the centre of the motion.
+    arm = scene.surface.centre - scene.centre
+    scene.term.commit(scene.term.evaluate(scene.vector(x), 1.0, PRESSED))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    x[tool[:2]] += arm - turn @ arm
+    x[tool[2]] = angle * scene.motion.length
+    trial = scene.residual(x)[1]
+    slip = np.linalg.norm(trial.kinematics.slip, axis=1)[trial.kinematics.closed]
+    assert len(slip) > 3
+    assert slip == pytest.approx(0.82 * angle, rel=1e-2 * angle**2)
+
+
+@pytest.mark.parametrize("kind", ["flooded", "three cells with given oil"])
+def test_the_film_gives_off_what_its_flow_does(kind):
+    scene = Lubricated(**KINDS[kind])
+    trial = scene.residual(slid(scene, close=0.0))[1]
+    film, slip = trial.normal_contact.lubrication, trial.kinematics.slip
+    cells, found, step = film.solver.cells, film.solution, film.step
+    a, b = cells.ends.T
+    rise = found.pressure[b] - found.pressure[a]
+    # What shear carries against the pressure is what pressure lets flow: their sum is constant.
+    sheared = step.speed * 0.5 * (step.film[a] + step.film[b]) * rise
+    drawn = np.einsum("qi,qi->q", film.along, slip) * film.pulled[scene.term.rule.facet_of]
+    ratio = scene.term.state.area_ratio
+    work = 0.5 * film.sign * np.sum(scene.term.surface.slave.weight * ratio * drawn)
+    assert abs(work) > 0.0
+    assert work == pytest.approx(np.sum(sheared) * trial.dt, rel=1e-9)

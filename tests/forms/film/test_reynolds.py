@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tribox.forms.film.reynolds import FilmCells, FilmError, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import FilmCells, FilmError, FilmPlaces, FilmStep, ReynoldsFilm
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 
@@ -207,8 +207,8 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
             return film.solve(moved, found.unknown)
 
         plus, minus = at(e), at(-e)
-        d_p = slopes.pressure @ dh + slopes.pressure_by_speed @ du
-        d_filled = slopes.filled @ dh + slopes.filled_by_speed @ du
+        d_w = slopes.unknown(slopes.by_film @ dh + slopes.by_speed @ du)
+        d_p, d_filled = slopes.by_pressure * d_w, slopes.by_filled * d_w
         for exact, low, high in (
             (d_p, minus.pressure, plus.pressure),
             (d_filled, minus.filled, plus.filled),
@@ -238,8 +238,55 @@ def test_a_film_that_cannot_balance_says_so():
 
 
 def test_a_part_of_the_places_keeps_its_own_faces():
-    x = np.array([0.0, 1.0, 3.0, 4.0, 6.0])
-    part = FilmCells.on_line(x).only(np.array([False, True, True, False, True]))
-    assert part.ends.tolist() == [[0, 1]]
-    assert part.length.tolist() == [2.0]
-    assert part.last().tolist() == [True, True, True]
+    facets = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    places = FilmPlaces(facets, 5, 2)
+    part = places.part(np.array([False, True, True, False, True]))
+    assert part.inside.tolist() == [False, True, False, False]
+    cells = part.of(places.cells(np.array([1.0, 2.0, 1.0, 2.0]), np.full((4, 2), 0.5)))
+    # Vertices first, then the places inside facets.
+    assert cells.ends.tolist() == [[0, 3], [3, 1]]
+    assert cells.length.tolist() == [1.0, 1.0]
+    assert cells.last().tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize("closed", [False, True], ids=["line", "ring"])
+@pytest.mark.parametrize("cells", [1, 3])
+def test_facets_in_any_order_give_the_film_of_a_line(closed, cells):
+    count, rng = 12, np.random.default_rng(1)
+    facets = np.array([[i, (i + 1) % count] for i in range(count if closed else count - 1)])
+    h = 1.0 + 0.5 * np.sin(2 * np.pi * np.arange(count) / count)
+
+    def pressures(name, order):
+        places = FilmPlaces(name[facets][order], count, cells)
+        part = places.part(np.ones(count, dtype=bool))
+        size = np.ones(len(facets))
+        line = part.of(places.cells(size, np.full((len(facets), 2), 0.5)))
+        assert line.area.sum() == pytest.approx(len(facets), rel=1e-13)
+        film = ReynoldsFilm(line, FilmRheology(eta_b=1.0), SMOOTH, 1.0)
+        place = np.empty(count)
+        place[name] = h
+        speed = np.full(len(line.ends), 0.1)
+        fixed = np.zeros(len(line.area), dtype=bool)
+        fixed[name[[0, count // 2]]] = True
+        step = FilmStep(part.between @ place, speed, fixed, np.full(len(fixed), np.inf))
+        found = film.solve(step, np.full(len(fixed), 0.01))
+        pulled = part.pulls(step.film, found.pressure, size)
+        return found.pressure[name], pulled[np.argsort(order)]
+
+    plain = pressures(np.arange(count), np.arange(len(facets)))
+    mixed = pressures(rng.permutation(count), rng.permutation(len(facets)))
+    for one, other in zip(plain, mixed, strict=True):
+        assert other == pytest.approx(one, rel=1e-10, abs=1e-13)
+    assert plain[0].max() > 0.1
+
+
+def test_rings_divided_between_their_vertices_keep_their_area():
+    radius = np.array([0.0, 1.0, 2.5])
+    length = np.diff(radius)
+    # 2 pi times the integrals of r and either hat function.
+    a, b = radius[:-1], radius[1:]
+    parts = 2 * np.pi * np.stack([length * (2 * a + b) / 6, length * (a + 2 * b) / 6], axis=1)
+    cells = FilmPlaces(np.array([[0, 1], [1, 2]]), 3, 4).cells(length, parts)
+    assert cells.area.sum() == pytest.approx(np.pi * 2.5**2, rel=1e-13)
+    middle = np.concatenate([(np.arange(4) + 0.5) / 4, 1.0 + 1.5 * (np.arange(4) + 0.5) / 4])
+    assert cells.width == pytest.approx(2 * np.pi * middle, rel=1e-12)
