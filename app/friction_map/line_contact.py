@@ -45,10 +45,10 @@ OF_OWN = (0.25, 0.5, 1.0, 2.0)
 DENSITY = 900.0  # kg/m³, where the case gives none
 FILMS = (0.03, 30.0)  # σ, films of a smooth contact between which the speeds lie
 SPEEDS_PER_DECADE = 4
-ENDS = (-6.0, 3.0)  # a, of the film
+ENDS = (-12.0, 4.0)  # a, of the film
 STEP_AT_EDGE = 0.5  # of the inlet's length
 GROWTH, WIDEST = 1.2, 0.1  # of one step over the last, and a
-MOST_HALVINGS = 6  # of the logarithm of a speed step
+MOST_HALVINGS = 10  # of the logarithm of a speed step
 TOLERANCE, MOST_ITERATIONS = 1e-8, 60
 
 

@@ -73,7 +73,7 @@ class FilmWatch:
             self._look_at_roughness(place, term, film, when)
             self._look_at_facets(place, term, trial, film, when)
             self._look_at_oil(place, term, film, when)
-            self._look_at_flow(place, film, faces, when)
+            self._look_at_flow(place, film, faces, term.places.per_facet, when)
 
     def _look_at_inlet(
         self,
@@ -86,8 +86,8 @@ class FilmWatch:
     ) -> None:
         """Hold the facet at the inlet, and the film before it, against what they should be."""
         assert film.step is not None
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         cells = term.places.per_facet
+        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
         upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
         downstream = faces.sum(axis=1) - upstream
@@ -205,7 +205,9 @@ class FilmWatch:
         a, b = cells.ends.T
         entering = np.where(step.speed >= 0.0, a, b)
         first = step.fixed[entering]
-        offered = np.abs(step.speed[first]) * cells.width[first]
+        # The flow takes the mean film of a face with the content of its first place.
+        mean = 0.5 * (step.film[a] + step.film[b]) / step.film[entering]
+        offered = np.abs(step.speed[first]) * cells.width[first] * mean[first]
         offered = float(offered @ np.minimum(step.content, step.film)[entering[first]])
         passed = float(solution.supply[entering[first]].sum())
         if offered > 0.0 and passed < PASSED * offered:
@@ -217,12 +219,14 @@ class FilmWatch:
                 f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
             )
 
-    def _look_at_flow(self, place: str, film: Lubrication, faces: Longs, when: str) -> None:
+    def _look_at_flow(
+        self, place: str, film: Lubrication, faces: Longs, cells: int, when: str
+    ) -> None:
         """See whether a steady film lets as much out as it takes in."""
         assert film.step is not None and film.solution is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         inside = (carried > LOADED * carried.max())[faces].all(axis=1)
-        flow = film.solution.flux[np.repeat(inside, len(film.solution.flux) // len(faces))]
+        flow = film.solution.flux[np.repeat(inside, cells)]
         if np.isfinite(film.step.dt) or len(flow) < 2 or not np.any(film.step.speed):
             return
         uneven = float(np.ptp(flow) / np.abs(flow).max())
