@@ -246,7 +246,9 @@ def explain(
         f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
     )
     loose = list(loose)
-    gross = list(_of_rounding(problem, result)) or list(_of_gross_slip(problem, loose, thickness))
+    adrift = any(_of_supports(problem, loose, result.strayed))  # its rounding explains nothing
+    gross = [] if adrift else list(_of_rounding(problem, result))
+    gross = gross or list(_of_gross_slip(problem, loose, thickness))
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]

@@ -61,16 +61,18 @@ def with_released_energy(
 ) -> list[ContactResultants]:
     """Resultants in which contacts that have been switched off have lost what they had stored.
 
-    Their points no longer slip: no friction is counted here. That of contacts that are released is
-    that of loads, whose work is counted there.
+    The friction of contacts that are released is that of loads, whose work is counted there.
 
     Args:
         resultants: of all contacts after a step.
         before: those of the step before; empty: there was none.
         model: what is solved.
     """
-    out = list(resultants)
-    for index, (term, last) in enumerate(zip(model.problem.contacts, before, strict=False)):
+    out, stage = list(resultants), "" if model.loads is None else model.loads.stage
+    tables, terms = model.case.contact, model.problem.contacts
+    for index, (table, term, last) in enumerate(zip(tables, terms, before, strict=False)):
         if not term.active and last.energy > 0.0:
             out[index] = replace(out[index], dissipated=last.energy)
+        if not term.active and model.case.is_released(table, stage):
+            out[index] = replace(out[index], numerical=0.0)
     return out

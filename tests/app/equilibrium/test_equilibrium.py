@@ -266,8 +266,8 @@ def changed_kinematics(patch, change):
     """Contact kinematics whose variations went through ``change``."""
     whole = tribox.forms.contact.tangent.vary
 
-    def less(points, projection, anchor):
-        variations = whole(points, projection, anchor)
+    def less(points, projection, anchor, *more):
+        variations = whole(points, projection, anchor, *more)
         change(variations, points, projection, anchor)
         return variations
 
