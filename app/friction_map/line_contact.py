@@ -293,7 +293,9 @@ def film_map(case: Case) -> FilmMap:
     own = film.oil if isinstance(film.oil, float) else None
     density = film.density or DENSITY
     oils = [n * film.sigma * density for n in OILS] if own is None else [n * own for n in OF_OWN]
-    notes = [] if film.density else [f"the case gives no density: {DENSITY:g} kg/m^3 assumed"]
+    notes = ["the body is taken for an elastic half plane; a layer is stiffer"]
+    if not film.density:
+        notes.append(f"the case gives no density: {DENSITY:g} kg/m^3 assumed")
     return FilmMap(
         title=case.title,
         contact=contact,
