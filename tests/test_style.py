@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 def told(*command: str) -> str:
     """What a command prints where it fails."""
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False
+        command, cwd=ROOT, capture_output=True, text=True, timeout=3 * LIMIT, check=False
     )
     return "" if done.returncode == 0 else (done.stdout + done.stderr)[-3000:]
 
