@@ -14,7 +14,7 @@ from tribox.app.case.table import Flag, Model, Place, Problem
 from tribox.app.case.time_tables import NumberOrTable, Row, Rows
 
 if TYPE_CHECKING:
-    from tribox.forms.contact.lubricated import FilmModel
+    from tribox.forms.contact.asperities import FilmModel
     from tribox.forms.film.roughness import Asperities
     from tribox.forms.friction.film import FilmThickness
     from tribox.forms.friction.film_rheology import FilmRheology
@@ -309,7 +309,7 @@ class Film(Model):
             modulus: Pa, E* of both bodies together.
             rheology: of a map that the friction law is; None: that of this table.
         """
-        from tribox.forms.contact.lubricated import FilmModel
+        from tribox.forms.contact.asperities import FilmModel
 
         assert self.sigma is not None and self.share is not None and self.oil is not None
         if rheology is None:

@@ -24,8 +24,8 @@ _IMPLIED = {"kind": ("mesh", "file"), "law": ("preset", "friction-map")}
 def json_schema() -> dict[str, Any]:
     """JSON schema of a case file, with unit and meaning in the description of each key.
 
-    Text with a unit has a pattern (:mod:`tribox.app.case.schema`). Tables of several kinds
-    are told apart by if and then, so that a mistake is found at its key and not at the whole table.
+    Text with a unit has a pattern. Tables of several kinds are told apart by if and then, so that a
+    mistake is found at its key and not at the whole table.
     """
     schema = Case.model_json_schema()
     # A preset may supply these; only the program itself can tell.

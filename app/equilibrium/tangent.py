@@ -1,7 +1,7 @@
 """The tangent's matrix: its pattern, and what solids, contacts and platens put in.
 
-The pattern has room for the contacts' windows (:mod:`tribox.app.equilibrium.tangent`) and
-is widened when a contact leaves its window.
+The pattern has room for the windows of the contacts (:class:`ContactWindow`) and is widened when a
+contact leaves its window.
 """
 
 from __future__ import annotations

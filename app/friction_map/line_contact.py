@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.friction import Coulomb, Frictionless
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
@@ -278,7 +279,9 @@ def film_map(case: Case) -> FilmMap:
             'asperities, or "frictionless"'
         )
     load = _load(case, tool) / case.geometry.slab
-    modulus = _modulus(case, pair.slave)
+    name = _body_of(case, pair.slave)
+    body = case.bodies[name]
+    modulus = _modulus(name, body)
     none: Floats = np.zeros(0)
     contact = LineContact(
         radius=tool.radius,
@@ -294,6 +297,8 @@ def film_map(case: Case) -> FilmMap:
     density = film.density or DENSITY
     oils = [n * film.sigma * density for n in OILS] if own is None else [n * own for n in OF_OWN]
     notes = ["the body is taken for an elastic half plane; a layer is stiffer"]
+    if getattr(body, "prony", ()) or getattr(body, "mullins", None) is not None:
+        notes.append(f"bodies.{name}: what it remembers is left out; E* is that of its G and K")
     if not film.density:
         notes.append(f"the case gives no density: {DENSITY:g} kg/m^3 assumed")
     return FilmMap(
@@ -330,18 +335,31 @@ def _coefficient(friction: Coulomb | Frictionless) -> float:
     return friction.mu if isinstance(friction.mu, float) else max(friction.mu.values)
 
 
-def _modulus(case: Case, slave: str) -> float:
-    """E*, Pa, of the body that a surface is named after, or of the only one.
+def _body_of(case: Case, slave: str) -> str:
+    """The body that a surface is named after, or the only one.
 
     Raises:
-        InputError: it has no moduli of its own.
+        InputError: there is none.
     """
-    bodies = case.bodies
-    names = [name for name in bodies if slave.startswith(name)] or list(bodies)
-    body = bodies[max(names, key=len)]
+    names = [name for name in case.bodies if slave.startswith(name)] or list(case.bodies)
+    if len(names) > 1 and len(case.bodies) == len(names):
+        known = ", ".join(names)
+        raise InputError(f"contact.0.slave = {slave}: tribox map cannot tell its body; of {known}")
+    return max(names, key=len)
+
+
+def _modulus(name: str, body: Body) -> float:
+    """E*, Pa, of a body.
+
+    Raises:
+        InputError: it is not elastic, or has no moduli of its own.
+    """
     shear, bulk = getattr(body, "shear_modulus", None), getattr(body, "bulk_modulus", None)
-    if (len(names) > 1 and len(bodies) == len(names)) or shear is None or bulk is None:
-        raise InputError(f"contact.0.slave = {slave}: no elastic moduli of its body are found")
+    if isinstance(body, ElastoPlasticBody) or shear is None or bulk is None:
+        raise InputError(
+            f'bodies.{name}.material = "{body.material}": tribox map of a film that is found takes '
+            "an elastic body with moduli of its own: metal that yields bears other pressures"
+        )
     poisson = (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
     return float(2.0 * shear / (1.0 - poisson))
 
@@ -512,5 +530,5 @@ def map_film(setup: FilmMap, directory: Path) -> None:
     print(f"{sum(len(curve.rows) for curve in curves)} steady states in {seconds:.3g} s")
     lost = sum(len(curve.failed) for curve in curves)
     if lost:
-        print(f"warning: {lost} states were not found; film_map.csv is without them")
+        tell(f"warning: {lost} states were not found; film_map.csv is without them")
     print(f"results in {directory}")

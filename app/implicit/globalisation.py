@@ -3,8 +3,8 @@
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
 method try one set of them after another, while a soft one lets it find the region. Bodies that a
-load presses on each other are held by springs meanwhile (:mod:`tribox.app.implicit.globalisation`);
-others that touch nowhere find each other by contacts that pull as well.
+load presses on each other are held by springs meanwhile (:class:`HeldApproach`); others that touch
+nowhere find each other by contacts that pull as well.
 """
 
 from __future__ import annotations

@@ -20,7 +20,6 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import LinearSolver, linear_options
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
-from tribox.forms.contact.lubricated import LubricatedTerm
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -247,17 +246,16 @@ class Newton:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether films bound the steps."""
-        return any(isinstance(term, LubricatedTerm) for term in self.problem.contacts)
+        """Whether contacts bound the steps."""
+        return any(term.bounds_steps for term in self.problem.contacts)
 
     def _bound(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Shorten a step ``y`` that is to be taken off ``x`` to what films bear; collective."""
+        """Shorten a step ``y`` that is to be taken off ``x`` to what contacts bear; collective."""
         share, problem = 1.0, self.problem
         there = x.copy()
         there.axpy(-1.0, y)
         for term, trial in zip(problem.contacts, problem.trials, strict=True):
-            if isinstance(term, LubricatedTerm):
-                share = min(share, term.bearable(trial, there))
+            share = min(share, term.bearable(trial, there))
         there.destroy()
         y.scale(share)
         if self._carried_by_films() and self.residuals and self.residuals[-1] > EDGED:

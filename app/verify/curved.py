@@ -1,7 +1,7 @@
 """Verification over curved tools: drag of a film in the plane and in space, and pressures.
 
-Where the bodies touch is read from their deformed surfaces (:mod:`tribox.app.verify.curved`), so
-that the contact's own word on it is what is verified.
+Where the bodies touch is read from their deformed surfaces (:func:`extent`), so that the contact's
+own word on it is what is verified.
 """
 
 from __future__ import annotations

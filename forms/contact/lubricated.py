@@ -15,131 +15,38 @@ shear on the wall whose normal carries the pressure, + of the slave's and − of
 the film's momentum balances.
 
 Newton's method of the bodies has no unknown of the film. Its equations are solved at every
-evaluation, from the last w, and with the dense :math:`\partial p_f/\partial g` and
-:math:`\partial p_f/\partial u` of their solution the tangent is
-
-.. math:: K = -\sum_X L_X^T (X_g R + X_u S), \qquad X = j(p_a + p_f),\ j p_a,\ h,\ \theta,\ p_f
-
-with R the rows of the gaps, S those of half the sliding speeds of the facets, and L_X those of
-:math:`\partial t/\partial X`.
+evaluation, from the last w; their derivatives join the tangent
+(:mod:`tribox.forms.contact.lubricated_tangent`).
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
 
-from tribox.forms.contact.kinematics import ContactKinematics, Variations
+from tribox.forms.contact.asperities import AsperityPressure, FilmModel
+from tribox.forms.contact.kinematics import ContactKinematics
+from tribox.forms.contact.lubricated_tangent import LubricatedTangent, felt_speeds
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import (
     ContactMode,
-    ContactState,
     ContactTrial,
     Fading,
     FilmHistory,
     Lubrication,
     NormalContact,
 )
-from tribox.forms.contact.tangent import PairTangent
-from tribox.forms.contact.vertex_rows import Coupling
-from tribox.forms.film.reynolds import FilmError, FilmPlaces, FilmSolution, FilmStep, ReynoldsFilm
-from tribox.forms.film.roughness import Asperities, RoughGap
-from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.film.reynolds import FilmError, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
-_WHOLE = 0.999  # share of a vertex's area that must have the master below it
 _LOADED = 1e-3  # of the largest pressure: less counts as no contact in results
 _DRY = 1e-3  # share of the asperities from which on a point counts as carried by the film
 _TRACE = 1e-9  # of the pressure scale: the law of a map takes a film without asperities as closed
-
-
-@dataclass(frozen=True, slots=True)
-class FilmModel:
-    """What a film and its surfaces are made of.
-
-    Attributes:
-        rough: roughness; asperities: what they carry; rheology: of the oil.
-        share: "contact": the asperities rub by the law, the film by its viscosity; "map": the law
-            is a map with films, which is given p_a and h_T.
-        oil: m, θh of the oil on the slave; infinite: flooded.
-        reach: m, gap beyond which oil is only kept.
-        steady: whether each step is the steady state of its speed.
-        scale: Pa, of the order of the pressures.
-        cells: of the film per facet of the slave.
-    """
-
-    rough: RoughGap
-    asperities: Asperities
-    rheology: FilmRheology
-    share: Literal["contact", "map"]
-    oil: float
-    reach: float
-    steady: bool
-    scale: float
-    cells: int = 1
-
-
-class AsperityPressure(AveragedPressure):
-    """Pressure of the asperities from the mean gaps of the vertices.
-
-    Attributes:
-        model: of the film; places: of it; facet_of: (q,) numbers of the points' facets there.
-    """
-
-    def __init__(self, surface: ContactSurface, model: FilmModel) -> None:
-        """Take the surface; where a penalty is asked for, the stiffness of the closed gap."""
-        step = np.array([0.0])
-        stiffness = -float(model.asperities.pressure(step)[1][0])
-        super().__init__(surface, max(stiffness, model.scale / model.reach))
-        self.model = model
-        _, first, self.facet_of = np.unique(
-            surface.slave.facet, return_index=True, return_inverse=True
-        )
-        facets = surface.vertices.of_point[first]
-        self.places = FilmPlaces(facets, surface.vertices.count, model.cells)
-
-    def evaluate(
-        self, at: Projection, mode: ContactMode, least_depth: float = 0.0
-    ) -> NormalContact:
-        """See :class:`tribox.forms.contact.pressure.NormalRule`; without the film's pressure."""
-        vertices, weight = self.vertices, self.surface.slave.weight
-        on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
-        covered = vertices.sums(weight * on)
-        gap = vertices.sums(weight * on * np.where(at.on_surface, at.gap, 0.0)) / vertices.area
-        members = (covered > _WHOLE * vertices.area) & (gap <= self.model.reach)
-        pressure, slope = self.model.asperities.pressure(gap)
-        pressure = np.where(members, mode.penalty_scale * pressure, 0.0)
-        slope = np.where(members, mode.penalty_scale * slope, 0.0)
-        closed = at.on_surface & members[vertices.of_point].all(axis=1)
-        at_points = np.where(closed, vertices.at_points(pressure), 0.0)
-        return NormalContact(
-            closed=closed,
-            spring=at_points,
-            pressure=at_points,
-            gap=gap,
-            nodal_pressure=pressure,
-            active=members,
-            rim=members,
-            stiffness=-slope,
-        )
-
-    def energy(self, normal: NormalContact, penalty_scale: float) -> float:
-        """See :class:`tribox.forms.contact.pressure.NormalRule`: what the asperities store."""
-        film = normal.lubrication
-        if normal.gap is None or film is None:
-            return 0.0
-        density = np.where(film.members, self.model.asperities.energy(normal.gap), 0.0)
-        return float(self.vertices.area @ (film.ratio * density))
 
 
 class LubricatedTerm(ContactTerm):
@@ -148,6 +55,8 @@ class LubricatedTerm(ContactTerm):
     Attributes:
         model: of the film; faces: (f, 2) vertices of the slave's facets.
     """
+
+    bounds_steps = True
 
     def __init__(
         self,
@@ -231,10 +140,11 @@ class LubricatedTerm(ContactTerm):
         along, turned = self._along(kinematics, at)
         # A pair that is switched off has neither asperities nor film.
         members = normal.active if normal.active is not None else np.zeros_like(ratio, dtype=bool)
+        thickness, d_film = self.model.rough.film(normal.gap)
         film = Lubrication(
             members=members,
-            film=np.where(members, self.model.rough.film(normal.gap)[0], self.model.reach),
-            d_film=self.model.rough.film(normal.gap)[1],
+            film=np.where(members, thickness, self.model.reach),
+            d_film=d_film,
             asperity=normal.nodal_pressure,
             d_asperity=-normal.stiffness,
             pressure=np.zeros_like(ratio),
@@ -354,7 +264,7 @@ class LubricatedTerm(ContactTerm):
         normal.cover = np.where(at_points > _LOADED * largest, 1.0, 0.0)
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
-        """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
+        """See :class:`ContactTerm`.
 
         No gap closes by more than 0.7 h or 4 σ, nor opens by more than 2 h or 4 σ where it carries
         load, whichever is more: beyond that the tangent says nothing of film and asperities.
@@ -517,187 +427,6 @@ class LubricatedTerm(ContactTerm):
             area=self.surface.vertices.sums(weight * trial.area_ratio),
             supplied=supplied,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class LubricatedTangent(PairTangent):
-    """Makes the tangent of a pair whose film is an unknown."""
-
-    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
-        """See :class:`PairTangent`: what the gradient draws turns with the normal."""
-        out, v = PairTangent.traction_variation(self, trial, take)
-        film = trial.normal_contact.lubrication
-        if film is not None:
-            drawn = (film.turned * film.drawn)[take]
-            turned = np.stack([v.d_normal[:, 1], -v.d_normal[:, 0]], axis=1)
-            out = out - drawn[:, None, None] * turned
-        return out, v
-
-    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
-        """See :class:`PairTangent`: the sum over the vertices, which the film all couples."""
-        normal, film = trial.normal_contact, trial.normal_contact.lubrication
-        if film is None or not film.members.any():
-            return None
-        take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
-        gaps = self._gap_rows(state, trial, needs)
-        gaps.data /= np.repeat(self.surface.vertices.area, np.diff(gaps.indptr))
-        own, pressed, filled = (
-            self._vertex_rows(trial, take, vectors, needs)
-            for vectors in self._field_vectors(trial, film, take)
-        )
-        pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
-        parts = [gaps, own, pressed, filled, pulled, speeds]
-        every = scipy.sparse.vstack(parts, format="csr")
-        if trial.carried is not None:
-            every = every @ trial.carried.operator(self.surface.first_master)
-        # The film couples all that it feels: from here on all of it is dense.
-        dim = self.surface.dim
-        used = np.unique(every.indices // dim)
-        number = np.full(every.shape[1] // dim, -1)
-        number[used] = np.arange(len(used))
-        column = number[every.indices // dim] * dim + every.indices % dim
-        every = scipy.sparse.csr_matrix(
-            (every.data, column, every.indptr), (every.shape[0], len(used) * dim)
-        )
-        ends = np.cumsum([0] + [part.shape[0] for part in parts])
-        rows = [every[low:high] for low, high in itertools.pairwise(ends)]
-        nodes = self.surface.nodes[used]
-        if film.solution is None:
-            return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
-        felt = self._through_film(state, trial, rows[2:5], rows[5].shape[0])
-        right = scipy.sparse.vstack([rows[0], rows[5]], format="csr")
-        product = np.asarray((right.T @ felt.T).T + rows[1].T @ rows[0])
-        size = len(used) * dim
-        start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
-        index = np.tile(np.arange(size, dtype=np.int32), size)
-        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
-        return Coupling(nodes, nodes, matrix)
-
-    def _through_film(
-        self,
-        state: ContactState,
-        trial: ContactTrial,
-        left: Sequence[scipy.sparse.csr_matrix],
-        speeds: int,
-    ) -> Floats:
-        """The part of the tangent that goes through the film's equations, by R and S.
-
-        Args:
-            state: of the last step.
-            trial: of the tangent.
-            left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
-            speeds: number s of the speeds that the film feels.
-
-        Returns:
-            (c, v + s), to be multiplied by R and S.
-        """
-        pressed, filled, pulled = left
-        film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
-        assert film is not None and film.solver is not None and film.step is not None
-        assert film.solution is not None and history is not None and gap is not None
-        assert isinstance(self.rule, AsperityPressure)
-        part, area = film.part, film.solver.cells.area
-        d_film = scipy.sparse.diags(self.rule.model.rough.film(part.between @ gap)[1])
-        d_film = d_film @ part.between
-        slopes = film.solver.slopes(film.step, film.solution)
-        faces = np.arange(slopes.by_speed.shape[1])
-        feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
-        spread = scipy.sparse.csr_matrix(
-            (np.ones(len(faces)), (faces, feels)), (len(faces), speeds)
-        )
-        balance = [(slopes.by_film @ d_film).toarray(), (slopes.by_speed @ spread).toarray()]
-        d_unknown = slopes.unknown(np.concatenate(balance, axis=1))
-        d_pressure = slopes.by_pressure[:, None] * d_unknown
-        whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
-        d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
-        out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
-        out += filled.T @ d_filled
-        length = history.length[part.inside]
-        by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
-        out += pulled.T @ (by_pressure @ d_pressure)
-        out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
-        return out
-
-    def _field_vectors(
-        self, trial: ContactTrial, film: Lubrication, take: Longs
-    ) -> tuple[Floats, Floats, Floats]:
-        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,).
-
-        Of gaps without the film's equations, and of the film's pressure and filling.
-        """
-        vertices, n = self.surface.vertices, trial.kinematics.normal[take]
-        shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
-        ratio, carried = film.ratio[at][:, :, None], -shape * n[:, None, :]
-        by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
-        own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
-        own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]
-        pressed = ratio * carried + shape * film.by_pressure[take][:, None, :]
-        return own, pressed, shape * film.by_filled[take][:, None, :]
-
-    def _pull_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> scipy.sparse.csr_matrix:
-        """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
-        film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
-        assert film is not None and isinstance(self.rule, AsperityPressure)
-        inside = film.part.inside
-        number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
-        facet = trial.projection.facet[take]
-        master = surface.target.weights(facet, trial.projection.xi[take])
-        shape = np.concatenate([slave.shape[take], -master], axis=1)
-        share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
-        values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
-        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
-        return self._of_facets(number, nodes, values, int(np.count_nonzero(inside)))
-
-    def _of_facets(
-        self, number: Longs, nodes: Longs, values: Floats, count: int
-    ) -> scipy.sparse.csr_matrix:
-        """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
-        dim = self.surface.dim
-        column = nodes[:, :, None] * dim + np.arange(dim)
-        row = np.broadcast_to(number[:, None, None], column.shape)
-        place = row.reshape(-1), column.reshape(-1)
-        return scipy.sparse.csr_matrix((values.reshape(-1), place), (count, self._places * dim))
-
-    def _speed_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> scipy.sparse.csr_matrix:
-        """S: change (f′, m·i) of half the sliding speed that the film's facets feel."""
-        film, surface = trial.normal_contact.lubrication, self.surface
-        assert film is not None and trial.anchor is not None
-        assert isinstance(self.rule, AsperityPressure)
-        if film.step is None or film.solution is None:
-            return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        face = self.rule.facet_of
-        total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
-        v = self.varied(trial, take)
-        rows, places = self.generalised_rows(state, trial, take)
-        d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
-        d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
-        scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
-        values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
-        out = self._of_facets(face[take], places, values, len(total))
-        return felt_speeds(not np.isfinite(film.step.dt), film.part.inside, total) @ out
-
-
-def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr_matrix:
-    """Table (f′, f), or (1, f), from the speeds of all facets to those that a film feels.
-
-    A steady state has one speed: where part of a contact sticks there is none, and the mean of the
-    facets inside the film is taken.
-
-    Args:
-        steady: whether all feel their mean.
-        inside: (f,).
-        weight: (f,), m², of the facets.
-    """
-    at = np.nonzero(inside)[0]
-    if not steady:
-        place = np.arange(len(at)), at
-        return scipy.sparse.csr_matrix((np.ones(len(at)), place), (len(at), len(inside)))
-    share = weight[at] / max(weight[at].sum(), np.finfo(float).tiny)
-    return scipy.sparse.csr_matrix((share, (np.zeros(len(at), dtype=int), at)), (1, len(inside)))
 
 
 def _turned_right(normal: Floats) -> Floats:

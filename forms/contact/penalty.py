@@ -72,9 +72,10 @@ class ContactTerm:
             it, None without.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
         tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
+        bounds_steps: whether :meth:`bearable` may be less than 1.
     """
 
-    tied = False
+    tied = bounds_steps = False
 
     def __init__(
         self,
@@ -334,6 +335,17 @@ class ContactTerm:
         image = np.where(taken[:, None], before.elastic_slip, image)
         length = np.linalg.norm(before.elastic_slip, axis=1)
         return Anchor(foot, components, image, np.where(taken, length, state.slip_length))
+
+    def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
+        """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
+
+        Collective.
+
+        Args:
+            trial: at its start.
+            there: at its end.
+        """
+        return 1.0
 
     def commit(self, trial: ContactTrial) -> None:
         """Make a converged trial the state that the next step starts from."""

@@ -7,8 +7,7 @@ the next with a continuous normal. At a sharp corner the normal is that from the
 point. With pressure that is averaged over facets, points beside a convex sharp corner are projected
 along the slave's normals instead, as on facets with kinks (:mod:`tribox.geometry.surfaces.rays`):
 closest points below a punch would be on its flank as soon as they are deeper than away from the
-corner. What looks at a flank that it only grazes fades
-(:mod:`tribox.geometry.surfaces.rigid_polyline`).
+corner. What looks at a flank that it only grazes fades.
 """
 
 from __future__ import annotations

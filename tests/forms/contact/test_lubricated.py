@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.forms.contact.test_tool import Scene
-from tribox.forms.contact.lubricated import FilmModel, LubricatedTerm
+from tribox.forms.contact.asperities import FilmModel
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactMode
 from tribox.forms.film.roughness import Exponential, RoughGap
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters

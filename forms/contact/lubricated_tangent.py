@@ -1,0 +1,214 @@
+r"""The tangent of a contact whose film is an unknown, see :mod:`tribox.forms.contact.lubricated`.
+
+The film's equations are solved at every evaluation. With the dense :math:`\partial p_f/\partial g`
+and :math:`\partial p_f/\partial u` of their solution
+
+.. math:: K = -\sum_X L_X^T (X_g R + X_u S), \qquad X = j(p_a + p_f),\ j p_a,\ h,\ \theta,\ p_f
+
+with R the rows of the gaps, S those of half the sliding speeds of the facets, and L_X those of
+:math:`\partial t/\partial X`.
+
+Axis letters: p points, v vertices of the slave, f its facets, f' those that the film feels, k
+vertices of a facet, i space, m nodes of the pair, c columns.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+
+from tribox.forms.contact.asperities import AsperityPressure
+from tribox.forms.contact.kinematics import Variations
+from tribox.forms.contact.state import (
+    ContactState,
+    ContactTrial,
+    Lubrication,
+)
+from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.contact.vertex_rows import Coupling
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+
+
+@dataclass(frozen=True, slots=True)
+class LubricatedTangent(PairTangent):
+    """Makes the tangent of a pair whose film is an unknown."""
+
+    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
+        """See :class:`PairTangent`: what the gradient draws turns with the normal."""
+        out, v = PairTangent.traction_variation(self, trial, take)
+        film = trial.normal_contact.lubrication
+        if film is not None:
+            drawn = (film.turned * film.drawn)[take]
+            turned = np.stack([v.d_normal[:, 1], -v.d_normal[:, 0]], axis=1)
+            out = out - drawn[:, None, None] * turned
+        return out, v
+
+    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
+        """See :class:`PairTangent`: the sum over the vertices, which the film all couples."""
+        normal, film = trial.normal_contact, trial.normal_contact.lubrication
+        if film is None or not film.members.any():
+            return None
+        take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
+        gaps = self._gap_rows(state, trial, needs)
+        gaps.data /= np.repeat(self.surface.vertices.area, np.diff(gaps.indptr))
+        own, pressed, filled = (
+            self._vertex_rows(trial, take, vectors, needs)
+            for vectors in self._field_vectors(trial, film, take)
+        )
+        pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
+        parts = [gaps, own, pressed, filled, pulled, speeds]
+        every = scipy.sparse.vstack(parts, format="csr")
+        if trial.carried is not None:
+            every = every @ trial.carried.operator(self.surface.first_master)
+        # The film couples all that it feels: from here on all of it is dense.
+        dim = self.surface.dim
+        used = np.unique(every.indices // dim)
+        number = np.full(every.shape[1] // dim, -1)
+        number[used] = np.arange(len(used))
+        column = number[every.indices // dim] * dim + every.indices % dim
+        every = scipy.sparse.csr_matrix(
+            (every.data, column, every.indptr), (every.shape[0], len(used) * dim)
+        )
+        ends = np.cumsum([0] + [part.shape[0] for part in parts])
+        rows = [every[low:high] for low, high in itertools.pairwise(ends)]
+        nodes = self.surface.nodes[used]
+        if film.solution is None:
+            return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
+        felt = self._through_film(state, trial, rows[2:5], rows[5].shape[0])
+        right = scipy.sparse.vstack([rows[0], rows[5]], format="csr")
+        product = np.asarray((right.T @ felt.T).T + rows[1].T @ rows[0])
+        size = len(used) * dim
+        start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
+        index = np.tile(np.arange(size, dtype=np.int32), size)
+        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
+        return Coupling(nodes, nodes, matrix)
+
+    def _through_film(
+        self,
+        state: ContactState,
+        trial: ContactTrial,
+        left: Sequence[scipy.sparse.csr_matrix],
+        speeds: int,
+    ) -> Floats:
+        """The part of the tangent that goes through the film's equations, by R and S.
+
+        Args:
+            state: of the last step.
+            trial: of the tangent.
+            left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
+            speeds: number s of the speeds that the film feels.
+
+        Returns:
+            (c, v + s), to be multiplied by R and S.
+        """
+        pressed, filled, pulled = left
+        film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
+        assert film is not None and film.solver is not None and film.step is not None
+        assert film.solution is not None and history is not None and gap is not None
+        assert isinstance(self.rule, AsperityPressure)
+        part, area = film.part, film.solver.cells.area
+        d_film = scipy.sparse.diags(self.rule.model.rough.film(part.between @ gap)[1])
+        d_film = d_film @ part.between
+        slopes = film.solver.slopes(film.step, film.solution)
+        faces = np.arange(slopes.by_speed.shape[1])
+        feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
+        spread = scipy.sparse.csr_matrix(
+            (np.ones(len(faces)), (faces, feels)), (len(faces), speeds)
+        )
+        balance = [(slopes.by_film @ d_film).toarray(), (slopes.by_speed @ spread).toarray()]
+        d_unknown = slopes.unknown(np.concatenate(balance, axis=1))
+        d_pressure = slopes.by_pressure[:, None] * d_unknown
+        whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
+        d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
+        out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
+        out += filled.T @ d_filled
+        length = history.length[part.inside]
+        by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
+        out += pulled.T @ (by_pressure @ d_pressure)
+        out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
+        return out
+
+    def _field_vectors(
+        self, trial: ContactTrial, film: Lubrication, take: Longs
+    ) -> tuple[Floats, Floats, Floats]:
+        """Vectors −∂t/∂X_B (p, k, i) of closed points ``take`` (p,).
+
+        Of gaps without the film's equations, and of the film's pressure and filling.
+        """
+        vertices, n = self.surface.vertices, trial.kinematics.normal[take]
+        shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
+        ratio, carried = film.ratio[at][:, :, None], -shape * n[:, None, :]
+        by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
+        own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
+        own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]
+        pressed = ratio * carried + shape * film.by_pressure[take][:, None, :]
+        return own, pressed, shape * film.by_filled[take][:, None, :]
+
+    def _pull_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
+        film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
+        assert film is not None and isinstance(self.rule, AsperityPressure)
+        inside = film.part.inside
+        number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
+        facet = trial.projection.facet[take]
+        master = surface.target.weights(facet, trial.projection.xi[take])
+        shape = np.concatenate([slave.shape[take], -master], axis=1)
+        share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
+        values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
+        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        return self._of_facets(number, nodes, values, int(np.count_nonzero(inside)))
+
+    def _of_facets(
+        self, number: Longs, nodes: Longs, values: Floats, count: int
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
+        dim = self.surface.dim
+        column = nodes[:, :, None] * dim + np.arange(dim)
+        row = np.broadcast_to(number[:, None, None], column.shape)
+        place = row.reshape(-1), column.reshape(-1)
+        return scipy.sparse.csr_matrix((values.reshape(-1), place), (count, self._places * dim))
+
+    def _speed_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> scipy.sparse.csr_matrix:
+        """S: change (f′, m·i) of half the sliding speed that the film's facets feel."""
+        film, surface = trial.normal_contact.lubrication, self.surface
+        assert film is not None and trial.anchor is not None
+        assert isinstance(self.rule, AsperityPressure)
+        if film.step is None or film.solution is None:
+            return scipy.sparse.csr_matrix((0, self._places * surface.dim))
+        face = self.rule.facet_of
+        total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
+        v = self.varied(trial, take)
+        rows, places = self.generalised_rows(state, trial, take)
+        d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
+        d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
+        scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
+        values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
+        out = self._of_facets(face[take], places, values, len(total))
+        return felt_speeds(not np.isfinite(film.step.dt), film.part.inside, total) @ out
+
+
+def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr_matrix:
+    """Table (f′, f), or (1, f), from the speeds of all facets to those that a film feels.
+
+    A steady state has one speed: where part of a contact sticks there is none, and the mean of the
+    facets inside the film is taken.
+
+    Args:
+        steady: whether all feel their mean.
+        inside: (f,).
+        weight: (f,), m², of the facets.
+    """
+    at = np.nonzero(inside)[0]
+    if not steady:
+        place = np.arange(len(at)), at
+        return scipy.sparse.csr_matrix((np.ones(len(at)), place), (len(at), len(inside)))
+    share = weight[at] / max(weight[at].sum(), np.finfo(float).tiny)
+    return scipy.sparse.csr_matrix((share, (np.zeros(len(at), dtype=int), at)), (1, len(inside)))
