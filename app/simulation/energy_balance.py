@@ -12,10 +12,11 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.simulation.contact_resultants import ContactResultants
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
-from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.state import ContactMode, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 _SUMS = (
@@ -141,7 +142,9 @@ class EnergyBalance:
         """Begin at the state ``x``; collective."""
         self.problem = problem
         residual = x.duplicate()
-        problem.residual(None, x, residual)
+        # Nothing moves yet: no film, which may be out of balance at the start, is asked to.
+        still = tuple(ContactMode(rate_dependent=False) for _ in problem.contacts)
+        problem.residual(None, x, residual, StepMode(modes=still))
         residual.destroy()
         self._last = Work.at(problem, x.array_r)
         self._start = (problem.strain_energy(), self._interface())
