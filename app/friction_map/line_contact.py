@@ -171,8 +171,9 @@ class LineContact:
         step = FilmStep(film, u, solver.cells.last(), brought)
         found = solver.solve(step, w)
         passed = float(found.supply[0]) / (0.5 * speed * min(oil, float(film[0])))
-        slopes = solver.slopes(step, found).pressure
-        return found.pressure, found.unknown, slopes, passed, found.filled
+        slopes = solver.slopes(step, found)
+        by_film = slopes.by_pressure[:, None] * slopes.unknown(slopes.by_film.toarray())
+        return found.pressure, found.unknown, by_film, passed, found.filled
 
     def _drag(self, film: Floats, dry: Floats, wet: Floats, filled: Floats, speed: float) -> float:
         """Friction force, N/m: asperities, and the film's shear on the half plane."""
@@ -369,7 +370,7 @@ def compute(setup: FilmMap) -> list[Curve]:
             points, failed, last, before = [], [], dry, 0.1 * setup.speeds[0]
             for speed in setup.speeds:
                 try:
-                    last = _reached(contact, load, oil / setup.density, (before, speed), last)
+                    last = reached(contact, load, oil / setup.density, (before, speed), last)
                 except FilmError:
                     failed.append(speed)
                     continue
@@ -379,7 +380,7 @@ def compute(setup: FilmMap) -> list[Curve]:
     return curves
 
 
-def _reached(
+def reached(
     contact: LineContact,
     load: float,
     oil: float,
@@ -401,8 +402,8 @@ def _reached(
         if halvings == 0:
             raise
     middle = float(np.sqrt(speeds[0] * speeds[1]))
-    start = _reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
-    return _reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
+    start = reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
+    return reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
 
 
 def _row(
