@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
-from tribox import load_case, run_case
+from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError
 from tribox.app.results.directory import read_table
@@ -271,3 +271,54 @@ def test_a_flow_that_is_not_conserved_is_told():
     normal.lubrication = replace(film, solution=replace(film.solution, flux=flux))
     watch.step(row)
     assert any("the flow changes by 0.99 % of itself" in line for line in watch.warnings())
+
+
+# -- a soft line contact against the half plane ----------------------------------------------------
+
+MODULUS, RADIUS, ETA, LOAD = 1e6, 0.01, 0.1, 1e-3  # E*, R, η, W/2E*R
+FILMS_OF = {10.07: (20.5, 26.1), 5.589: (13.43, 17.26), 3.108: (9.03, 11.25)}  # h W'/(U R) by g
+
+
+def soft_line(across):
+    """A block that fills 16 half-widths a around a contact with so many facets in 2a."""
+    force = 2.0 * LOAD * MODULUS * RADIUS
+    a = np.sqrt(4.0 * force * RADIUS / (np.pi * MODULUS))
+    speeds = {g: 4.0 * (LOAD / g) ** 2 * MODULUS * RADIUS / ETA for g in
+              (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589, 4.3, 3.108)}  # fmt: skip
+    rate, time = [[0.0, 0.0], [1.0, 0.0]], 1.0
+    stages = [{"name": "press", "duration": "1 s", "steps": 6, "rate_dependent": False}]
+    for g, speed in speeds.items():
+        way = 0.3 * a / speed
+        rate += [[time + 1e-9 * way, speed / RADIUS], [time + way, speed / RADIUS]]
+        stages.append({"name": f"{g}", "duration": way, "steps": 1})
+        time += way
+    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 14]}
+    data = data_of(steady=True, sigma="0.02 um", eta_b=ETA, h_max="1 mm")
+    roll = data["tools"]["roll"] | {"rotation": {"rate": rate}}
+    roll["force"] = {"y": [["0 s", "0 N"], ["1 s", f"{-force} N"]]}
+    held = {"x": 0, "y": 0}
+    sides = ("bottom", "left", "right")
+    return data | {
+        "geometry": {"kind": "blocks", "blocks": {"rubber": block | {"grading": [1.0, 1 / 30]}}},
+        "bodies": {"rubber": {"material": "hencky", "E": MODULUS * (1 - 0.49**2), "nu": 0.49}},
+        "tools": {"roll": roll},
+        "boundary": [{"surface": f"rubber_{side}", "displacement": held} for side in sides],
+        "stage": stages,
+        "output": {"figures": False},
+    }
+
+
+@pytest.mark.long
+def test_a_soft_contact_with_29_facets_has_the_film_of_the_half_plane(tmp_path):
+    done = run(case_of(soft_line(29)), tmp_path / "out")
+    results = read(tmp_path / "out")
+    for row in done.rows:
+        if row.stage == "press" or float(row.stage) not in FILMS_OF:
+            continue
+        assert row.newton_iterations <= 6 and row.attempts == 1
+        scale = float(row.stage) ** 2 / (LOAD * RADIUS)
+        nodes = results.contact(row.step).point_data
+        film, p = nodes["film_thickness"] * scale, nodes["film_pressure"]
+        least, middle = FILMS_OF[float(row.stage)]
+        assert film[p > 1e-4 * p.max()].min() == pytest.approx(least, rel=3e-2)
+        assert film[np.argmin(np.abs(nodes["reference"][:, 0]))] == pytest.approx(middle, rel=2e-2)
