@@ -245,7 +245,7 @@ def test_a_film_that_takes_all_the_oil_there_is_hears_nothing_of_it(tmp_path):
 def test_a_steady_film_stays_on_its_slave(tmp_path):
     data = sliding(data_of(steady=True), ("0 s", 0), ("1 s", 0), ("3 s", "1 mm"))
     data["stage"][1]["steps"] = 2
-    assert "the contact has moved 0.00 the slave" in said(tmp_path / "out", data)
+    assert "the contact has moved 0.00074 m along the slave" in said(tmp_path / "out", data)
 
 
 @pytest.mark.long
