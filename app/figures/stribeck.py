@@ -103,8 +103,8 @@ def _film_series(results: Results, label: str, pair: int) -> list[StribeckSeries
     ends = {step for _, step in stage_ends(results)}
     unsettled: set[int] = set()
     if "steady" in load_steps:
-        ends |= set(load_steps["step"].astype(int).tolist())
-        unsettled = set(load_steps["step"][load_steps["steady"] == 0.0].astype(int).tolist())
+        ends |= {int(step) for step in load_steps["step"]}
+        unsettled = {int(step) for step in load_steps["step"][load_steps["steady"] == 0.0]}
     taken = np.isin(rows["step"], list(ends)) & (rows["slip_speed"] > 0.0)
     rows = rows.rows(taken & (rows["normal_force"] > 0.0))
     if len(np.unique(rows["slip_speed"])) < 2:

@@ -320,13 +320,14 @@ def _draw_films(
         if sigma > 0.0:
             panels[1].plot(length.of(at), stress.of(dry), color=colour, lw=1.1, ls="--")
     if sigma > 0.0:
-        panels[0].axhline(thin.of(sigma), color="0.5", lw=0.8, ls=":")
-        panels[0].annotate("σ", (1.0, float(thin.of(sigma))), xycoords=("axes fraction", "data"),
+        panels[0].axhline(thin.factor * sigma, color="0.5", lw=0.8, ls=":")
+        panels[0].annotate("σ", (1.0, thin.factor * sigma), xycoords=("axes fraction", "data"),
                            xytext=(-4, 2), textcoords="offset points", ha="right",
                            fontsize=8, color="0.35")  # fmt: skip
     panels[0].set_yscale("log")
-    panels[0].set_ylim(thin.of(THINNEST * least), thin.of(min(THICKEST * least, 1.5 * most)))
-    panels[0].set_xlim(length.of(low), length.of(high))
+    shown_film = THINNEST * least, min(THICKEST * least, 1.5 * most)
+    panels[0].set_ylim(*(thin.factor * h for h in shown_film))
+    panels[0].set_xlim(length.factor * low, length.factor * high)
     panels[0].set_ylabel(f"film h ({thin.name})")
     words = "film p_f, asperities p_a dashed" if sigma > 0.0 else "film p_f"
     panels[1].set_ylabel(f"{words} ({stress.name})")

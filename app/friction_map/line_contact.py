@@ -106,9 +106,17 @@ class LineContact:
     def dry(self, load: float) -> Point:
         """At rest, on the asperities alone."""
         ten = 10.0 * max(self.rough.sigma, 1e-12)
-        shape = self.place**2 / (2.0 * self.radius)
+        shape = np.asarray(self.place**2 / (2.0 * self.radius), dtype=np.float64)
         start = Point(
-            shape + ten, np.full(len(shape), -1e-3), -ten, 0.0, 1.0, shape, 0.0 * shape, 1.0, 0
+            shape + ten,
+            np.full(len(shape), -1e-3),
+            -ten,
+            0.0,
+            1.0,
+            shape,
+            np.zeros(len(shape)),
+            1.0,
+            0,
         )
         for share in (1e-3, 1e-2, 0.1, 0.3, 1.0):
             start = self.at(share * load, 0.0, np.inf, start)
@@ -136,7 +144,7 @@ class LineContact:
             matrix[-1, :-1] = area @ by_gap / load
             change = np.linalg.solve(matrix, -np.append(error, missing))
             loaded = carried > 0.01 * carried.max()
-            size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(missing))
+            size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(float(missing)))
             if size < TOLERANCE:
                 drag = self._drag(film, dry, wet, filled, speed)
                 share = float(area @ dry) / load
@@ -178,7 +186,8 @@ class LineContact:
     def _drag(self, film: Floats, dry: Floats, wet: Floats, filled: Floats, speed: float) -> float:
         """Friction force, N/m: asperities, and the film's shear on the half plane."""
         area = self._cells().area
-        eta = self.rheology.viscosity(speed / film, wet).value
+        rate = np.asarray(speed / film, dtype=np.float64)
+        eta = self.rheology.viscosity(rate, wet).value
         gradient = 0.25 * (film[1:] + film[:-1]) @ np.diff(wet)
         return float(area @ (self.mu * dry + filled * eta * speed / film) - gradient)
 

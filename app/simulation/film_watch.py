@@ -273,10 +273,8 @@ class FilmWatch:
                     "on the slave; make the other surface the slave, or leave film.steady out",
                 )
             return
-        left, was = self._left.get(index), self._was.get(index)
-        left = np.zeros_like(loaded) if left is None else left
-        if was is not None:
-            left = left | (was & ~loaded)
+        none: Bools = np.zeros(len(loaded), dtype=bool)
+        left: Bools = self._left.get(index, none) | (self._was.get(index, none) & ~loaded)
         self._left[index], self._was[index] = left, loaded
         share = float(vertices.area @ (left & loaded) / max(vertices.area @ loaded, 1e-300))
         if np.isfinite(term.model.oil) and share > AGAIN:
@@ -300,16 +298,16 @@ class FilmWatch:
         """What has been seen so far."""
         return {
             "found": [[word, *found] for word, found in self._found.items()],
-            "first": [[pair, *at.tolist()] for pair, at in self._first.items()],
+            "first": [[pair, at.tolist()] for pair, at in self._first.items()],
             "slid": [[pair, way] for pair, way in self._slid.items()],
-            "was": [[pair, *on.tolist()] for pair, on in self._was.items()],
-            "left": [[pair, *on.tolist()] for pair, on in self._left.items()],
+            "was": [[pair, on.tolist()] for pair, on in self._was.items()],
+            "left": [[pair, on.tolist()] for pair, on in self._left.items()],
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._found = {word: [bad, said] for word, bad, said in kept["found"]}
-        self._first = {int(pair): np.array(at) for pair, *at in kept["first"]}
+        self._first = {int(pair): np.array(at) for pair, at in kept["first"]}
         self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
-        self._was = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["was"]}
-        self._left = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["left"]}
+        self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
+        self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}

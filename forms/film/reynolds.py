@@ -87,7 +87,8 @@ class Band:
         """
         reach, count = self._reach, self._count
         size = (2 * reach + 1, count)
-        by_row = np.bincount(self._place, entries, size[0] * count).reshape(size)
+        by_row: Floats = np.zeros(size)
+        by_row += np.bincount(self._place, entries, size[0] * count).reshape(size)
         rows = _reciprocal(np.abs(by_row).max(axis=0, initial=0.0))
         by_row *= rows
         # LAPACK's bands go by columns, with room for what pivoting fills.
@@ -260,9 +261,9 @@ class FilmPlaces:
         width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at
         low, high, size = width[:, :-1], width[:, 1:], length[:, None] / k
         shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
-        area: Floats = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
+        area: Floats = np.zeros(self.count)
+        area += np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
         middle = 0.5 * (low + high).reshape(-1)
-        area = area.astype(np.float64)
         return FilmCells(self._ends, np.repeat(length / k, k), middle, area, self._band)
 
 
@@ -451,7 +452,7 @@ class ReynoldsFilm:
         eta = max(self.rheology.eta_b, np.finfo(float).tiny)
         pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
         moved = TOLERANCE * cells.width * np.abs(step.speed) * film + _ROUNDOFF * pressed
-        limit = np.zeros(len(h))
+        limit: Floats = np.zeros(len(h))
         limit += np.bincount(a, moved, len(h)) + np.bincount(b, moved, len(h))
         limit += TOLERANCE * h * self._per_time(step)
         limit = np.where(step.fixed, _ROUNDOFF, limit)
