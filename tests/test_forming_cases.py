@@ -97,6 +97,32 @@ def test_a_strip_between_pads_rubs_as_asperities_and_film_do_by_hand(tmp_path):
         assert row.normal_force == pytest.approx(3e6 * 12e-3 * 50e-3, rel=1e-6)
 
 
+@pytest.mark.long
+def test_friction_of_an_oiled_strip_falls_with_the_oil_and_the_speed(tmp_path):
+    ends = []
+    for number, oil in enumerate(("0.25 g/m^2", "2 g/m^2")):
+        done = reduced(
+            "strip-draw-oil",
+            tmp_path / str(number),
+            geometry__blocks__strip__x='["-4 mm", "1.5 mm"]',
+            geometry__blocks__strip__elements="[110, 2]",
+            contact__0__film__oil=f'"{oil}"',
+            stage__2__duration='"0.02 s"',
+            stage__2__steps="12",
+            stage__3__duration='"0.003 s"',
+            stage__3__steps="18",
+        )
+        assert all(row.attempts == 1 for row in done.rows)
+        assert np.mean([row.newton_iterations for row in done.rows]) <= 10.0
+        slow, fast = ([r for r in done.rows if r.stage == f"{v} mm/s"][-1] for v in (30, 300))
+        ends.append((slow.friction_coefficient, fast.friction_coefficient))
+    (slow_dry, fast_dry), (slow_wet, fast_wet) = ends
+    assert slow_dry == pytest.approx(0.15, rel=0.02)  # that of the asperities
+    assert slow_wet < slow_dry
+    assert fast_wet < 0.7 * slow_wet
+    assert fast_wet < 0.7 * fast_dry
+
+
 def rolled(rotation: str, tmp_path: Path) -> tuple[Simulation, np.ndarray]:
     """The roller on a coarse layer, and the rows of its last 2 mm."""
     done = reduced(

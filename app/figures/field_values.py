@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
 from tribox.app.figures.style import Floats
-from tribox.app.figures.symbols import FIELDS
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures.units import FIELDS, Unit, fitting
 
 if TYPE_CHECKING:
     from tribox.app.results.vtu_reading import Grid

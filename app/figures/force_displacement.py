@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from tribox.app.case.stage import solver_of
 from tribox.app.figures.names import heading
 from tribox.app.figures.style import COLOURS, STYLE, colour_of, columns, dashes_of, panels_in, save
-from tribox.app.figures.symbols import DISPLACEMENT, FRICTION_FORCE, MOMENT, REACTION, TIME
-from tribox.app.figures.units import fitting
+from tribox.app.figures.units import DISPLACEMENT, FRICTION_FORCE, MOMENT, REACTION, TIME, fitting
 from tribox.app.results.table import Table, joined
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tribox.app.figures.names import heading, unit_of_velocity
 from tribox.app.figures.style import COLOURS, FILLS, RED, Floats, Longs, thin_log_ticks
-from tribox.app.figures.symbols import (
+from tribox.app.figures.units import (
     DRIVEN_PATH,
     ENERGY,
     FRICTION_FORCE,
@@ -20,8 +20,10 @@ from tribox.app.figures.symbols import (
     RATIO,
     STEP,
     TIME,
+    Unit,
+    fitting,
+    velocity_text,
 )
-from tribox.app.figures.units import Unit, fitting, velocity_text
 
 if TYPE_CHECKING:
     from tribox.app.results import Results

@@ -21,9 +21,8 @@ from matplotlib.tri import Triangulation
 
 from tribox.app.figures.plane_bodies import pair_colour
 from tribox.app.figures.style import Floats
-from tribox.app.figures.symbols import CONTACT_PRESSURE, TRACTION
 from tribox.app.figures.tractions import Ints, facets_of, write_no_load
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting
 
 if TYPE_CHECKING:
     from tribox.app.results.vtu_reading import Grid

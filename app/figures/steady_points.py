@@ -25,8 +25,14 @@ from tribox.app.figures.style import (
     save,
     thin_log_ticks,
 )
-from tribox.app.figures.symbols import MEAN_TRACTION, SHEAR_RATE, VELOCITY, VISCOSITY
-from tribox.app.figures.units import Unit, velocity_unit
+from tribox.app.figures.units import (
+    MEAN_TRACTION,
+    SHEAR_RATE,
+    VELOCITY,
+    VISCOSITY,
+    Unit,
+    velocity_unit,
+)
 from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     steady_traction,

@@ -17,8 +17,7 @@ from tribox.app.figures.names import pair_names, titled
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import film_numbers
 from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
-from tribox.app.figures.symbols import HERSEY, RATIO, VELOCITY
-from tribox.app.figures.units import Unit, fitting, velocity_unit
+from tribox.app.figures.units import HERSEY, RATIO, VELOCITY, Unit, fitting, velocity_unit
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
@@ -37,8 +36,8 @@ class StribeckSeries:
         hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
         star: m/s, V* of the film, where friction jumps; NaN where it plays no part.
         settled: (n,) False where the velocity ended before the force was steady.
-        dry: (n,) share of the load that asperities carry, where the film is an unknown; else None.
         film: its thickness, m, and its law, of the only pair of a run with a friction map.
+        dry: (n,) share of the load that asperities carry, where the film is an unknown; else None.
     """
 
     label: str
@@ -46,9 +45,9 @@ class StribeckSeries:
     ratio: Floats
     hersey: Floats
     settled: NDArray[np.bool_]
-    dry: Floats | None = None
     star: float = math.nan
     film: tuple[float, FrictionMapParameters] | None = None
+    dry: Floats | None = None
 
 
 def series_of(results: Results, label: str = "") -> list[StribeckSeries]:

@@ -23,8 +23,15 @@ from tribox.app.figures.style import (
     panels_in,
     thin_log_ticks,
 )
-from tribox.app.figures.symbols import FRICTION_FORCE, NORMAL_FORCE, RATIO, Quantity
-from tribox.app.figures.units import Unit, fitting, velocity_text
+from tribox.app.figures.units import (
+    FRICTION_FORCE,
+    NORMAL_FORCE,
+    RATIO,
+    Quantity,
+    Unit,
+    fitting,
+    velocity_text,
+)
 
 if TYPE_CHECKING:
     from tribox.app.results import Results

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from tribox.app.figures.names import pair_names, titled
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.style import COLOURS, Floats, colour_of, thin_log_ticks
-from tribox.app.figures.symbols import CONTACT_PRESSURE, TRACTION
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting
 from tribox.geometry.surfaces.ordering import chains
 
 if TYPE_CHECKING:

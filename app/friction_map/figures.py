@@ -27,8 +27,7 @@ from tribox.app.figures.style import (
     save,
     thin_log_ticks,
 )
-from tribox.app.figures.symbols import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY
-from tribox.app.figures.units import fitting
+from tribox.app.figures.units import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY, fitting
 from tribox.app.friction_map.material_point import Track
 from tribox.app.friction_map.material_tests import Curve, FrictionMapResult
 from tribox.app.friction_map.setup import MapSetup

@@ -109,7 +109,15 @@ class LineContact:
         ten = 10.0 * max(self.rough.sigma, 1e-12)
         shape: Floats = np.asarray(self.place**2 / (2.0 * self.radius), dtype=np.float64)
         start = Point(
-            shape + ten, np.full(len(shape), -1e-3), -ten, 0.0, 1.0, shape, 0.0 * shape, 1.0, 0
+            shape + ten,
+            np.full(len(shape), -1e-3),
+            -ten,
+            0.0,
+            1.0,
+            shape,
+            np.zeros(len(shape)),
+            1.0,
+            0,
         )
         for share in (1e-3, 1e-2, 0.1, 0.3, 1.0):
             start = self.at(share * load, 0.0, np.inf, start)
@@ -391,7 +399,7 @@ def compute(setup: FilmMap) -> list[Curve]:
             points, failed, last, before = [], [], dry, 0.1 * setup.speeds[0]
             for speed in setup.speeds:
                 try:
-                    last = _reached(contact, load, oil / setup.density, (before, speed), last)
+                    last = reached(contact, load, oil / setup.density, (before, speed), last)
                 except FilmError:
                     failed.append(speed)
                     continue
@@ -401,7 +409,7 @@ def compute(setup: FilmMap) -> list[Curve]:
     return curves
 
 
-def _reached(
+def reached(
     contact: LineContact,
     load: float,
     oil: float,
@@ -423,8 +431,8 @@ def _reached(
         if halvings == 0:
             raise
     middle = float(np.sqrt(speeds[0] * speeds[1]))
-    start = _reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
-    return _reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
+    start = reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
+    return reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
 
 
 def _row(

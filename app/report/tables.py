@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from tribox.app.figures import symbols
+from tribox.app.figures import units
 from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
@@ -341,18 +341,18 @@ class Column:
 
 
 _SYMBOLS = {
-    "time": symbols.TIME,
-    "velocity": symbols.VELOCITY,
-    "normal_force": symbols.NORMAL_FORCE,
-    "friction_force": symbols.FRICTION_FORCE,
-    "friction_coefficient": symbols.RATIO,
-    "film_thickness": symbols.FILM,
-    "effective_viscosity": symbols.VISCOSITY,
+    "time": units.TIME,
+    "velocity": units.VELOCITY,
+    "normal_force": units.NORMAL_FORCE,
+    "friction_force": units.FRICTION_FORCE,
+    "friction_coefficient": units.RATIO,
+    "film_thickness": units.FILM,
+    "effective_viscosity": units.VISCOSITY,
 }
 _VECTORS = {
-    "displacement": symbols.DISPLACEMENT,
-    "force": symbols.REACTION,
-    "moment": symbols.MOMENT,
+    "displacement": units.DISPLACEMENT,
+    "force": units.REACTION,
+    "moment": units.MOMENT,
 }
 _KNOWN = {
     column.name: column

@@ -12,10 +12,12 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
-from tribox.forms.contact.state import ContactTrial
+from tribox.forms.contact.state import ContactMode, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 _SUMS = (
@@ -96,8 +98,8 @@ def kinks(term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats,
         before: gaps, m, and pressures, Pa, at the start of a step; after: at its end.
         after: see before.
     """
-    if term.tied or not term.active:
-        return 0.0
+    if term.tied or not term.active or isinstance(term, LubricatedTerm):
+        return 0.0  # a film presses across its gap
     (first, low), (last, high) = before, after
     closes, opens = (low <= 0.0) & (high > 0.0), (low > 0.0) & (high <= 0.0)
     density = 0.5 * np.where(closes, high, 0.0) * np.maximum(first, 0.0)
@@ -141,7 +143,9 @@ class EnergyBalance:
         """Begin at the state ``x``; collective."""
         self.problem = problem
         residual = x.duplicate()
-        problem.residual(None, x, residual)
+        # Nothing moves yet: no film, which may be out of balance at the start, is asked to.
+        still = tuple(ContactMode(rate_dependent=False) for _ in problem.contacts)
+        problem.residual(None, x, residual, StepMode(modes=still))
         residual.destroy()
         self._last = Work.at(problem, x.array_r)
         self._start = (problem.strain_energy(), self._interface())

@@ -23,6 +23,7 @@ from tribox.forms.contact.state import ContactTrial, Lubrication
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 LOADED = 0.01  # of the largest pressure, from which on a vertex counts as loaded
+PRESSED = 0.1  # the same, from which on it counts to the width of the contact
 FELT = 0.02  # share of the load from which on the film's accuracy matters
 COARSE = 0.5  # facet over the length of the inlet
 FINER = 2.0  # times that facets may be longer where films have several cells on each, at most
@@ -36,7 +37,7 @@ EDGE = np.radians(20.0)  # between facets of the master: from there on it is an 
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
-UNEVEN = 1e-3  # of the flow, by which it may change along a loaded film in a steady state
+UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 AGAIN = 0.05  # share of the contact's area that may have been in it before
 
 
@@ -49,8 +50,10 @@ class FilmWatch:
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
         self._found: dict[str, list[float | str]] = {}  # how bad, and what is said of it
-        # Of each pair, where its load was in the step before, and which vertices have come out.
-        self._middle: dict[int, Floats] = {}
+        # Of each pair, where its load was at first and how far it has slid since, which vertices
+        # were loaded in the step before, and which have come out.
+        self._first: dict[int, Floats] = {}
+        self._slid: dict[int, float] = {}
         self._was: dict[int, Bools] = {}
         self._left: dict[int, Bools] = {}
 
@@ -108,7 +111,8 @@ class FilmWatch:
                 f"and friction is too high; refine the slave at the edges of the contact to "
                 f"{COARSE * finer * size:.2g} m (film.cells = 4 lets facets be twice as long)",
             )
-        width = 0.5 * float(length[loaded[faces].all(axis=1)].sum())
+        pressed = carried > PRESSED * carried.max()
+        width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())
         ahead, first = self._ahead(upstream, downstream, length, inlet)
         # A slider or a plate: the gap is narrow up to the edge, and there is nothing further out.
         bounded = np.count_nonzero(term.faces == first) < 2
@@ -157,10 +161,11 @@ class FilmWatch:
     ) -> None:
         """Hold the arc over the chord of a faceted master against the film."""
         vertices, at = term.surface.vertices, trial.projection
-        if at.curvature is not None:  # round, or made smooth
-            return
         carried = vertices.at_points(np.where(film.members, film.asperity + film.pressure, 0.0))
-        loaded = np.nonzero(trial.kinematics.closed & (carried > LOADED * carried.max()))[0]
+        flat = trial.kinematics.closed & (carried > LOADED * carried.max())
+        if at.curvature is not None:  # what is round, or was made smooth, has no arc to miss
+            flat &= np.abs(at.curvature).max(axis=(1, 2, 3)) == 0.0
+        loaded = np.nonzero(flat)[0]
         facets, first = np.unique(at.facet[loaded], return_index=True)
         if len(facets) < 2:
             return
@@ -225,17 +230,18 @@ class FilmWatch:
         """See whether a steady film lets as much out as it takes in."""
         assert film.step is not None and film.solution is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        inside = (carried > LOADED * carried.max())[faces].all(axis=1)
-        flow = film.solution.flux[np.repeat(inside, cells)]
-        if np.isfinite(film.step.dt) or len(flow) < 2 or not np.any(film.step.speed):
+        loaded = (carried > LOADED * carried.max())[faces].all(axis=1)
+        flow = film.solution.flux
+        passing = np.abs(flow[np.repeat(loaded, cells)])
+        if np.isfinite(film.step.dt) or not len(passing) or passing.max() == 0.0:
             return
-        uneven = float(np.ptp(flow) / np.abs(flow).max())
+        uneven = float(np.ptp(flow) / passing.max())
         if uneven > UNEVEN:
             self._keep(
                 f"flow {place}",
                 uneven,
-                f"{place}: the flow changes by {100.0 * uneven:.2g} % of itself along the loaded "
-                f"film ({when}), which is no steady state: rounding of open gaps, most likely; a "
+                f"{place}: the flow changes by {100.0 * uneven:.2g} % of itself along the film "
+                f"({when}), which is no steady state: rounding of open gaps, most likely; a "
                 "smaller film.h_max",
             )
 
@@ -254,24 +260,23 @@ class FilmWatch:
         loaded = carried > LOADED * carried.max(initial=0.0)
         weight = vertices.area * carried
         middle = weight @ vertices.position / max(weight.sum(), np.finfo(float).tiny)
-        before = self._middle.get(index, middle)
-        self._middle[index] = middle
-        moved = float(np.linalg.norm(middle - before))
+        moved = float(np.linalg.norm(middle - self._first.setdefault(index, middle)))
         slid = 2.0 * dt * float(np.abs(film.step.speed).max(initial=0.0))
+        slid = self._slid[index] = self._slid.get(index, 0.0) + slid
         if term.model.steady:
-            if moved > max(MOVED * slid, term.surface.facet_length):
+            # Friction that changes shifts the load a little.
+            width = term.surface.facet_length * np.count_nonzero(loaded)
+            if moved > max(MOVED * slid, 0.25 * width):
                 self._keep(
                     f"steady {place}",
                     moved,
-                    f"{place}: the contact moved {moved:.2g} m along the slave while it slid "
+                    f"{place}: the contact has moved {moved:.2g} m along the slave while it slid "
                     f"{slid:.2g} m ({when}): film.steady is for a contact that stays where it is "
                     "on the slave; make the other surface the slave, or leave film.steady out",
                 )
             return
-        left = self._left.get(index, np.zeros_like(loaded))
-        was = self._was.get(index)
-        if was is not None:
-            left = left | (was & ~loaded)
+        none: Bools = np.zeros(len(loaded), dtype=bool)
+        left: Bools = self._left.get(index, none) | (self._was.get(index, none) & ~loaded)
         self._left[index], self._was[index] = left, loaded
         share = float(vertices.area @ (left & loaded) / max(vertices.area @ loaded, 1e-300))
         if np.isfinite(term.model.oil) and share > AGAIN:
@@ -295,14 +300,16 @@ class FilmWatch:
         """What has been seen so far."""
         return {
             "found": [[word, *found] for word, found in self._found.items()],
-            "middle": [[pair, *map(float, at)] for pair, at in self._middle.items()],
-            "was": [[pair, *map(bool, on)] for pair, on in self._was.items()],
-            "left": [[pair, *map(bool, on)] for pair, on in self._left.items()],
+            "first": [[pair, at.tolist()] for pair, at in self._first.items()],
+            "slid": [[pair, way] for pair, way in self._slid.items()],
+            "was": [[pair, on.tolist()] for pair, on in self._was.items()],
+            "left": [[pair, on.tolist()] for pair, on in self._left.items()],
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._found = {word: [bad, said] for word, bad, said in kept["found"]}
-        self._middle = {int(pair): np.array(at) for pair, *at in kept["middle"]}
-        self._was = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["was"]}
-        self._left = {int(pair): np.array(on, dtype=bool) for pair, *on in kept["left"]}
+        self._first = {int(pair): np.array(at) for pair, at in kept["first"]}
+        self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
+        self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
+        self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}

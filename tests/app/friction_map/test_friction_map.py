@@ -11,15 +11,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from tribox import load_case
 from tribox.app.errors import InputError
 from tribox.app.figures.style import COLOURS, MARKERS
+from tribox.app.friction_map import line_contact
 from tribox.app.friction_map.figures import _by_film, _jump, _start_stop, _viscosity
+from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
 from tribox.app.friction_map.material_point import Phase, follow, slide_to_steady
 from tribox.app.friction_map.material_tests import compute_map
 from tribox.app.friction_map.run import run_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.directory import check_free
 from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed
+from tribox.forms.film.roughness import Exponential, RoughGap
+from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
@@ -273,3 +278,89 @@ def test_a_map_tells_what_the_law_takes_by_itself():
     notes = law_notes(map_setup(None, changed))
     assert any("0.9973 at D = 6e-08 m (interpolated)" in note for note in notes)
     assert any("V_star is given directly" in note for note in notes)
+
+
+# -- films that are found --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """The line contact of the shipped case, with few speeds."""
+    setup = film_map(load_case(CASES / "film" / "soft-line.toml"))
+    return replace(setup, loads=setup.loads[1:2], speeds=(1e-5, 1e-4, 1e-3, 1e-2))
+
+
+def test_a_smooth_soft_contact_has_the_film_of_the_half_plane():
+    """Three values of g = W'/√U, with the films h W'/(U R) that others computed."""
+    modulus, radius, eta, load = 1e6, 0.01, 0.1, 1e-2
+    none, force = np.zeros(0), load * 2.0 * modulus * radius
+    contact = LineContact(
+        radius=radius,
+        modulus=modulus,
+        mu=0.3,
+        place=none,
+        compliance=none,
+        rough=RoughGap(1e-6),
+        asperities=Exponential(0.375 * modulus, 1e-6),
+        rheology=FilmRheology(eta_b=eta),
+    ).on(force)
+    at, before = contact.dry(force), 1e-8
+    for g, least, middle in ((10.07, 20.5, 26.1), (5.589, 13.43, 17.26), (3.108, 9.03, 11.25)):
+        speed = 4.0 * (load / g) ** 2 * modulus * radius / eta
+        at = reached(contact, force, np.inf, (before, speed), at)
+        before, scale = speed, g**2 / (load * radius)
+        pressed = at.pressure > 1e-4 * at.pressure.max()
+        assert at.film[pressed].min() * scale == pytest.approx(least, rel=3e-3)
+        assert np.interp(0.0, contact.place, at.film) * scale == pytest.approx(middle, rel=3e-3)
+        assert at.dry < 1e-6
+
+
+def test_a_stribeck_curve_is_the_same_up_and_down(soft):
+    load = soft.loads[0]
+    contact, speeds = soft.contact.on(load), np.geomspace(1e-9, 1.0, 10)
+    at, up = contact.dry(load), {}
+    assert at.friction == pytest.approx(soft.contact.mu, rel=1e-12)
+    before = 0.1 * speeds[0]
+    for speed in speeds:
+        at = up[speed] = reached(contact, load, np.inf, (before, speed), at)
+        before = speed
+    share = np.array([one.dry for one in up.values()])
+    assert share[0] == pytest.approx(1.0, rel=1e-4)
+    assert np.all(np.diff(share) <= 0.0) and share[-1] < 1e-6
+    assert up[speeds[0]].friction == pytest.approx(soft.contact.mu, rel=1e-4)
+    for speed in speeds[-2::-1]:
+        at = reached(contact, load, np.inf, (before, speed), at)
+        assert at.friction == pytest.approx(up[speed].friction, rel=1e-8)
+        before = speed
+
+
+def test_a_film_is_as_thick_as_the_oil_that_there_is(soft):
+    curves = compute(replace(soft, oils=(8.1e-4, np.inf)))  # 0.9 um
+    flooded, short = (np.array(curve.rows) for curve in curves)
+    assert not any(curve.failed for curve in curves)
+    assert np.allclose(short[:2, 4], flooded[:2, 4], rtol=1e-6)  # oil enough
+    assert short[-2:, 6] == pytest.approx(0.9e-6, rel=5e-3)
+    assert short[-2:, 9] == pytest.approx(1.0, rel=1e-3)
+    assert np.all(flooded[:, 9] < 1.0)
+    assert np.all(short[-2:, 4] > 1.5 * flooded[-2:, 4])
+
+
+def test_a_case_with_a_film_that_is_found_is_mapped_as_a_line_contact(soft, tmp_path, monkeypatch):
+    monkeypatch.setattr(line_contact, "film_map", lambda case: replace(soft, speeds=(1e-5, 1e-3)))
+    case = CASES / "film" / "soft-line.toml"
+    directory = run_map(case, [], tmp_path / "map", False)
+    assert {path.name for path in (directory / "figures").iterdir()} == {"film_map.png"}
+    with (directory / "film_map.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 2 * len(soft.oils)
+    assert json.loads((directory / "summary.json").read_text())["points_not_found"] == 0
+    check_free(directory, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("film/slider", 'contact.0.master = "runner"'), ("film/squeeze", "takes a circle as tool")],
+)
+def test_what_is_no_line_contact_is_not_mapped(name, words):
+    with pytest.raises(InputError, match=words):
+        run_map(CASES / f"{name}.toml", [], None, False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,13 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
-from tribox import load_case, run_case
+from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError
 from tribox.app.results.directory import read_table
+from tribox.app.simulation.film_watch import FilmWatch
+from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.simulation import Simulation
 
 CASE = """
 [geometry]
@@ -189,3 +193,132 @@ def test_a_plate_sinks_through_a_film_in_the_time_of_the_closed_form(disc, tmp_p
     scale = 0.8 * 0.01**3 / (2.0 * 30e3)  # η L³/2W; 3πηR⁴/4W under the disc's load
     assert np.diff(time) == pytest.approx(scale * np.diff(film**-2.0), rel=2e-3)
     assert warnings_of(directory) == []
+
+
+# -- what is said of films that come out wrong -----------------------------------------------------
+
+
+def said(directory, data):
+    data["output"].pop("checkpoint_every")
+    run(case_of(data), directory)
+    return " ".join(warnings_of(directory))
+
+
+def sliding(data, *program):
+    """The roll does not turn but moves along the slave."""
+    del data["tools"]["roll"]["rotation"]
+    data["tools"]["roll"]["displacement"]["x"] = [list(row) for row in program]
+    return data
+
+
+def test_facets_of_a_master_are_held_against_the_film(tmp_path):
+    data = sliding(data_of(steady=True), ("0 s", 0), ("1 s", 0), ("3 s", "0.4 mm"))
+    angles = np.radians(np.arange(20.0, -21.0, -4.0))
+    places = [[0.01 * np.sin(a), 0.01 - 0.01 * np.cos(a)] for a in angles]
+    roll = data["tools"]["roll"]
+    data["tools"]["roll"] = {
+        "shape": "polyline",
+        "points": places,
+        "displacement": roll["displacement"],
+        "force": roll["force"],
+    }
+    data["stage"][1]["steps"] = 2
+    assert "the master's facets are 0.0007 m long and lie up to" in said(tmp_path / "out", data)
+
+
+@pytest.mark.parametrize(
+    ("film", "words"),
+    [
+        ({"steady": True, "oil": "50 g/m^2"}, "% of the oil that is brought passes the contact"),
+        ({"oil": "100 g/m^2"}, "the oil before the contact fills the film up to its end"),
+    ],
+)
+def test_more_oil_than_passes_is_told(film, words, tmp_path):
+    assert words in said(tmp_path / "out", data_of(**OIL | film))
+
+
+def test_a_film_that_takes_all_the_oil_there_is_hears_nothing_of_it(tmp_path):
+    heard = said(tmp_path / "out", data_of(**OIL | {"steady": True, "oil": "1 g/m^2"}))
+    assert "oil" not in heard and "moved" not in heard and "begins" not in heard
+
+
+def test_a_steady_film_stays_on_its_slave(tmp_path):
+    data = sliding(data_of(steady=True), ("0 s", 0), ("1 s", 0), ("3 s", "1 mm"))
+    data["stage"][1]["steps"] = 2
+    assert "the contact has moved 0.00074 m along the slave" in said(tmp_path / "out", data)
+
+
+@pytest.mark.long
+def test_oil_that_a_master_may_have_taken_along_is_told(tmp_path):
+    way = ("0 s", "-1 mm"), ("1 s", "-1 mm"), ("2 s", "0.6 mm"), ("3 s", "-0.4 mm")
+    data = sliding(data_of(**OIL), *way)
+    data["stage"][1]["steps"] = 10
+    heard = said(tmp_path / "out", data)
+    assert "of the contact's surface has left it before" in heard
+
+
+def test_a_flow_that_is_not_conserved_is_told():
+    case = case_of(data_of(steady=True))
+    model = build_model(case, MPI.COMM_SELF)
+    simulation = Simulation(model)
+    simulation.run(Observer())
+    watch, row = FilmWatch(model.problem), simulation.rows[-1]
+    watch.step(row)
+    assert not any("flow changes" in line for line in watch.warnings())
+    normal = model.problem.committed[0].normal_contact
+    film = normal.lubrication
+    flux = film.solution.flux * np.linspace(1.0, 1.01, len(film.solution.flux))
+    normal.lubrication = replace(film, solution=replace(film.solution, flux=flux))
+    watch.step(row)
+    assert any("the flow changes by 0.99 % of itself" in line for line in watch.warnings())
+
+
+# -- a soft line contact against the half plane ----------------------------------------------------
+
+MODULUS, RADIUS, ETA, LOAD = 1e6, 0.01, 0.1, 1e-3  # E*, R, η, W/2E*R
+FILMS_OF = {10.07: (20.5, 26.1), 5.589: (13.43, 17.26), 3.108: (9.03, 11.25)}  # h W'/(U R) by g
+
+
+def soft_line(across):
+    """A block that fills 16 half-widths a around a contact with so many facets in 2a."""
+    force = 2.0 * LOAD * MODULUS * RADIUS
+    a = np.sqrt(4.0 * force * RADIUS / (np.pi * MODULUS))
+    speeds = {g: 4.0 * (LOAD / g) ** 2 * MODULUS * RADIUS / ETA for g in
+              (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589, 4.3, 3.108)}  # fmt: skip
+    rate, time = [[0.0, 0.0], [1.0, 0.0]], 1.0
+    stages = [{"name": "press", "duration": "1 s", "steps": 6, "rate_dependent": False}]
+    for g, speed in speeds.items():
+        way = 0.3 * a / speed
+        rate += [[time + 1e-9 * way, speed / RADIUS], [time + way, speed / RADIUS]]
+        stages.append({"name": f"{g}", "duration": way, "steps": 1})
+        time += way
+    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 14]}
+    data = data_of(steady=True, sigma="0.02 um", eta_b=ETA, h_max="1 mm")
+    roll = data["tools"]["roll"] | {"rotation": {"rate": rate}}
+    roll["force"] = {"y": [["0 s", "0 N"], ["1 s", f"{-force} N"]]}
+    held = {"x": 0, "y": 0}
+    sides = ("bottom", "left", "right")
+    return data | {
+        "geometry": {"kind": "blocks", "blocks": {"rubber": block | {"grading": [1.0, 1 / 30]}}},
+        "bodies": {"rubber": {"material": "hencky", "E": MODULUS * (1 - 0.49**2), "nu": 0.49}},
+        "tools": {"roll": roll},
+        "boundary": [{"surface": f"rubber_{side}", "displacement": held} for side in sides],
+        "stage": stages,
+        "output": {"figures": False},
+    }
+
+
+@pytest.mark.long
+def test_a_soft_contact_with_29_facets_has_the_film_of_the_half_plane(tmp_path):
+    done = run(case_of(soft_line(29)), tmp_path / "out")
+    results = read(tmp_path / "out")
+    for row in done.rows:
+        if row.stage == "press" or float(row.stage) not in FILMS_OF:
+            continue
+        assert row.newton_iterations <= 6 and row.attempts == 1
+        scale = float(row.stage) ** 2 / (LOAD * RADIUS)
+        nodes = results.contact(row.step).point_data
+        film, p = nodes["film_thickness"] * scale, nodes["film_pressure"]
+        least, middle = FILMS_OF[float(row.stage)]
+        assert film[p > 1e-4 * p.max()].min() == pytest.approx(least, rel=3e-2)
+        assert film[np.argmin(np.abs(nodes["reference"][:, 0]))] == pytest.approx(middle, rel=2e-2)
