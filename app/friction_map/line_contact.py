@@ -14,6 +14,7 @@ Axis letters: n places along the contact.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.case.bodies import Body, ElastoPlasticBody
+from tribox.app.case.film import Film
 from tribox.app.case.friction import Coulomb, Frictionless
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
@@ -304,11 +306,6 @@ def film_map(case: Case) -> FilmMap:
     own = film.oil if isinstance(film.oil, float) else None
     density = film.density or DENSITY
     oils = [n * film.sigma * density for n in OILS] if own is None else [n * own for n in OF_OWN]
-    notes = ["the body is taken for an elastic half plane; a layer is stiffer"]
-    if getattr(body, "prony", ()) or getattr(body, "mullins", None) is not None:
-        notes.append(f"bodies.{name}: what it remembers is left out; E* is that of its G and K")
-    if not film.density:
-        notes.append(f"the case gives no density: {DENSITY:g} kg/m^3 assumed")
     return FilmMap(
         title=case.title,
         contact=contact,
@@ -317,8 +314,17 @@ def film_map(case: Case) -> FilmMap:
         speeds=_speeds(contact, film.sigma, load),
         oils=(*oils, np.inf),
         density=density,
-        notes=tuple(notes),
+        notes=tuple(_notes(film, name, body)),
     )
+
+
+def _notes(film: Film, name: str, body: Body) -> Iterator[str]:
+    """What is assumed, a line each."""
+    yield "the body is taken for an elastic half plane; a layer is stiffer"
+    if getattr(body, "prony", ()) or getattr(body, "mullins", None) is not None:
+        yield f"bodies.{name}: what it remembers is left out; E* is that of its G and K"
+    if not film.density:
+        yield f"the case gives no density: {DENSITY:g} kg/m^3 assumed"
 
 
 def _load(case: Case, tool: CircleTool) -> float:

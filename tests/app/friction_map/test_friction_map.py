@@ -359,7 +359,11 @@ def test_a_case_with_a_film_that_is_found_is_mapped_as_a_line_contact(soft, tmp_
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("film/slider", 'contact.0.master = "runner"'), ("film/squeeze", "takes a circle as tool")],
+    [
+        ("film/slider", 'contact.0.master = "runner"'),
+        ("film/squeeze", "takes a circle as tool"),
+        ("forming/strip-draw-oil", "takes an elastic body with moduli of its own"),
+    ],
 )
 def test_what_is_no_line_contact_is_not_mapped(name, words):
     with pytest.raises(InputError, match=words):
