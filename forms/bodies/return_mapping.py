@@ -453,8 +453,8 @@ def mean_decay(y: Floats) -> tuple[Floats, Floats]:
     mean = -np.expm1(-z) / z
     falling = (mean - np.exp(-z)) / z
     x = np.where(near, y, 0.0)
-    first = 1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720)))))
-    second = 1 / 2 - x * (1 / 3 - x * (1 / 8 - x * (1 / 30 - x * (1 / 144 - x * (1 / 840)))))
+    first = np.polyval([-1 / 720, 1 / 120, -1 / 24, 1 / 6, -1 / 2, 1.0], x)
+    second = np.polyval([-1 / 840, 1 / 144, -1 / 30, 1 / 8, -1 / 3, 1 / 2], x)
     return np.where(near, first, mean), np.where(near, second, falling)
 
 
