@@ -60,6 +60,12 @@ SNAP = (
     "density), or to prescribe a displacement where a force drives",
 )
 
+LONGER = (
+    "longer steps (slip_step), or a first velocity at which asperities carry nearly all, a tenth "
+    "of this one or less"
+)
+ALL_OF_IT = 0.95  # share of the load beyond which a film's friction rises with the speed
+
 # PETSc's numbers for why Newton's method ended without a solution.
 REASONS = {
     -3: "singular tangent",
@@ -253,7 +259,7 @@ def explain(
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     trials = [what for _, what in findings]
-    if not gross:
+    if not gross and LONGER not in trials:
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
     problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
@@ -275,7 +281,8 @@ def _of_state(
     ends = list(slid_off(problem, contacts))
     reached = [] if ends else list(reaches_end(problem, contacts))
     found = [*penalties, *supports, *ends, *_of_elements(problem, converged), *edges]
-    yield from found or list(_of_firm_penalties(problem)) or caught or _of_weakening(problem)
+    found = found or list(_of_firm_penalties(problem)) or caught or list(_of_films(problem))
+    yield from found or _of_weakening(problem)
     yield from reached
 
 
@@ -383,6 +390,21 @@ def _of_firm_penalties(problem: Equilibrium) -> Findings:
                 f"contact.{index}: the penalty is {times:.2g} times the default, and Newton's "
                 "method needs more iterations the larger it is",
                 DEFAULT_PENALTY,
+            )
+
+
+def _of_films(problem: Equilibrium) -> Findings:
+    """Films that are found and take the load over: friction falls as surfaces slip faster."""
+    pairs = zip(problem.committed, problem.trials, strict=False)  # none before the first step
+    for index, (last, now) in enumerate(pairs):
+        film, tried = last.normal_contact.lubrication, now.normal_contact.lubrication
+        moves = tried is not None and tried.step is not None and bool(np.any(tried.step.speed))
+        if film is not None and moves and film.share < ALL_OF_IT:
+            yield (
+                f"contact.{index}: the film, which carried {100.0 * film.share:.2g} % of the load "
+                "at the last solved step, takes more of it over as the surfaces slip faster: what "
+                "sticks is torn loose, and a shorter step makes that worse",
+                LONGER,
             )
 
 

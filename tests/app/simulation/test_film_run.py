@@ -13,7 +13,7 @@ from mpi4py import MPI
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, SolutionError
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.observer import Observer
@@ -141,6 +141,19 @@ def test_the_other_way_round_it_is_the_same(flooded, tmp_path):
 def test_smooth_surfaces_need_time_to_carry_load():
     with pytest.raises(InputError, match=r"film.sigma = 0: nothing carries load in stage press"):
         build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
+
+
+def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_shorter(tmp_path):
+    data = data_of(steady=True)
+    data["tools"]["roll"]["rotation"] = {"rim": "driven"}
+    data["stage"][1] |= {"steps": 1, "velocity": "10 mm/s", "duration": "0.1 s"}
+    data["solver"] = {"min_step_fraction": 0.6, "max_iterations": 12}
+    with pytest.raises(SolutionError) as caught:
+        run(case_of(data), tmp_path / "out")
+    said = str(caught.value)
+    assert "the film, which carried 0 % of the load" in said and "slip faster" in said
+    assert "try longer steps (slip_step), or a first velocity" in said
+    assert "smaller steps" not in said
 
 
 def test_an_explicit_run_is_refused_in_one_line():
