@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import dolfinx
 import numpy as np
+import scipy.sparse
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
@@ -27,6 +29,8 @@ PRESSED = 0.1  # the same, from which on it counts to the width of the contact
 FELT = 0.02  # share of the load from which on the film's accuracy matters
 COARSE = 0.5  # facet over the length of the inlet
 FINER = 2.0  # times that facets may be longer where films have several cells on each, at most
+DEEP = 0.25  # cell over the half-width of the contact; .35 of it left friction 10 % too high
+GIVES = 1.0  # of the film, that a column of a cell's depth gives way by: less moves no film
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
 THIN = 0.5  # h/σ below which the laws of film and asperities are extrapolated
 BOUNDED = (
@@ -49,6 +53,7 @@ class FilmWatch:
         self._problem = problem
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
+        self._depths = {i: cell_depths(term, problem.space) for i, term in self._terms}
         self._found: dict[str, list[float | str]] = {}  # how bad, and what is said of it
         # Of each pair, where its load was at first and how far it has slid since, which vertices
         # were loaded in the step before, and which have come out.
@@ -73,6 +78,7 @@ class FilmWatch:
             inside = film.members[term.faces].all(axis=1)
             faces, length = term.faces[inside], history.length[inside]
             self._look_at_inlet(place, term, film, faces, length, when)
+            self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
             self._look_at_roughness(place, term, film, when)
             self._look_at_facets(place, term, trial, film, when)
             self._look_at_oil(place, term, film, when)
@@ -139,6 +145,33 @@ class FilmWatch:
                 break
             face = following
         return total, int(upstream[face])
+
+    def _look_at_depth(
+        self,
+        place: str,
+        term: LubricatedTerm,
+        film: Lubrication,
+        faces: Longs,
+        depth: Floats,
+        length: Floats,
+        when: str,
+    ) -> None:
+        """Hold the slave's cells below the contact against its half-width, where they give way."""
+        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
+        pressed = (carried > PRESSED * carried.max())[faces].all(axis=1)
+        if term.modulus is None or not pressed.any():
+            return
+        width, deepest = 0.5 * float(length[pressed].sum()), float(depth[pressed].max())
+        gives = carried.max() * deepest / term.modulus
+        if deepest > DEEP * width and gives > GIVES * float(film.film[faces[pressed]].min()):
+            self._keep(
+                f"depth {place}",
+                deepest / width,
+                f"{place}: the slave's cells below the contact are {deepest:.2g} m deep, and its "
+                f"half-width is {width:.2g} m ({when}): friction where film and asperities "
+                f"share the load comes out too high; cells of {DEEP * width:.2g} m there, by "
+                "grading or a finer mesh",
+            )
 
     def _look_at_roughness(
         self, place: str, term: LubricatedTerm, film: Lubrication, when: str
@@ -313,3 +346,30 @@ class FilmWatch:
         self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
         self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
         self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}
+
+
+def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Floats:
+    """How far the cells reach in (f,), m, below the slave's facets, over the elements' degree.
+
+    On one rank, as films that are found are.
+
+    Args:
+        term: of the pair.
+        space: of the displacement.
+    """
+    dim, surface = term.surface.dim, term.surface
+    _, first = np.unique(term.rule.facet_of, return_index=True)
+    ends = surface.nodes[surface.slave_rows[first, :2]]
+    cells = np.asarray(space.dofmap.list, dtype=np.int64)
+    place = np.repeat(np.arange(len(cells)), cells.shape[1])
+    table = scipy.sparse.csr_matrix(
+        (np.ones(cells.size, dtype=np.int8), (cells.reshape(-1), place))
+    )
+    cell = table[ends[:, 0]].multiply(table[ends[:, 1]]).tocsr().indices  # one has both
+    position = space.tabulate_dof_coordinates()[:, :dim]
+    along = position[ends[:, 1]] - position[ends[:, 0]]
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    inward = position[cells[cell]] - position[ends[:, 0]][:, None]
+    depth = np.abs(np.einsum("fai,fi->fa", inward, normal)).max(axis=1)
+    return np.asarray(depth / space.element.basix_element.degree)

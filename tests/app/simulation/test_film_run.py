@@ -224,6 +224,11 @@ def sliding(data, *program):
     return data
 
 
+def test_cells_that_are_deep_below_the_contact_are_told(flooded):
+    """They are a millimetre deep, and the contact is some two wide."""
+    assert "the slave's cells below the contact are 0.001 m deep" in " ".join(warnings_of(flooded))
+
+
 def test_facets_of_a_master_are_held_against_the_film(tmp_path):
     data = sliding(data_of(steady=True), ("0 s", 0), ("1 s", 0), ("3 s", "0.4 mm"))
     angles = np.radians(np.arange(20.0, -21.0, -4.0))
