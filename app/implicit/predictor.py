@@ -61,6 +61,8 @@ class Predictor:
     def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
+        The path is not continued where contacts forget it.
+
         Returns:
             The number of factorisations it took.
         """
@@ -73,7 +75,9 @@ class Predictor:
             if self._goes_on(drive):
                 return solved
             return solved + self._unload(x, drive.constrained, trial, step)
-        if ratio > 0.0 and len(self._path) > 1:
+        if any(term.forgets for term in self.problem.contacts):
+            trial.array[:] = self.problem.constrained_values(trial)
+        elif ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
             if self._is_torn_off(trial, step):
                 x.copy(trial)

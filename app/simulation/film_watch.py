@@ -28,7 +28,7 @@ LOADED = 0.01  # of the largest pressure, from which on a vertex counts as loade
 PRESSED = 0.1  # the same, from which on it counts to the width of the contact
 FELT = 0.02  # share of the load from which on the film's accuracy matters
 COARSE = 0.5  # facet over the length of the inlet
-FINER = 2.0  # times that facets may be longer where films have several cells on each, at most
+FINER = 2.5  # times that facets may be longer where films have four or more cells on each
 DEEP = 0.25  # cell over the half-width of the contact; .35 of it left friction 10 % too high
 GIVES = 1.0  # of the film, that a column of a cell's depth gives way by: less moves no film
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
@@ -106,7 +106,7 @@ class FilmWatch:
         inlet = int(at[np.argmax(length[at])])
         inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
         growth = outside / inside - 1.0
-        finer = min(float(np.sqrt(cells)), FINER)
+        finer = min(0.5 * (1.0 + cells), FINER)
         if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * finer:
             size = length[inlet] / growth ** (2.0 / 3.0)
             self._keep(
@@ -114,8 +114,9 @@ class FilmWatch:
                 length[inlet] / (finer * size),
                 f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
                 f"there {length[inlet]:.2g} m ({when}): too much load is left to the asperities, "
-                f"and friction is too high; refine the slave at the edges of the contact to "
-                f"{COARSE * finer * size:.2g} m (film.cells = 4 lets facets be twice as long)",
+                "and friction is too high; refine the slave at the edges of the contact to "
+                f"{COARSE * finer * size:.2g} m (film.cells = 4 lets facets be {FINER:g} times as "
+                "long)",
             )
         pressed = carried > PRESSED * carried.max()
         width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())

@@ -80,6 +80,7 @@ class LubricatedTerm(ContactTerm):
             raise ValueError("a film as an unknown needs the plane or axial symmetry, and one rank")
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
+        self.forgets = model.steady
         self.rule = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule, arcs=True)
         self.places, self._face = self.rule.places, self.rule.facet_of

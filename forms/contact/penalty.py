@@ -73,9 +73,11 @@ class ContactTerm:
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
         tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
         bounds_steps: whether :meth:`bearable` may be less than 1.
+        forgets: whether the way of the last steps says nothing of the next, as where each is the
+            steady state of its speed.
     """
 
-    tied = bounds_steps = False
+    tied = bounds_steps = forgets = False
 
     def __init__(
         self,

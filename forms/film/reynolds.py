@@ -19,8 +19,9 @@ film of the face.
    \frac{p}{p_s} (1 - \theta) = \varepsilon^2
 
 which is the complementarity of pressure and missing oil, rounded off (A. Fischer, Optimization 24,
-1992; H. Elrod, J. Lubr. Technol. 103, 1981). :math:`\varepsilon p_s` is an ambient pressure: it
-must be small.
+1992; H. Elrod, J. Lubr. Technol. 103, 1981). A reservoir that floods the film fills it but for
+δ = 10⁻⁴, so that its pressure is not :math:`\varepsilon p_s` but :math:`\varepsilon^2 p_s/\delta`:
+p_s goes with the modulus of the bodies, and a film on metal may bear kilopascals.
 
 **Time mean of the mobility.** Within a step a film squeezed by a constant load obeys
 :math:`\dot h \propto h^3`; its flow is that of
@@ -44,6 +45,7 @@ from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 SMOOTHING = 1e-7  # ε
+UNFILLED = 1e-4  # δ, 1 − θ of a reservoir that floods the film
 TOLERANCE = 1e-11  # of the mass balance, over what flows and what is stored at a place
 _ROUNDOFF = 1e-13  # the same, over the flow under the pressure scale: rounding of open gaps
 MOST_ITERATIONS = 80
@@ -532,7 +534,8 @@ class ReynoldsFilm:
 
 def _reservoir(step: FilmStep) -> tuple[Floats, Floats]:
     """Values w (n,) that the reservoirs keep, and dw/dh (n,), 1/m: 0 where they flood the film."""
-    short: Bools = step.content < step.film
-    content = np.where(short, step.content, step.film)
-    given = np.where(short, content / step.film - 1.0, 0.0)
+    full = (1.0 - UNFILLED) * step.film
+    short: Bools = step.content < full
+    content = np.where(short, step.content, full)
+    given = np.where(short, content / step.film - 1.0, -UNFILLED)
     return given, np.where(short, -content / step.film**2, 0.0)

@@ -36,6 +36,7 @@ class Known:
         self.loads: list[SimpleNamespace] = []
         self.nodal_loads: list[SimpleNamespace] = []
         self.trials: list[SimpleNamespace] = []
+        self.contacts: list[SimpleNamespace] = []
         self.solids: list[SimpleNamespace] = []
         self.direct, self.works, self.share, self.basin = True, True, 1.0, np.inf
         self.reference_force = np.inf
@@ -240,6 +241,16 @@ def test_after_a_turn_the_path_begins_again():
 def test_where_nothing_moves_the_start_is_the_last_state():
     problem = both(Known(curved), *STRAIGHT, STRAIGHT[-1])
     np.testing.assert_array_equal(problem.start(*STRAIGHT[-1]), problem.x.array_r)
+    assert problem.factorisations == 0 and not problem.seen
+
+
+def test_contacts_that_forget_their_path_start_from_the_last_state():
+    """As films in steady states do: with what is prescribed, and without a look at the residual."""
+    problem = both(Known(curved), *STRAIGHT)
+    problem.contacts = [SimpleNamespace(forgets=True)]
+    expected = problem.x.array_r.copy()
+    expected[:2] = 3.0, 6.0
+    np.testing.assert_array_equal(problem.start(3.0, 3.0, 6.0), expected)
     assert problem.factorisations == 0 and not problem.seen
 
 

@@ -196,6 +196,15 @@ def test_a_slider_carries_and_drags_as_reynolds_says(slider):
     assert warnings_of(slider) == []
 
 
+def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
+    """Its 300 Pa are far below what its metal could bear, and as exact."""
+    slow = 'tools.runner.velocity={x="0.1 mm/s", y="-0.2 um/s"}'
+    directory = shipped(
+        "slider", tmp_path / "out", slow, "stage.0.steps=1", "stage.0.duration=10 s"
+    )
+    assert column(directory, "normal_force") == pytest.approx(31776.6e-4, rel=8e-3)
+
+
 @pytest.mark.parametrize(
     "disc", [(), ("geometry.section=axisymmetric", 'tools.plate.force.y="-1413.717 N"')]
 )
