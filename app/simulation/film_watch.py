@@ -20,6 +20,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.time_text import time_text
+from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
@@ -359,6 +360,7 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
         space: of the displacement.
     """
     dim, surface = term.surface.dim, term.surface
+    assert isinstance(term.rule, AsperityPressure)
     _, first = np.unique(term.rule.facet_of, return_index=True)
     ends = surface.nodes[surface.slave_rows[first, :2]]
     cells = np.asarray(space.dofmap.list, dtype=np.int64)
