@@ -30,6 +30,7 @@ class Interruption(Observer):
 
     Attributes:
         noted: called at once when a signal comes, on this rank alone.
+        asked: whether one has come to this rank.
     """
 
     def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
@@ -41,7 +42,7 @@ class Interruption(Observer):
         """
         self._comm, self._saving = comm, saving
         self.noted: Callable[[], None] | None = None
-        self._asked = False
+        self.asked = False
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
     def __enter__(self) -> Self:
@@ -74,7 +75,7 @@ class Interruption(Observer):
         self._saving.raise_together(self._comm)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        first, self._asked = not self._asked, True
+        first, self.asked = not self.asked, True
         self.restore(repeats(number))
         if not first:
             return
@@ -97,5 +98,5 @@ class Interruption(Observer):
             Interrupted: a rank has been asked to stop.
         """
         self._saving.raise_together(self._comm)
-        if self._comm.allreduce(self._asked, op=MPI.LOR):
+        if self._comm.allreduce(self.asked, op=MPI.LOR):
             raise Interrupted

@@ -314,9 +314,13 @@ def _run(
         raise
     except BaseException as error:
         # An error of one rank alone: the others are not here, so nothing collective may follow. A
-        # second signal may come while the state is being saved for the first.
-        stopped = isinstance(error, KeyboardInterrupt)
+        # second signal may come while the state is being saved for the first; whoever is called
+        # back just then, by a library in C, may make another error of it. The kernel sends two when
+        # a sweep is killed whose threads end one after the other.
+        stopped = interruption.asked or isinstance(error, KeyboardInterrupt)
         recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
+        if stopped:
+            raise KeyboardInterrupt from error
         raise
     finally:
         keepers.probes.close()

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
+import tomllib
 from functools import partial
 from typing import Any
 
 import pytest
 from mpi4py import MPI
 
+from tribox.app.case.case import Case
 from tribox.app.errors import Interrupted, OutputError
 from tribox.app.results.saving import Saving
+from tribox.app.run import progress
 from tribox.app.run.forwarding import stopping_signals
 from tribox.app.run.interruption import Interruption
+from tribox.app.run.run import run_case
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 ARGUMENTS = {"ready": 1, "cut": 3, "load_step": 4}  # how many an observer is told
@@ -104,3 +109,22 @@ def test_in_another_thread_signals_are_left_alone(saving):
     thread.start()
     thread.join()
     assert seen == [before]
+
+
+@pytest.mark.parametrize("signalled", [True, False])
+def test_what_a_second_signal_becomes_in_a_library_is_no_failure(
+    signalled, block, tmp_path, monkeypatch
+):
+    """Libraries in C make another error of an exception that a handler raises in what they call."""
+
+    def step(self, state, row, result) -> None:
+        if signalled:
+            signal.raise_signal(signal.SIGTERM)
+        raise SystemError("returned a result with an exception set")
+
+    monkeypatch.setattr(progress.Together, "step", step)
+    case = Case.model_validate(tomllib.loads(block))
+    with pytest.raises(KeyboardInterrupt if signalled else SystemError):
+        run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == ("interrupted" if signalled else "failed")
