@@ -41,6 +41,19 @@ class RigidTool:
         """Number of its unknowns."""
         return len(self.dofs)
 
+    @property
+    def reach(self) -> float:
+        """Distance, m, of its surface from the axis that it turns about.
+
+        Along axes of coordinates, and no farther than the mesh is long: a plane has no end.
+        """
+        arms = np.abs(self.surface.extent - self.motion.centre).max(axis=0)
+        if self.motion.axis is not None:
+            axis = np.asarray(self.motion.axis) / np.linalg.norm(self.motion.axis)
+            across = np.sqrt(np.maximum(1.0 - axis**2, 0.0))
+            arms = np.where(across > 0.0, np.minimum(arms, self.motion.length) * across, 0.0)
+        return float(min(arms.max(), self.motion.length))
+
     def node(self, slot: int) -> Ints:
         """Local number of a slot's node, on the rank that owns it; none (0,) elsewhere."""
         dim = self.slots - 1

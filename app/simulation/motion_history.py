@@ -45,6 +45,8 @@ class MotionHistory:
         self._middle: Floats = box.mean(axis=0)
         self.extent = float(np.linalg.norm(box[1] - box[0]))
         self.held = held_dofs(model.problem)
+        slots = [tool.dofs[tool.here] for tool in model.problem.tools]
+        self._on_bodies = np.setdiff1d(self.held, np.concatenate([self.held[:0], *slots]))
         self._means = _Means(model)
         self._forces = _SurfaceForces(model, self._means, self.held)
         self._bodies = [solid.name for solid in model.problem.solids]
@@ -93,12 +95,13 @@ class MotionHistory:
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
     def fastest(self, velocity: Floats) -> float:
-        """Speed of the fastest node of supports and platens, m/s; collective.
+        """Speed of the fastest node of supports and platens, not of tools, m/s; collective.
 
         Args:
             velocity: (n,), m/s, of the owned unknowns.
         """
-        squares = np.bincount(self.held // self._dim, velocity[self.held] ** 2, minlength=1)
+        held = self._on_bodies
+        squares = np.bincount(held // self._dim, velocity[held] ** 2, minlength=1)
         fastest = float(np.sqrt(squares.max()))
         return self._model.problem.comm.allreduce(fastest, op=MPI.MAX)
 

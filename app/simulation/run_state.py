@@ -390,11 +390,11 @@ class ToolHistory:
             self.rows.append((*key, tool.name, *map(float, values)))
 
     def fastest(self) -> float:
-        """Speed of the fastest tool at the last rows, m/s; of one that turns, at its length."""
+        """Speed of the fastest tool at the last rows, m/s; of one that turns, at its surface."""
         names = [self.columns.index(n) for n in self.columns if n.startswith("velocity_")]
         turning = self.columns.index("angular_velocity")
         speeds = [
-            math.hypot(*(float(row[at]) for at in names), float(row[turning]) * tool.motion.length)
+            math.hypot(*(float(row[at]) for at in names), float(row[turning]) * tool.reach)
             for row, tool in zip(self.rows[-len(self._tools) :], self._tools, strict=True)
         ]
         return max(speeds, default=0.0)

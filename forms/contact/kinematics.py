@@ -130,37 +130,35 @@ def opposite(
 
 
 def relate(
-    points: Floats, projection: Projection, anchor: Anchor, closed: Bools, arcs: bool = False
+    points: Floats, projection: Projection, anchor: Anchor, closed: Bools
 ) -> ContactKinematics:
     """Contact kinematics of the slave points against their projections.
 
-    The slip of a point that closes within the step counts in full, from the place that it was
-    opposite: a share of it would depend on penalty and step. An open point does not slip.
+    The slip of a step is as long as the way on a curved master, see :class:`_Arc`. That of a point
+    that closes within the step counts in full, from the place that it was opposite: a share of it
+    would depend on penalty and step. An open point does not slip.
 
     Args:
         points: (q, i), m, current: slave points.
         projection: their closest points on the deformed master.
         anchor: state of the last converged step, moved with the current master.
         closed: (q,) points in contact.
-        arcs: whether the slip is as long as the way on a curved master, see :class:`_Arc`.
     """
     n = projection.normal
     slip = np.where(closed[:, None], _in_plane(n, _apart(points, projection, anchor)), 0.0)
-    if arcs:
-        slip *= _Arc.of(slip, points, projection, anchor).stretch[:, None]
+    slip *= _Arc.of(slip, points, projection, anchor).stretch[:, None]
     image = _in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)
 
 
-def vary(points: Floats, projection: Projection, anchor: Anchor, arcs: bool = False) -> Variations:
+def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
     """Variation of the kinematics of points that are closed.
 
     Args:
         points: (q, i), m, current: closed slave points.
         projection: their closest points on the deformed master, or those along rays.
         anchor: state of the last converged step, moved with the current master.
-        arcs: whether the slip is as long as the way on a curved master, see :class:`_Arc`.
     """
     n = projection.normal
     count, dim = n.shape
@@ -182,11 +180,10 @@ def vary(points: Floats, projection: Projection, anchor: Anchor, arcs: bool = Fa
         d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
-    if arcs:
-        slip = _in_plane(n, s)
-        d_sunk = np.einsum("qi,qir->qr", s, d_normal) - d_gap
-        d_sunk[:, c] += n
-        d_slip = _Arc.of(slip, points, projection, anchor).vary(slip, d_slip, d_sunk)
+    slip = _in_plane(n, s)
+    d_sunk = np.einsum("qi,qir->qr", s, d_normal) - d_gap
+    d_sunk[:, c] += n
+    d_slip = _Arc.of(slip, points, projection, anchor).vary(slip, d_slip, d_sunk)
     return Variations(d_gap, d_normal, d_slip, _vary_transport(n, plane, anchor, d_normal, d), d_xi)
 
 

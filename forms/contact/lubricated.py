@@ -82,7 +82,7 @@ class LubricatedTerm(ContactTerm):
         self.model, self.compiled = model, None
         self.forgets = model.steady
         self.rule = AsperityPressure(surface, model)
-        self.linearised = LubricatedTangent(surface, self.rule, arcs=True)
+        self.linearised = LubricatedTangent(surface, self.rule)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
         self._weight: Floats = np.zeros(len(self.faces))

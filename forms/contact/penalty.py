@@ -185,7 +185,7 @@ class ContactTerm:
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
         if not self.active:
             normal = normal.opened()
-        kinematics = relate(points, current, anchor, normal.closed, self.linearised.arcs)
+        kinematics = relate(points, current, anchor, normal.closed)
         film, response = self._loaded(normal, current, kinematics, dt, mode)
         return ContactTrial(
             position=points,

@@ -44,12 +44,10 @@ class PairTangent:
 
     Attributes:
         surface: of the pair; rule: from gaps to pressure.
-        arcs: whether slips are as long as ways on a curved master.
     """
 
     surface: ContactSurface
     rule: NormalRule
-    arcs: bool = False
     _known: dict[bool, list[VertexRows]] = field(
         default_factory=lambda: {False: [], True: []}, repr=False
     )
@@ -65,7 +63,7 @@ class PairTangent:
         """Variation of the kinematics of the closed points ``take`` (p,)."""
         assert trial.anchor is not None
         at, anchor = trial.projection.of(take), trial.anchor.of(take)
-        return vary(trial.position[take], at, anchor, self.arcs)
+        return vary(trial.position[take], at, anchor)
 
     def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
         """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.

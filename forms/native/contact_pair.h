@@ -247,14 +247,27 @@ static void press(Pair *p, int64_t q)
     p->lost[q] = (share > 0.0 ? mean : sunk_before) * (share - before);
 }
 
+/* Slip of a closed point that was at the anchor: as long as the way on a curved master, see the
+ * class _Arc of forms/contact/kinematics.py. */
+static Vector slip_of(const Pair *p, int64_t q, Vector anchor)
+{
+    Vector n = at(p->normal, q);
+    if (p->clamped[q])
+        return in_plane(n, less(at(p->foot, q), anchor));
+    Vector apart = less(at(p->position, q), anchor), image = in_plane(n, apart);
+    double length = norm(image), sunk = dot(n, apart) - p->gap[q];
+    if (!(fabs(sunk) < 0.5 * length))
+        return image;
+    return times(sqrt(1.0 + 4.0 / 3.0 * (sunk / length) * (sunk / length)), image);
+}
+
 /* Slip, of closed points, and elastic slip. */
 static void relate(Pair *p, int64_t q)
 {
     Vector n = at(p->normal, q), tangents[ALONG], image = {{0.0}};
     p->gap_after[q] = p->on_surface[q] ? p->gap[q] : INFINITY;
     Vector anchor = place_on(p, p->facet_before[q], p->xi_before + ALONG * q, tangents);
-    Vector here = p->clamped[q] ? at(p->foot, q) : at(p->position, q);
-    put(p->slip, q, times(p->closed[q] ? 1.0 : 0.0, in_plane(n, less(here, anchor))));
+    put(p->slip, q, times(p->closed[q] ? 1.0 : 0.0, slip_of(p, q, anchor)));
     for (int b = 0; b < ALONG; ++b)
         image = plus(image, p->component_before[ALONG * q + b], tangents[b]);
     image = in_plane(n, image);

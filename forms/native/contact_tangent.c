@@ -218,6 +218,37 @@ INLINE void vary_in_plane(const double *n, const double *v, double d_n[DIM][NOW]
             out[i][r] = 0.0;
 }
 
+/* The slip's image in the tangent plane becomes as long as the way on a curved master, as in
+ * kinematics.py: its variation (i, ALL) from that of the image. */
+INLINE void vary_arc(const Pair *p, int64_t q, const double *apart, double d_n[DIM][NOW],
+                     double slip[DIM][ALL])
+{
+    const double *n = p->normal + DIM * q;
+    double across = dot(n, apart), sunk = across - p->gap[q], along[DIM];
+    for (int i = 0; i < DIM; ++i)
+        along[i] = apart[i] - across * n[i];
+    double length = sqrt(dot(along, along));
+    if (p->clamped[q] || !(fabs(sunk) < 0.5 * length))
+        return;
+    for (int i = 0; i < DIM; ++i)
+        along[i] /= length;
+    double slope = sunk / length, stretch = sqrt(1.0 + 4.0 / 3.0 * slope * slope);
+    for (int r = 0; r < ALL; ++r) {
+        double grown = 0.0;
+        for (int i = 0; i < DIM; ++i)
+            grown -= slope * along[i] * slip[i][r];
+        if (r < NOW)
+            grown += apart[0] * d_n[0][r] + apart[1] * d_n[1][r] + apart[2] * d_n[2][r];
+        if (r < DIM)
+            grown -= n[r];
+        else if (r >= NOW && r < NOW + DIM)
+            grown += n[r - NOW];
+        grown *= 4.0 / 3.0 * slope / stretch;
+        for (int i = 0; i < DIM; ++i)
+            slip[i][r] = stretch * slip[i][r] + along[i] * grown;
+    }
+}
+
 /* Weight times the variation of the traction (i, ALL), and d_xi (2, NOW). */
 static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
                                  double d_xi[2][NOW])
@@ -250,6 +281,7 @@ static EXPORT void vary_traction(const Pair *p, int64_t q, double out[DIM][ALL],
             for (int i = 0; i < DIM; ++i)
                 slip[i][r] += dot(plane[i], foot);
         }
+    vary_arc(p, q, apart, d_n, slip);
     /* The elastic slip keeps its length. */
     double length = sqrt(dot(v, v)), kept = p->slip_length[q];
     double scale = length > 0.0 && kept > 0.0 ? kept / length : 0.0;

@@ -137,6 +137,17 @@ def test_a_driven_rim_turns_a_round_tool_with_the_velocity_of_the_stage(mesh, cl
     assert np.sign(given["force_x"]) == np.sign(-turn) and abs(given["force_x"]) > 0.0
 
 
+def test_a_roll_rubs_over_the_arc_that_it_turns_by(mesh):
+    """Half a radian a step: the chord in the tangent plane would be 4 % shorter."""
+    tables = rolled(angle=[["1 s", "0 rad"], ["2 s", "2.5 rad"]])
+    tables["tools"]["punch"]["displacement"] = down()
+    simulation = run(block_case(mesh, **tables))
+    row = simulation.rows[-1]
+    assert simulation.state.speed == pytest.approx(2.5 * 2e-3, rel=1e-6)  # of the rim
+    assert row.slip_speed == pytest.approx(2.5 * 2e-3, rel=3e-3)
+    assert abs(row.energy_error) < 1e-3 * row.external_work
+
+
 def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
     tables = rolled(angle=[["1 s", "0 rad"], ["2 s", "0.3 rad"]])
     tables["stage"] = [{"name": "all", "duration": "2 s", "steps": 40}]
