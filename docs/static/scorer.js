@@ -3,7 +3,7 @@
 const PAGES = [
   [/^(how-to|tutorials|forming)\/|^(meshes|map-and-fit|reading-results|failures|pictures|index)$/, 20],
   [/^(install|gallery|commands|case-file|results|law|theory|explicit|limits|examples)$/, 10],
-  [/^(reference\/case-keys|more\/|verification-report|py-modindex)/, -30],
+  [/^(more\/|verification-report|py-modindex)/, -30],
 ];
 
 function wordsIn(title) {
