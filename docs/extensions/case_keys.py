@@ -1,6 +1,7 @@
 """The reference of the case file: a table for each of its tables, from the program's own schema.
 
-The line ``<!-- tables of the schema -->`` of a page is replaced by them when the site is built.
+The line ``<!-- tables of the schema -->`` of a page is replaced by them when the site is built;
+``./tribox python docs/extensions/case_keys.py`` prints them.
 """
 
 from __future__ import annotations
@@ -8,16 +9,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING, Any
 
 from tribox.app.case import json_schema
 
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
 Node = Mapping[str, Any]
 MARK = "<!-- tables of the schema -->"
-_PROGRAM = "[program](../case-file.md#quantities-and-units)"
-_ARGUMENTS = {"Pa": "pressure", "m": "film thickness", "1": "plastic strain"}
+_PROGRAM = "[program](#quantities-and-units)"
+_ARGUMENTS = {"Pa": "pressure", "m": "film thickness", "1": "a plain number"}
 _PLAIN = {"string": "text", "integer": "whole number", "boolean": "`true` or `false`"}
 
 
@@ -120,7 +122,7 @@ def _section(section: Section, sections: Mapping[str, Section]) -> str:
     if [each.names[0] for each in sections.values()].count(first) > 1:
         first += f" {section.inside}"
     title = first if section.definition == "Case" else _written(first)
-    lines = [f"(keys-{section.definition})=", f"{'#' * min(section.level + 2, 4)} {title}", ""]
+    lines = [f"(keys-{section.definition})=", f"{'#' * min(section.level + 3, 5)} {title}", ""]
     if section.definition != "Case":
         lines += [_sentence(section.node.get("description", "").split("\n\n")[0]), ""]
     if others:
@@ -139,7 +141,8 @@ def _written(name: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    text = text[:1].upper() + text[1:]
+    if " = " not in text:  # a formula begins with its symbol
+        text = text[:1].upper() + text[1:]
     return _plain(text if text.endswith(".") or not text else f"{text}.")
 
 
@@ -285,3 +288,7 @@ def _limits(option: Node) -> str:
         if limit is not None
     ]
     return (" " + ", ".join(said)) if said else ""
+
+
+if __name__ == "__main__":
+    print(reference(json_schema()))

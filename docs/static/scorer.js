@@ -1,9 +1,9 @@
-// The order of search results: pages that tell how to do something come first, the list of all keys
-// and the changelog, which name everything, last. Sphinx finds words; it hardly weighs pages.
+// The order of search results: pages that tell how to do something come first, the changelog,
+// which names everything, last. Sphinx finds words; it hardly weighs pages.
 const PAGES = [
-  [/^(how-to|tutorials|forming)\/|^(meshes|map-and-fit|reading-results|failures|pictures|index)$/, 20],
+  [/^(how-to|tutorials|forming)\/|^(restart|meshes|map-and-fit|reading-results|failures|pictures|index)$/, 20],
   [/^(install|gallery|commands|case-file|results|law|theory|explicit|limits|examples)$/, 10],
-  [/^(reference\/case-keys|more\/|verification-report|py-modindex)/, -30],
+  [/^(more\/|py-modindex)/, -30],
 ];
 
 function wordsIn(title) {

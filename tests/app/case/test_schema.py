@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -13,61 +15,7 @@ from tribox.app.case.schema import json_schema
 
 ROOT = Path(__file__).parents[3]
 
-DOCUMENTED = {
-    "Top level": ("",),
-    "`[geometry]`": (
-        "BlocksGeometry",
-        "PlacedBlocksGeometry",
-        "CylinderOnBlockGeometry",
-        "TwoCylindersGeometry",
-        "BoxesGeometry",
-        "SphereGeometry",
-        "MeshGeometry",
-    ),
-    "`upper` and `lower`": ("BlockSize", "BoxSize"),
-    "`[geometry.blocks.NAME]`": ("PlacedBlockSize",),
-    "`sphere`": ("SphereSize",),
-    "`block` under a sphere": ("RoundBlockSize",),
-    "`cylinder` and the `upper` and `lower` of two cylinders": ("CylinderSize",),
-    "`block`": ("FlatSize",),
-    "`[bodies.NAME]`": (
-        *("NeoHookeanBody", "HenckyBody", "MooneyRivlinBody"),
-        *("YeohBody", "OgdenBody", "ElastoPlasticBody", "OwnBody"),
-        *("NeoHookeanBodyFromLibrary", "MooneyRivlinBodyFromLibrary"),
-        "ElastoPlasticBodyFromLibrary",
-    ),
-    "`[bodies.NAME.hardening]`": (
-        *("LinearHardening", "VoceHardening", "SwiftHardening", "TableHardening"),
-    ),
-    "`[bodies.NAME.rate]`": ("JohnsonCookRate", "PerzynaRate"),
-    "`[bodies.NAME.shift]`": ("WlfShift", "ArrheniusShift"),
-    "`[bodies.NAME.mullins]`": ("MullinsTable",),
-    "`[bodies.NAME.velocity]`": ("BodyVelocity",),
-    "`[[contact]]`": ("Contact",),
-    "`[contact.film]`": ("Film",),
-    "`[contact.friction]`": ("FrictionMap", "Coulomb", "Stribeck", "OwnLaw", "Frictionless"),
-    "`[tools.NAME]`": (
-        *("PlaneTool", "CircleTool", "CylinderTool", "SphereTool", "PolylineTool", "MeshTool"),
-    ),
-    "`force` of a tool": ("ToolForce",),
-    "`rotation` of a tool": ("ToolRotation",),
-    "`[[boundary]]`": ("Boundary",),
-    "`displacement` and `velocity`": ("Displacement", "Velocity"),
-    "`platen`": ("Platen",),
-    "`rotation`": ("Rotation",),
-    "`spring`": ("Spring",),
-    "`traction` and `force`": ("Traction", "Force"),
-    "`foundation`": ("Foundation",),
-    "`base`": ("FoundationBase",),
-    "`[gravity]`": ("Gravity",),
-    "`[[stage]]`": ("Stage",),
-    "`[[probe]]`": ("Probe",),
-    "`line`": ("ProbeLine",),
-    "`[solver]`": ("Solver",),
-    "`mass_scaling`": ("MassScaling",),
-    "`[output]`": ("Output",),
-    "`[sweep]`": ("Sweep",),
-}
+KEYS = ROOT / "docs" / "extensions" / "case_keys.py"
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +25,6 @@ def schema():
 
 def test_schema_describes_every_key(schema):
     tables = {name: table for name, table in schema["$defs"].items() if "properties" in table}
-    assert set(tables) == {name for names in DOCUMENTED.values() for name in names} - {""}
     for table in (schema, *tables.values()):
         assert table["additionalProperties"] is False
         for key, field in table["properties"].items():
@@ -215,15 +162,33 @@ def test_a_preset_and_a_mesh_need_no_kind(block, film, schema):
     assert list(mistakes(schema, case, schema)) == [("geometry", "section")]
 
 
-def test_documentation_lists_every_key_with_its_unit(schema):
-    text = (ROOT / "docs" / "case-file.md").read_text()
-    sections = dict(re.findall(r"^###? (.+?)\n(.*?)(?=^##|\Z)", text, re.M | re.S))
-    for heading, names in DOCUMENTED.items():
-        rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", sections[heading], re.M))
-        fields: dict[str, dict] = {}
-        for name in names:
-            fields |= (schema["$defs"][name] if name else schema)["properties"]
-        assert set(rows) == set(fields), heading
-        for key, field in fields.items():
+@pytest.fixture(scope="module")
+def listed(schema):
+    """Rows of the list of keys, by table: the unit of each key."""
+    spec = importlib.util.spec_from_file_location("case_keys", KEYS)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # which its dataclass looks itself up in
+    spec.loader.exec_module(module)
+    text = module.reference(schema)
+    parts = re.findall(r"^\(keys-(\w+)\)=\n(.*?)(?=^\(keys-|\Z)", text, re.M | re.S)
+    row = re.compile(r"^\| `(\w+)` \|.*\| ([^|]+) \| [^|]+ \|$", re.M)
+    return {name: dict(row.findall(part)) for name, part in parts}
+
+
+def test_the_list_of_keys_has_every_key_with_its_unit(schema, listed):
+    tables = {"Case": schema}
+    tables |= {name: table for name, table in schema["$defs"].items() if "properties" in table}
+    tables = {n: table for n, table in tables.items() if not n.endswith("FromLibrary")}
+    assert set(listed) == set(tables)
+    for name, table in tables.items():
+        assert set(listed[name]) == set(table["properties"]), name
+        for key, field in table["properties"].items():
             if (unit := field.get("x-unit", field.get("items", {}).get("x-unit"))) is not None:
-                assert unit.replace("1", "–", unit == "1") in rows[key].split(" or "), key
+                assert listed[name][key] == ("–" if unit == "1" else unit.replace("*", "·")), key
+
+
+def test_the_page_of_the_case_file_tells_of_every_table_and_has_the_list(schema):
+    text = (ROOT / "docs" / "case-file.md").read_text()
+    told = set(re.findall(r"^## `\[+(\w+)", text, re.M))
+    assert told == set(schema["properties"]) - {"title"}
+    assert text.count("<!-- tables of the schema -->") == 1

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
+from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -40,6 +42,8 @@ COARSE = (
 )
 COARSE_BLOCK = (*COARSE, "geometry.block.contact_size=30 um")
 
+PAGE = Path(__file__).parents[3] / "docs" / "verification.md"
+
 
 @cache
 def result(name: str) -> Verification:
@@ -72,12 +76,19 @@ def by_tier(names: list[str]) -> list:
     return [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in names]
 
 
+def documented_checks() -> dict[str, int]:
+    """How many checks of each case the page of verification tells of."""
+    rows = re.findall(r"^\| `([\w-]+)` \| (\d+) \|", PAGE.read_text("utf-8"), re.MULTILINE)
+    return {name: int(count) for name, count in rows}
+
+
 @pytest.mark.parametrize("name", by_tier([name for name in CASES if name not in APART]))
 def test_every_check_is_within_its_bar(name):
     found = result(name)
     assert found.name == name and found.title and found.setup and not found.failure
     assert found.checks and failed(found) == set()
     assert found.passed
+    assert len(found.checks) == documented_checks()[name]
     for check in found.checks:
         assert 0.0 <= check.error and 0.0 < check.bar <= (0.2 if name == "penalty" else 0.05)
 
