@@ -345,7 +345,9 @@ class LubricatedTerm(ContactTerm):
             return film, replace(response, traction=traction)
         rate = np.linalg.norm(slip, axis=1) / (dt * h)
         eta = self.model.rheology.viscosity(rate, p_f)
-        per_slip = np.where(closed, ratio * filled / (dt * h), 0.0)
+        # Where all oil has flowed away θ is 0, and yet its derivative is not.
+        per_filled = np.where(closed, ratio / (dt * h), 0.0)
+        per_slip = per_filled * filled
         sheared = (per_slip * eta.value)[:, None] * slip
         viscous = parts.viscous + np.einsum("qi,qi->q", sheared, slip)
         steeper = per_slip * eta.d_rate * rate
@@ -359,7 +361,7 @@ class LubricatedTerm(ContactTerm):
             film,
             drawn=drawn,
             by_film=film.by_film - thinner,
-            by_filled=(per_slip * eta.value / filled)[:, None] * slip,
+            by_filled=(per_filled * eta.value)[:, None] * slip,
             by_pressure=(per_slip * eta.d_pressure)[:, None] * slip,
         )
         return film, replace(

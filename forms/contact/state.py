@@ -159,6 +159,11 @@ class Lubrication:
     solution: FilmSolution | None
 
     @property
+    def is_unsolved(self) -> bool:
+        """Whether the film's equations were not solved: then its pressure is no number."""
+        return self.step is not None and self.solution is None
+
+    @property
     def share(self) -> float:
         """What the film carries of the load that it bears with the asperities."""
         carried = float(self.ratio @ np.where(self.members, self.pressure, 0.0))

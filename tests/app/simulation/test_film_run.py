@@ -18,6 +18,7 @@ from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
+from tribox.forms.film.reynolds import FilmError, ReynoldsFilm
 
 CASE = """
 [geometry]
@@ -154,6 +155,23 @@ def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_s
     assert "the film, which carried 0 % of the load" in said and "slip faster" in said
     assert "try longer steps (slip_step), or a first velocity" in said
     assert "smaller steps" not in said
+
+
+def test_a_film_that_finds_no_balance_is_a_failed_step_in_words(tmp_path, monkeypatch):
+    solve = ReynoldsFilm.solve
+
+    def only_short(film, step, start):
+        if step.dt > 0.3:
+            raise FilmError
+        return solve(film, step, start)
+
+    monkeypatch.setattr(ReynoldsFilm, "solve", only_short)
+    data = data_of(**OIL)
+    data["stage"][1] |= {"steps": 1, "duration": "0.5 s"}
+    done = run(case_of(data), tmp_path / "out")
+    assert [row.attempts for row in done.rows] == [1, 1, 1, 2, 1]
+    why = "the mass balance of the film of contact.0 has no solution that is found"
+    assert why in " ".join((tmp_path / "out" / "log.txt").read_text().split())
 
 
 def test_an_explicit_run_is_refused_in_one_line():
