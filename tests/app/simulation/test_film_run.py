@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError, SolutionError
+from tribox.app.implicit.globalisation import ThinnedOil
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.observer import Observer
@@ -144,11 +146,45 @@ def test_smooth_surfaces_need_time_to_carry_load():
         build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
 
 
-def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_shorter(tmp_path):
-    data = data_of(steady=True)
+def first_at(velocity, way, **film):
+    """The roll begins at a velocity, and slides so far in one step, which is not to be cut."""
+    data = data_of(steady=True, **film)
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.3}
     data["tools"]["roll"]["rotation"] = {"rim": "driven"}
-    data["stage"][1] |= {"steps": 1, "velocity": "10 mm/s", "duration": "0.1 s"}
-    data["solver"] = {"min_step_fraction": 0.6, "max_iterations": 12}
+    stage = {"steps": 1, "velocity": velocity, "duration": way / velocity}
+    data["stage"][1] |= stage
+    data["solver"] = {"min_step_fraction": 0.6}
+    data["output"].pop("checkpoint_every")
+    return data
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("velocity", [0.01, 0.1])
+def test_a_film_is_found_whatever_the_first_velocity_is(velocity, tmp_path):
+    way = 1.5e-3
+    at_once = first_at(velocity, way)
+    slowly = first_at(velocity, way)
+    speeds = [velocity * 10**power for power in np.arange(-3.0, 0.0, 0.5)]
+    before = [{"name": f"{v}", "duration": way / v, "steps": 1, "velocity": v} for v in speeds]
+    slowly["stage"][1:1] = before
+    for data in (at_once, slowly):
+        data["stage"][-1]["steps"] = 3
+    done = run(case_of(at_once), tmp_path / "at_once").rows
+    assert [row.attempts for row in done] == [1] * 6
+    assert done[3].newton_iterations < 60
+    run(case_of(slowly), tmp_path / "slowly")
+    for name in ("friction_force", "asperity_force", "film_thickness"):
+        there, here = (column(tmp_path / where, name)[-1] for where in ("slowly", "at_once"))
+        assert here == pytest.approx(there, rel=2e-3)
+
+
+def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_shorter(
+    tmp_path, monkeypatch
+):
+    data = first_at(0.01, 1e-3)
+    failed = 1, PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+    monkeypatch.setattr(ThinnedOil, "run", lambda *_: failed)
+    data["solver"]["max_iterations"] = 12
     with pytest.raises(SolutionError) as caught:
         run(case_of(data), tmp_path / "out")
     said = str(caught.value)
