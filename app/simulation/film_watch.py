@@ -245,10 +245,9 @@ class FilmWatch:
         a, b = cells.ends.T
         entering = np.where(step.speed >= 0.0, a, b)
         first = step.fixed[entering]
-        # The flow takes the mean film of a face with the content of its first place.
-        mean = 0.5 * (step.film[a] + step.film[b]) / step.film[entering]
-        offered = np.abs(step.speed[first]) * cells.width[first] * mean[first]
-        offered = float(offered @ np.minimum(step.content, step.film)[entering[first]])
+        mean = 0.5 * (step.film[a] + step.film[b])
+        given = np.minimum(step.content[entering], mean)
+        offered = float(np.sum((np.abs(step.speed) * cells.width * given)[first]))
         passed = float(solution.supply[entering[first]].sum())
         if offered > 0.0 and passed < PASSED * offered:
             self._keep(

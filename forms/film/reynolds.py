@@ -338,7 +338,8 @@ class _Given:
 
     Attributes:
         cube, d_cube: (n,) mobility, m³, and its derivative for h; film: (f,), m, mean of both ends;
-            rate: (f,), 1/s; held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh.
+            rate: (f,), 1/s; held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh
+            for either end of a place's face.
         limit: (n,) error of the balance that is accepted, m²/s or m³/s; of w, where it is given.
     """
 
@@ -421,7 +422,10 @@ class ReynoldsFilm:
         flow = self._flow(step, given, p, theta)
         free = np.where(step.fixed, 0.0, 1.0)
         stored = theta * self._per_time(step)
-        data = self._entries(flow.by_film, stored, free, np.where(step.fixed, -given.d_held, 0.0))
+        data = self._entries(flow.by_film, stored, free, np.zeros_like(free))
+        held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row]
+        held[4 * len(cells.ends) :] = 0.0  # it is the films at both ends of a face that count
+        data += held
         count, face = len(theta), np.arange(len(cells.ends))
         by_film = scipy.sparse.csr_matrix(
             (data, (cells.band.row, cells.band.column)), (count, count)
@@ -450,7 +454,7 @@ class ReynoldsFilm:
         cells, (a, b), h = self.cells, self.cells.ends.T, step.film
         cube, d_cube = self._mobility(step)
         film = 0.5 * (h[a] + h[b])
-        held, d_held = _reservoir(step)
+        held, d_held = _reservoir(step, cells)
         eta = max(self.rheology.eta_b, np.finfo(float).tiny)
         pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
         moved = TOLERANCE * cells.width * np.abs(step.speed) * film + _ROUNDOFF * pressed
@@ -532,10 +536,18 @@ class ReynoldsFilm:
         return out
 
 
-def _reservoir(step: FilmStep) -> tuple[Floats, Floats]:
-    """Values w (n,) that the reservoirs keep, and dw/dh (n,), 1/m: 0 where they flood the film."""
-    full = (1.0 - UNFILLED) * step.film
-    short: Bools = step.content < full
-    content = np.where(short, step.content, full)
-    given = np.where(short, content / step.film - 1.0, -UNFILLED)
-    return given, np.where(short, -content / step.film**2, 0.0)
+def _reservoir(step: FilmStep, cells: FilmCells) -> tuple[Floats, Floats]:
+    """Values w (n,) that the reservoirs keep; dw/dh (n,), 1/m, for either end of a place's face.
+
+    What lies between the surfaces is carried in with the mean film of a face: θ is that of this
+    film. The slope is 0 where the film is flooded.
+    """
+    ends, count = cells.ends, len(step.film)
+    faces = np.bincount(ends.reshape(-1), minlength=count)
+    mean = np.repeat(0.5 * step.film[ends].sum(axis=1), 2)
+    film = np.bincount(ends.reshape(-1), mean, count) / np.maximum(faces, 1)
+    film = np.where(faces > 0, film, step.film)
+    short: Bools = step.content < (1.0 - UNFILLED) * film
+    content = np.where(short, step.content, film)
+    given = np.where(short, content / film - 1.0, -UNFILLED)
+    return given, np.where(short, -0.5 * content / (film**2 * np.maximum(faces, 1)), 0.0)

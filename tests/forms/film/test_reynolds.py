@@ -167,11 +167,11 @@ def test_a_reservoir_floods_the_film_without_a_pressure_of_its_own():
         assert found.pressure[[0, -1]] == pytest.approx(0.1, rel=1e-3)  # ε² p_s/δ, not ε p_s
 
 
-@pytest.mark.parametrize("oil", [1.05e-6, 1.15e-6, 1.2e-6])
-def test_a_starved_film_is_as_thick_as_the_oil_under_its_greatest_pressure(oil):
-    x, h, b = parabola(801, -10.0, 6.0)
+@pytest.mark.parametrize(("oil", "count"), [(1.05e-6, 801), (1.15e-6, 201), (1.2e-6, 801)])
+def test_a_starved_film_is_as_thick_as_the_oil_under_its_greatest_pressure(oil, count):
+    x, h, b = parabola(count, -10.0, 6.0)
     film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
-    content = np.full(801, np.inf)
+    content = np.full(count, np.inf)
     content[0] = oil
     step = replace(flooded(h, 0.5), content=content)
     found = film.solve(step, np.where(x < 0.0, 0.05, -0.1))
@@ -180,7 +180,8 @@ def test_a_starved_film_is_as_thick_as_the_oil_under_its_greatest_pressure(oil):
     curve = np.polyfit(x[near] / b, found.pressure[near] / film.scale, 2)
     at = -curve[1] / (2.0 * curve[0]) * b
     assert np.interp(at, x, h) == pytest.approx(oil, rel=5e-3)
-    assert found.flux.mean() == pytest.approx(0.5 * oil, rel=5e-3)
+    # However steeply the gap grows where the oil comes in.
+    assert found.flux == pytest.approx(0.5 * oil, rel=1e-9)
 
 
 def test_oil_that_only_part_of_the_gap_holds_is_kept():
