@@ -39,6 +39,7 @@ BOUNDED = (
 )
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
+PILED = 3.0  # of the oil given, at an end that it flows to; twice as much is between any surfaces
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
@@ -232,6 +233,7 @@ class FilmWatch:
         if not np.isfinite(term.model.oil):
             return
         if np.isfinite(step.dt):
+            self._look_at_ends(place, term, film, when)
             end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
             if end.any() and solution.pressure.max() > 0.0:
                 self._keep(
@@ -256,6 +258,27 @@ class FilmWatch:
                 f"{place}: {100.0 * passed / offered:.2g} % of the oil that is brought passes the "
                 f"contact ({when}): there is no steady state, the rest piles up before it; the "
                 f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
+            )
+
+    def _look_at_ends(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
+        """See whether oil flows to an end of the slave, where nothing lets it out."""
+        assert film.step is not None and film.solution is not None and film.solver is not None
+        step, (a, b) = film.step, film.solver.cells.ends.T
+        count = len(step.film)
+        outwards = np.bincount(b, step.speed > 0.0, count) + np.bincount(a, step.speed < 0.0, count)
+        edge = np.bincount(term.faces.reshape(-1), minlength=len(film.members)) < 2
+        at_edge: Bools = np.zeros(count, dtype=bool)
+        at_edge[: np.count_nonzero(film.members)] = edge[film.members]  # vertices come first
+        content = film.solution.filled * step.film
+        piled = float(np.max(content[at_edge & (outwards > 0.0)], initial=0.0))
+        if piled > PILED * term.model.oil:
+            self._keep(
+                f"end {place}",
+                piled,
+                f"{place}: oil flows to the end of the slave and stays there, "
+                f"{piled / term.model.oil:.2g} times what was given ({when}): in truth it leaves; "
+                "what it fills and carries there is not to be believed; a longer slave, or a "
+                "smaller film.h_max, so that the film ends before it",
             )
 
     def _look_at_flow(

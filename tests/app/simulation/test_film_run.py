@@ -318,6 +318,13 @@ def test_more_oil_than_passes_is_told(film, words, tmp_path):
     assert words in said(tmp_path / "out", data_of(**OIL | film))
 
 
+def test_oil_that_flows_to_the_end_of_its_surface_is_told(tmp_path):
+    words = "oil flows to the end of the slave and stays there"
+    for reach, told in (("0.2 mm", False), ("4 mm", True)):
+        heard = said(tmp_path / reach, data_of(**OIL | {"h_max": reach, "oil": "6 g/m^2"}))
+        assert (words in heard) is told
+
+
 def test_a_film_that_takes_all_the_oil_there_is_hears_nothing_of_it(tmp_path):
     heard = said(tmp_path / "out", data_of(**OIL | {"steady": True, "oil": "1 g/m^2"}))
     assert "oil" not in heard and "moved" not in heard and "begins" not in heard
