@@ -88,6 +88,27 @@ def test_both_frames_of_reference_give_the_same_slider():
     assert load == pytest.approx(slider_load(ratio), rel=2e-2)
 
 
+def test_a_cylinder_that_passes_carries_what_one_at_rest_does():
+    """In steps of a cell: what shear carries is its mean over the step, as storage is."""
+    radius, least, speed = 0.01, 1e-6, 1.0
+    b = np.sqrt(2.0 * radius * least)
+    x = np.linspace(0.0, 28.0 * b, 561)
+    dx, at = x[1], 20.0 * b
+    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
+    h = np.minimum(least + (x - at) ** 2 / (2.0 * radius), 2e-4)
+    w, volume, loads = np.full(561, -0.1), h * film.cells.area, []
+    dt = dx / speed
+    for _ in range(int(10.0 * b / (speed * dt))):
+        before, at = h, at - speed * dt
+        h = np.minimum(least + (x - at) ** 2 / (2.0 * radius), 2e-4)
+        step = flooded(h, -speed / 2, dt=dt, before=before, volume=volume)
+        found = film.solve(step, w)
+        w, volume = found.unknown, found.volume
+        loads.append(film.cells.area @ found.pressure)
+    load = np.mean(loads[-len(loads) // 4 :]) * least / (0.1 * speed * radius)
+    assert load == pytest.approx(2.4211, rel=0.016)  # of the steady film with 3001 places
+
+
 # -- squeeze ----------------------------------------------------------------------------------
 
 
