@@ -39,7 +39,7 @@ BOUNDED = (
 )
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
-PILED = 3.0  # of the oil given, at an end that it flows to; twice as much is between any surfaces
+PILED = 0.1  # share of the oil given to the slave that lies at an end that it flows to
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
@@ -269,14 +269,14 @@ class FilmWatch:
         edge = np.bincount(term.faces.reshape(-1), minlength=len(film.members)) < 2
         at_edge: Bools = np.zeros(count, dtype=bool)
         at_edge[: np.count_nonzero(film.members)] = edge[film.members]  # vertices come first
-        content = film.solution.filled * step.film
-        piled = float(np.max(content[at_edge & (outwards > 0.0)], initial=0.0))
-        if piled > PILED * term.model.oil:
+        piled = float(film.solution.volume[at_edge & (outwards > 0.0)].sum())
+        piled /= term.model.oil * float(term.surface.vertices.area.sum())
+        if piled > PILED:
             self._keep(
                 f"end {place}",
                 piled,
                 f"{place}: oil flows to the end of the slave and stays there, "
-                f"{piled / term.model.oil:.2g} times what was given ({when}): in truth it leaves; "
+                f"{100.0 * piled:.2g} % of what was given ({when}): in truth it leaves; "
                 "what it fills and carries there is not to be believed; a longer slave, or a "
                 "smaller film.h_max, so that the film ends before it",
             )

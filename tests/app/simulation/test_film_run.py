@@ -365,7 +365,9 @@ def test_more_oil_than_passes_is_told(film, words, tmp_path):
 def test_oil_that_flows_to_the_end_of_its_surface_is_told(tmp_path):
     words = "oil flows to the end of the slave and stays there"
     for reach, told in (("0.2 mm", False), ("4 mm", True)):
-        heard = said(tmp_path / reach, data_of(**OIL | {"h_max": reach, "oil": "6 g/m^2"}))
+        data = data_of(**OIL | {"h_max": reach, "oil": "6 g/m^2"})
+        data["stage"][1]["duration"] = "4 s"
+        heard = said(tmp_path / reach, data)
         assert (words in heard) is told
 
 
