@@ -65,6 +65,11 @@ class StepMode:
         ]
         return replace(self, modes=tuple(changed))
 
+    def with_thinned_oil(self, contacts: Sequence[ContactTerm], factor: float) -> StepMode:
+        """The same with ``factor`` times the viscosity in films that are found."""
+        changed = [replace(mode, thinned=factor) for _, mode in self.pairs(contacts)]
+        return replace(self, modes=tuple(changed))
+
     def inside(self, points: Sequence[InteriorPoint | None]) -> StepMode:
         """The same with contacts at interior points, one for each pair."""
         pairs = zip(self.modes, points, strict=True)

@@ -177,9 +177,7 @@ class LineContact:
         a = self.half_width(load)
         solver = ReynoldsFilm(self._cells(), self.rheology, self.rough, 2.0 * load / (np.pi * a))
         u = np.full(count - 1, 0.5 * speed)
-        # The flow takes the mean film of the first face, so that this content brings the oil.
-        brought = np.full(count, 2.0 * oil * film[0] / (film[0] + film[1]))
-        step = FilmStep(film, u, solver.cells.last(), brought)
+        step = FilmStep(film, u, solver.cells.last(), np.full(count, oil))
         found = solver.solve(step, w)
         passed = float(found.supply[0]) / (0.5 * speed * min(oil, float(film[0])))
         slopes = solver.slopes(step, found)

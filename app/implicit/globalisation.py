@@ -18,6 +18,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.holding_springs import HoldingSprings
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.attempt import Attempt, Phase
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies
@@ -74,6 +75,47 @@ class LinearStart:
 
 
 @dataclass(frozen=True, slots=True)
+class ThinnedOil:
+    """Newton's method with thin oil first, that carries next to nothing, then with thicker one.
+
+    That follows the Stribeck curve up to the film of the step's speed. A film begins between
+    asperities, where at a speed of the mixed regime it would push many times as hard as what
+    presses: Newton's method goes to and fro.
+    """
+
+    def run(self, attempt: Attempt) -> tuple[int, int]:
+        """See :class:`Phase`."""
+        contacts, trial = attempt.newton.problem.contacts, attempt.trial
+        factor, times, last, iterations = THIN, THICKER, 0.0, 0
+        thinned = attempt.step.with_thinned_oil(contacts, factor)
+        found = self._start(attempt, thinned)
+        while True:
+            trial.array[:] = found
+            thinned = attempt.step.with_thinned_oil(contacts, factor)
+            more, reason = attempt.newton.solve(thinned)
+            iterations += more
+            if reason > 0 and factor == 1.0:
+                return iterations, reason
+            if reason > 0:
+                found, last = trial.array_r.copy(), factor
+            elif last == 0.0 or times < LEAST_THICKER:
+                return iterations, reason
+            else:
+                times **= 0.5
+            factor = min(1.0, times * last)
+
+    @staticmethod
+    def _start(attempt: Attempt, step: StepMode) -> Floats:
+        """The prediction, or the last state where that leaves less: all slides there at once."""
+        ends = []
+        for start in (attempt.start, attempt.newton.problem.constrained_values(attempt.x)):
+            attempt.trial.array[:] = start
+            left = attempt.newton.residual_of(step)
+            ends.append(left if np.isfinite(left) else np.inf)
+        return attempt.trial.array_r.copy() if ends[1] < ends[0] else attempt.start
+
+
+@dataclass(frozen=True, slots=True)
 class Softness:
     """Changes of the contacts that ease a solution.
 
@@ -117,6 +159,9 @@ class SoftContact:
         return iterations, reason
 
 
+# Of the oil's viscosity: where it begins, what it grows by, and the least of that.
+THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
+
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
 
@@ -134,7 +179,10 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
     would only hold back metal that tools bend.
     """
-    if not attempt.has_contacts or attempt.newton.is_bounded:
+    if attempt.newton.is_bounded:
+        flows = any(mode.rate_dependent for mode in attempt.step.modes)
+        return (ThinnedOil(), LinearStart()) if flows else (LinearStart(),)
+    if not attempt.has_contacts:
         return (LinearStart(),)
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     floats = attempt.step.holding is not None

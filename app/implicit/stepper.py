@@ -61,6 +61,7 @@ class StepResult:
         strayed: whether an iteration led too far away to be evaluated.
         too_long: whether a friction law has left out traction
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
+        unbalanced: contacts whose film had no solution at the state evaluated last.
     """
 
     converged: bool
@@ -72,6 +73,7 @@ class StepResult:
     holding: float = 0.0
     strayed: bool = False
     too_long: bool = False
+    unbalanced: tuple[int, ...] = ()
 
 
 class ImplicitStepper:
@@ -137,7 +139,13 @@ class ImplicitStepper:
             holding=holding,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
+            unbalanced=self._unbalanced_films(),
         )
+
+    def _unbalanced_films(self) -> tuple[int, ...]:
+        """Contacts whose film had no solution at the state evaluated last."""
+        films = [trial.normal_contact.lubrication for trial in self.problem.trials]
+        return tuple(i for i, film in enumerate(films) if film is not None and film.is_unsolved)
 
     def _is_too_long(self) -> bool:
         """Whether a law leaves out traction that the drive of the bodies brings back; collective.

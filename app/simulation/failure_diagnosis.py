@@ -82,6 +82,9 @@ def reason_of(result: StepResult) -> str:
         return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.too_long:
         return "points slow down through V* and are driven on in it"
+    if result.unbalanced:
+        pairs = " and ".join(f"contact.{index}" for index in result.unbalanced)
+        return f"the mass balance of the film of {pairs} has no solution that is found"
     if result.reason > 0:  # solved, but by a state without a strain energy
         return "an element is turned inside out"
     return REASONS.get(result.reason, f"reason {result.reason}")

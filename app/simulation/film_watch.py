@@ -39,6 +39,7 @@ BOUNDED = (
 )
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
+PILED = 0.1  # share of the oil given to the slave that lies at an end that it flows to
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
@@ -232,6 +233,7 @@ class FilmWatch:
         if not np.isfinite(term.model.oil):
             return
         if np.isfinite(step.dt):
+            self._look_at_ends(place, term, film, when)
             end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
             if end.any() and solution.pressure.max() > 0.0:
                 self._keep(
@@ -245,10 +247,9 @@ class FilmWatch:
         a, b = cells.ends.T
         entering = np.where(step.speed >= 0.0, a, b)
         first = step.fixed[entering]
-        # The flow takes the mean film of a face with the content of its first place.
-        mean = 0.5 * (step.film[a] + step.film[b]) / step.film[entering]
-        offered = np.abs(step.speed[first]) * cells.width[first] * mean[first]
-        offered = float(offered @ np.minimum(step.content, step.film)[entering[first]])
+        mean = 0.5 * (step.film[a] + step.film[b])
+        given = np.minimum(step.content[entering], mean)
+        offered = float(np.sum((np.abs(step.speed) * cells.width * given)[first]))
         passed = float(solution.supply[entering[first]].sum())
         if offered > 0.0 and passed < PASSED * offered:
             self._keep(
@@ -257,6 +258,27 @@ class FilmWatch:
                 f"{place}: {100.0 * passed / offered:.2g} % of the oil that is brought passes the "
                 f"contact ({when}): there is no steady state, the rest piles up before it; the "
                 f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
+            )
+
+    def _look_at_ends(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
+        """See whether oil flows to an end of the slave, where nothing lets it out."""
+        assert film.step is not None and film.solution is not None and film.solver is not None
+        step, (a, b) = film.step, film.solver.cells.ends.T
+        count = len(step.film)
+        outwards = np.bincount(b, step.speed > 0.0, count) + np.bincount(a, step.speed < 0.0, count)
+        edge = np.bincount(term.faces.reshape(-1), minlength=len(film.members)) < 2
+        at_edge: Bools = np.zeros(count, dtype=bool)
+        at_edge[: np.count_nonzero(film.members)] = edge[film.members]  # vertices come first
+        piled = float(film.solution.volume[at_edge & (outwards > 0.0)].sum())
+        piled /= term.model.oil * float(term.surface.vertices.area.sum())
+        if piled > PILED:
+            self._keep(
+                f"end {place}",
+                piled,
+                f"{place}: oil flows to the end of the slave and stays there, "
+                f"{100.0 * piled:.2g} % of what was given ({when}): in truth it leaves; "
+                "what it fills and carries there is not to be believed; a longer slave, or a "
+                "smaller film.h_max, so that the film ends before it",
             )
 
     def _look_at_flow(

@@ -39,6 +39,7 @@ from tribox.forms.contact.state import (
     NormalContact,
 )
 from tribox.forms.film.reynolds import FilmError, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
@@ -165,7 +166,7 @@ class LubricatedTerm(ContactTerm):
             solution=None,
         )
         if mode.rate_dependent and members.any():
-            film = self._with_film(film, normal.gap, kinematics, dt)
+            film = self._with_film(film, normal.gap, kinematics, dt, self._oil(mode))
         film, response = self._rubbed(film, normal, kinematics, dt, mode)
         self._press(normal, film)
         thickness = np.where(normal.closed, vertices.at_points(film.film), 0.0)
@@ -189,6 +190,13 @@ class LubricatedTerm(ContactTerm):
         trial.faded = self._lost(trial)
         return trial
 
+    def _oil(self, mode: ContactMode) -> FilmRheology:
+        """The oil, thinned as the mode says."""
+        oil = self.model.rheology
+        if mode.thinned == 1.0:
+            return oil
+        return replace(oil, eta_b=mode.thinned * oil.eta_b, eta_inf=mode.thinned * oil.eta_inf)
+
     def speeds(self, along: Floats, slip: Floats, dt: float) -> Floats:
         """Half the velocity (f,) of the master relative to the slave along the faces, m/s."""
         moved = self.surface.slave.weight * np.einsum("qi,qi->q", slip, along)
@@ -197,13 +205,18 @@ class LubricatedTerm(ContactTerm):
         return out
 
     def _with_film(
-        self, film: Lubrication, gap: Floats, kinematics: ContactKinematics, dt: float
+        self,
+        film: Lubrication,
+        gap: Floats,
+        kinematics: ContactKinematics,
+        dt: float,
+        oil: FilmRheology,
     ) -> Lubrication:
         """The same with the pressure of the film; not a number where there is no solution."""
         model, history, part = self.model, self.state.film, film.part
         assert history is not None
         cells = part.of(self.places.cells(history.length, history.parts))
-        solver = ReynoldsFilm(cells, model.rheology, model.rough, model.scale)
+        solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
         fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
         thickness = model.rough.film(part.between @ gap)[0]
         before = history.film[part.here]
@@ -309,7 +322,8 @@ class LubricatedTerm(ContactTerm):
         response = self.respond(kinematics, dt, dry, thickness, mode.rate_dependent)
         film = replace(film, by_film=response.d_traction_d_film)
         if film.solution is not None:
-            film, response = self._sheared(film, response, kinematics, closed, dt)
+            oil = self._oil(mode)
+            film, response = self._sheared(film, response, kinematics, closed, dt, oil)
         if mode.friction_as_load:
             none = np.zeros_like(response.d_traction_d_slip)
             response = replace(
@@ -329,6 +343,7 @@ class LubricatedTerm(ContactTerm):
         kinematics: ContactKinematics,
         closed: Bools,
         dt: float,
+        oil: FilmRheology,
     ) -> tuple[Lubrication, FrictionResponse]:
         """The friction with the film's shear, and its derivatives."""
         vertices, slip = self.surface.vertices, kinematics.slip
@@ -344,8 +359,10 @@ class LubricatedTerm(ContactTerm):
             film = replace(film, drawn=drawn, by_filled=resistance[:, None] * slip)
             return film, replace(response, traction=traction)
         rate = np.linalg.norm(slip, axis=1) / (dt * h)
-        eta = self.model.rheology.viscosity(rate, p_f)
-        per_slip = np.where(closed, ratio * filled / (dt * h), 0.0)
+        eta = oil.viscosity(rate, p_f)
+        # Where all oil has flowed away θ is 0, and yet its derivative is not.
+        per_filled = np.where(closed, ratio / (dt * h), 0.0)
+        per_slip = per_filled * filled
         sheared = (per_slip * eta.value)[:, None] * slip
         viscous = parts.viscous + np.einsum("qi,qi->q", sheared, slip)
         steeper = per_slip * eta.d_rate * rate
@@ -359,7 +376,7 @@ class LubricatedTerm(ContactTerm):
             film,
             drawn=drawn,
             by_film=film.by_film - thinner,
-            by_filled=(per_slip * eta.value / filled)[:, None] * slip,
+            by_filled=(per_filled * eta.value)[:, None] * slip,
             by_pressure=(per_slip * eta.d_pressure)[:, None] * slip,
         )
         return film, replace(

@@ -64,11 +64,13 @@ class ContactMode:
     """How a contact is evaluated; the default is the contact as it is.
 
     The other modes serve the search for a solution: what is committed was evaluated at a penalty
-    scale of one, without an adhesive gap, and with friction that has its stiffness.
+    scale of one, with oil that is not thinned, without an adhesive gap, and with friction that has
+    its stiffness.
 
     Attributes:
         rate_dependent: whether the friction law feels time; without, the film carries no stress.
         penalty_scale: factor of the penalty K_N.
+        thinned: factor of the viscosity of films that are found.
         adhesive_gap: m; points with a gap up to this count as closed and are pulled together.
         frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
             they pass an edge; None where the closest point decides.
@@ -80,6 +82,7 @@ class ContactMode:
 
     rate_dependent: bool = True
     penalty_scale: float = 1.0
+    thinned: float = 1.0
     adhesive_gap: float = 0.0
     frozen_facets: Ints | None = field(default=None, compare=False)
     friction_as_load: bool = False
@@ -157,6 +160,11 @@ class Lubrication:
     solver: ReynoldsFilm | None
     step: FilmStep | None
     solution: FilmSolution | None
+
+    @property
+    def is_unsolved(self) -> bool:
+        """Whether the film's equations were not solved: then its pressure is no number."""
+        return self.step is not None and self.solution is None
 
     @property
     def share(self) -> float:

@@ -11,7 +11,8 @@ with the areas M, the volumes v of the step before, faces of width b between pla
 apart, :math:`k = \phi h^3` their mean over both places, and u half the velocity of the other
 surface relative to this one. What rolls in with the places themselves is the storage term, which
 makes the balance objective. The flow by shear takes the content of the place upstream and the mean
-film of the face.
+film of the face over the step, as the volumes before and after do: taken at its end alone, a gap
+that closes ahead of a contact draws in too much, a load 7 % too high in steps of a cell.
 
 **Cavitation** has one unknown w at each place: with :math:`r = \sqrt{w^2 + 4 \varepsilon^2}`
 
@@ -337,14 +338,17 @@ class _Given:
     """What does not change while a step's film is sought.
 
     Attributes:
-        cube, d_cube: (n,) mobility, m³, and its derivative for h; film: (f,), m, mean of both ends;
-            rate: (f,), 1/s; held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh.
+        cube, d_cube: (n,) mobility, m³, and its derivative for h; film: (f,), m, mean of both ends
+            and over the step, and d_film its derivative for the h of either end;
+            rate: (f,), 1/s; held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh
+            for either end of a place's face.
         limit: (n,) error of the balance that is accepted, m²/s or m³/s; of w, where it is given.
     """
 
     cube: Floats
     d_cube: Floats
     film: Floats
+    d_film: float
     rate: Floats
     held: Floats
     d_held: Floats
@@ -421,7 +425,10 @@ class ReynoldsFilm:
         flow = self._flow(step, given, p, theta)
         free = np.where(step.fixed, 0.0, 1.0)
         stored = theta * self._per_time(step)
-        data = self._entries(flow.by_film, stored, free, np.where(step.fixed, -given.d_held, 0.0))
+        data = self._entries(flow.by_film, stored, free, np.zeros_like(free))
+        held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row]
+        held[4 * len(cells.ends) :] = 0.0  # it is the films at both ends of a face that count
+        data += held
         count, face = len(theta), np.arange(len(cells.ends))
         by_film = scipy.sparse.csr_matrix(
             (data, (cells.band.row, cells.band.column)), (count, count)
@@ -449,8 +456,10 @@ class ReynoldsFilm:
         """What a step's film is sought with."""
         cells, (a, b), h = self.cells, self.cells.ends.T, step.film
         cube, d_cube = self._mobility(step)
-        film = 0.5 * (h[a] + h[b])
-        held, d_held = _reservoir(step)
+        in_time = step.before is not None and np.isfinite(step.dt)
+        mean = 0.5 * (h + step.before) if in_time and step.before is not None else h
+        film = 0.5 * (mean[a] + mean[b])
+        held, d_held = _reservoir(step, cells)
         eta = max(self.rheology.eta_b, np.finfo(float).tiny)
         pressed = cells.width * 0.5 * (cube[a] + cube[b]) * self.scale / (12.0 * eta * cells.length)
         moved = TOLERANCE * cells.width * np.abs(step.speed) * film + _ROUNDOFF * pressed
@@ -459,7 +468,7 @@ class ReynoldsFilm:
         limit += TOLERANCE * h * self._per_time(step)
         limit = np.where(step.fixed, _ROUNDOFF, limit)
         rate = 2.0 * np.abs(step.speed) / film
-        return _Given(cube, d_cube, film, rate, held, d_held, limit)
+        return _Given(cube, d_cube, film, 0.25 if in_time else 0.5, rate, held, d_held, limit)
 
     def _per_time(self, step: FilmStep) -> Floats:
         """What is stored (n,) in a step per thickness of film, over its duration; 0 if steady."""
@@ -505,7 +514,7 @@ class ReynoldsFilm:
         )
         by_filled = at_up * (step.speed * mean_film)[:, None]
         by_film = -(slope / (24.0 * flow.value))[:, None] * given.d_cube[ends]
-        by_film += 0.5 * (carried - thinning * flow.d_rate * rate / mean_film)[:, None]
+        by_film += given.d_film * (carried - thinning * flow.d_rate * rate / mean_film)[:, None]
         by_speed = theta[up] * mean_film
         by_speed += thinning * flow.d_rate * 2.0 * np.sign(step.speed) / mean_film
         width = cells.width
@@ -532,10 +541,18 @@ class ReynoldsFilm:
         return out
 
 
-def _reservoir(step: FilmStep) -> tuple[Floats, Floats]:
-    """Values w (n,) that the reservoirs keep, and dw/dh (n,), 1/m: 0 where they flood the film."""
-    full = (1.0 - UNFILLED) * step.film
-    short: Bools = step.content < full
-    content = np.where(short, step.content, full)
-    given = np.where(short, content / step.film - 1.0, -UNFILLED)
-    return given, np.where(short, -content / step.film**2, 0.0)
+def _reservoir(step: FilmStep, cells: FilmCells) -> tuple[Floats, Floats]:
+    """Values w (n,) that the reservoirs keep; dw/dh (n,), 1/m, for either end of a place's face.
+
+    What lies between the surfaces is carried in with the mean film of a face: θ is that of this
+    film. The slope is 0 where the film is flooded.
+    """
+    ends, count = cells.ends, len(step.film)
+    faces = np.bincount(ends.reshape(-1), minlength=count)
+    mean = np.repeat(0.5 * step.film[ends].sum(axis=1), 2)
+    film = np.bincount(ends.reshape(-1), mean, count) / np.maximum(faces, 1)
+    film = np.where(faces > 0, film, step.film)
+    short: Bools = step.content < (1.0 - UNFILLED) * film
+    content = np.where(short, step.content, film)
+    given = np.where(short, content / film - 1.0, -UNFILLED)
+    return given, np.where(short, -0.5 * content / (film**2 * np.maximum(faces, 1)), 0.0)

@@ -9,15 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError, SolutionError
+from tribox.app.implicit.globalisation import ThinnedOil
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.observer import Observer
 from tribox.app.simulation.simulation import Simulation
+from tribox.forms.film.reynolds import FilmError, ReynoldsFilm
 
 CASE = """
 [geometry]
@@ -138,22 +141,117 @@ def test_the_other_way_round_it_is_the_same(flooded, tmp_path):
         assert np.abs(there - here).max() <= 1e-9 * np.abs(there).max()
 
 
+ROUGH = {
+    "exponential": {},
+    "greenwood-tripp": {"asperities": "greenwood-tripp", "K": 0.3},
+    "table": {"asperities": "table", "table": [[-1, 3e6], [0, 1e6], [1, 3e5], [2, 5e4], [4, 0]]},
+}
+
+
+def in_units(length, pressure, time, film):
+    """The case with rubbing asperities, three times as fast, in other units."""
+    data = data_of(steady=True, **film)
+    data["geometry"]["blocks"]["rubber"] |= {"x": [-6e-3 * length, 6e-3 * length]}
+    data["geometry"]["blocks"]["rubber"] |= {"y": [-4e-3 * length, 0.0]}
+    data["bodies"]["rubber"]["E"] = 3e6 * pressure
+    roll, force = data["tools"]["roll"], -400.0 * pressure * length
+    roll |= {"centre": [0.0, 1e-2 * length], "radius": 1e-2 * length}
+    roll["force"] = {"y": [[0.0, 0.0], [time, force]]}
+    roll["rotation"] = {"rate": [[0.0, 0.0], [time, 0.0], [1.1 * time, 0.3 / time]]}
+    own = {"sigma": 1e-6 * length, "h_max": 2e-4 * length, "eta_b": 0.8 * pressure * time}
+    table = data["contact"][0]["film"]
+    table |= own
+    if "table" in table:
+        table["table"] = [[gap, p * pressure] for gap, p in table["table"]]
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.3}
+    data["stage"][0]["duration"], data["stage"][1]["duration"] = time, 2.0 * time
+    data["stage"][1]["steps"] = 2
+    data["output"].pop("checkpoint_every")
+    return data
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", ROUGH)
+def test_nothing_depends_on_the_units(law, tmp_path):
+    found = []
+    for number, units in enumerate([(1.0, 1.0, 1.0), (1e3, 1e-3, 0.1)]):
+        directory = tmp_path / str(number)
+        run(case_of(in_units(*units, ROUGH[law])), directory)
+        names = ("friction_coefficient", "asperity_force", "film_thickness")
+        scales = (1.0, units[0] * units[1], units[0])
+        found.append([column(directory, n) / s for n, s in zip(names, scales, strict=True)])
+    assert 0.01 < found[0][1][-1] / 400.0 < 0.9
+    for one, other in zip(*found, strict=True):
+        assert other[-2:] == pytest.approx(one[-2:], rel=1e-8)
+
+
 def test_smooth_surfaces_need_time_to_carry_load():
     with pytest.raises(InputError, match=r"film.sigma = 0: nothing carries load in stage press"):
         build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
 
 
-def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_shorter(tmp_path):
-    data = data_of(steady=True)
+def first_at(velocity, way, **film):
+    """The roll begins at a velocity, and slides so far in one step, which is not to be cut."""
+    data = data_of(steady=True, **film)
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.3}
     data["tools"]["roll"]["rotation"] = {"rim": "driven"}
-    data["stage"][1] |= {"steps": 1, "velocity": "10 mm/s", "duration": "0.1 s"}
-    data["solver"] = {"min_step_fraction": 0.6, "max_iterations": 12}
+    stage = {"steps": 1, "velocity": velocity, "duration": way / velocity}
+    data["stage"][1] |= stage
+    data["solver"] = {"min_step_fraction": 0.6}
+    data["output"].pop("checkpoint_every")
+    return data
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("velocity", [0.01, 0.1])
+def test_a_film_is_found_whatever_the_first_velocity_is(velocity, tmp_path):
+    way = 1.5e-3
+    at_once = first_at(velocity, way)
+    slowly = first_at(velocity, way)
+    speeds = [velocity * 10**power for power in np.arange(-3.0, 0.0, 0.5)]
+    before = [{"name": f"{v}", "duration": way / v, "steps": 1, "velocity": v} for v in speeds]
+    slowly["stage"][1:1] = before
+    for data in (at_once, slowly):
+        data["stage"][-1]["steps"] = 3
+    done = run(case_of(at_once), tmp_path / "at_once").rows
+    assert [row.attempts for row in done] == [1] * 6
+    assert done[3].newton_iterations < 60
+    run(case_of(slowly), tmp_path / "slowly")
+    for name in ("friction_force", "asperity_force", "film_thickness"):
+        there, here = (column(tmp_path / where, name)[-1] for where in ("slowly", "at_once"))
+        assert here == pytest.approx(there, rel=2e-3)
+
+
+def test_a_first_velocity_that_tears_the_contact_loose_is_told_and_not_to_step_shorter(
+    tmp_path, monkeypatch
+):
+    data = first_at(0.01, 1e-3)
+    failed = 1, PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+    monkeypatch.setattr(ThinnedOil, "run", lambda *_: failed)
+    data["solver"]["max_iterations"] = 12
     with pytest.raises(SolutionError) as caught:
         run(case_of(data), tmp_path / "out")
     said = str(caught.value)
     assert "the film, which carried 0 % of the load" in said and "slip faster" in said
     assert "try longer steps (slip_step), or a first velocity" in said
     assert "smaller steps" not in said
+
+
+def test_a_film_that_finds_no_balance_is_a_failed_step_in_words(tmp_path, monkeypatch):
+    solve = ReynoldsFilm.solve
+
+    def only_short(film, step, start):
+        if step.dt > 0.3:
+            raise FilmError
+        return solve(film, step, start)
+
+    monkeypatch.setattr(ReynoldsFilm, "solve", only_short)
+    data = data_of(**OIL)
+    data["stage"][1] |= {"steps": 1, "duration": "0.5 s"}
+    done = run(case_of(data), tmp_path / "out")
+    assert [row.attempts for row in done.rows] == [1, 1, 1, 2, 1]
+    why = "the mass balance of the film of contact.0 has no solution that is found"
+    assert why in " ".join((tmp_path / "out" / "log.txt").read_text().split())
 
 
 def test_an_explicit_run_is_refused_in_one_line():
@@ -262,6 +360,15 @@ def test_facets_of_a_master_are_held_against_the_film(tmp_path):
 )
 def test_more_oil_than_passes_is_told(film, words, tmp_path):
     assert words in said(tmp_path / "out", data_of(**OIL | film))
+
+
+def test_oil_that_flows_to_the_end_of_its_surface_is_told(tmp_path):
+    words = "oil flows to the end of the slave and stays there"
+    for reach, told in (("0.2 mm", False), ("4 mm", True)):
+        data = data_of(**OIL | {"h_max": reach, "oil": "6 g/m^2"})
+        data["stage"][1]["duration"] = "4 s"
+        heard = said(tmp_path / reach, data)
+        assert (words in heard) is told
 
 
 def test_a_film_that_takes_all_the_oil_there_is_hears_nothing_of_it(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from tests.forms.contact.test_tool import Scene
 from tribox.forms.contact.asperities import FilmModel
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactMode
+from tribox.forms.film.reynolds import FilmError, ReynoldsFilm
 from tribox.forms.film.roughness import Exponential, RoughGap
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -85,7 +88,7 @@ def test_the_tangent_is_that_of_differences(kind, shape):
     assert film.solution is not None
     assert film.pressure.max() > 0.01 * film.asperity.max()
     assert np.count_nonzero(trial.kinematics.closed) > 3
-    assert scene.error(x) < 1e-6
+    assert scene.error(x, step=1e-7) < 1e-6
 
 
 @pytest.mark.parametrize("angle", [0.05, 0.2])
@@ -122,3 +125,28 @@ def test_the_film_gives_off_what_its_flow_does(kind):
     work = 0.5 * film.sign * np.sum(scene.term.surface.slave.weight * ratio * drawn)
     assert abs(work) > 0.0
     assert work == pytest.approx(np.sum(sheared) * trial.dt, rel=1e-9)
+
+
+@pytest.mark.parametrize("share", ["contact", "map"])
+def test_places_that_all_oil_has_left_have_a_tangent_too(share):
+    """Where the gap has sheared them dry, as behind a contact, θ comes to exactly 0."""
+    scene = Lubricated(MAP if share == "map" else COULOMB, share=share, steady=False, oil=0.02)
+    x = slid(scene)
+    history = scene.term.state.film
+    scene.term.state.film = replace(history, volume=np.zeros_like(history.volume))
+    film = scene.residual(x)[1].normal_contact.lubrication
+    assert np.abs(film.filled[film.members]).min() == 0.0
+    assert scene.error(x) < 1e-6
+
+
+def test_a_film_without_a_solution_is_known_as_such(monkeypatch):
+    def unsolved(*_):
+        raise FilmError
+
+    scene = Lubricated()
+    x = slid(scene)
+    assert not scene.residual(x)[1].normal_contact.lubrication.is_unsolved
+    monkeypatch.setattr(ReynoldsFilm, "solve", unsolved)
+    force, trial = scene.residual(1.0001 * x)
+    assert trial.normal_contact.lubrication.is_unsolved
+    assert not np.isfinite(force).all()

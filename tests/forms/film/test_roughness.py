@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from tribox.forms.film.roughness import (
     AsperityTable,
@@ -48,6 +49,35 @@ def test_the_mean_film_is_the_gap_far_apart_and_stays_positive_pressed_flat():
     assert at_zero == pytest.approx(SIGMA * (1.0 / np.sqrt(2.0 * np.pi) + 1e-3), rel=1e-12)
 
 
+def normal(z):
+    return np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+
+
+@pytest.mark.parametrize("ratio", [-7.0, -5.0, -3.5, -1.0, 0.4, 2.5])
+def test_the_mean_film_is_the_mean_of_what_is_open(ratio):
+    """Of gaps g + σz with normal z, those below 0 being closed."""
+    mean = quad(lambda z: (ratio + z) * normal(z), -ratio, 12.0, epsabs=0.0)[0]
+    found = RoughGap(SIGMA).film(np.array([ratio * SIGMA]))[0][0] / SIGMA - 1e-3
+    assert found == pytest.approx(mean, rel=5e-3 if ratio < -6.0 else 1e-7)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0, 1.5, 2.0])
+def test_greenwood_and_tripps_asperities_are_the_integral_of_their_heights(ratio):
+    """F_5/2(g/σ): within what its fit misses it by."""
+    exact = quad(lambda s: (s - ratio) ** 2.5 * normal(s), ratio, 12.0)[0]
+    found = GreenwoodTripp(1.0, SIGMA).pressure(np.array([ratio * SIGMA]))[0][0]
+    assert found == pytest.approx(exact, rel=0.12)
+
+
+def test_a_table_has_the_pressures_of_its_rows_and_lines_between_them():
+    law = LAWS[2]
+    z = np.array([-2.0, -1.0, -0.25, 0.5, 1.75, 3.0, 9.0])
+    pressure, slope = law.pressure(z * SIGMA)
+    third = 2e6 / 1.5
+    assert pressure == pytest.approx([3e6 + third, 3e6, 2e6, 1e6, 0.5e6, 0.0, 0.0])
+    assert slope[[0, 2, 4, 6]] * SIGMA == pytest.approx([-third, -third, -0.4e6, 0.0])
+
+
 def test_the_film_is_continuous_where_its_tail_begins():
     edge = SIGMA * np.array([-6.0 - 1e-9, -6.0 + 1e-9])
     low, high = RoughGap(SIGMA).film(edge)[0] - 1e-3 * SIGMA
@@ -65,6 +95,25 @@ def test_flow_factors_tend_to_one_and_have_their_slope(gamma):
     e = 1e-6 * SIGMA
     difference = (rough.flow(film + e)[0] - rough.flow(film - e)[0]) / (2 * e)
     assert slope == pytest.approx(difference, rel=1e-6, abs=1e-6 / SIGMA)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "ratio", "factor"),
+    [  # N. Patir, H. Cheng, J. Lubr. Technol. 100, 1978; below the range of their fit its ends
+        (1 / 9, 1.0, 1.0 - 1.48 * np.exp(-0.42)),
+        (1 / 9, 0.5, 0.01),
+        (1 / 6, 1.5, 1.0 - 1.38 * np.exp(-0.63)),
+        (1 / 3, 1.0, 1.0 - 1.18 * np.exp(-0.42)),
+        (1.0, 2.0, 1.0 - 0.90 * np.exp(-1.12)),
+        (3.0, 4.0, 1.0 + 0.225 / 8.0),
+        (6.0, 1.0, 1.520),
+        (9.0, 1.0, 1.870),
+        (9.0, 0.1, 1.0 + 0.870 * 2.0**1.5),
+    ],
+)
+def test_flow_factors_are_those_of_their_table(gamma, ratio, factor):
+    found = RoughGap(SIGMA, gamma).flow(np.array([ratio * SIGMA]))[0][0]
+    assert found == pytest.approx(factor, rel=1e-12)
 
 
 def test_values_that_are_not_allowed_are_refused_in_one_line():
