@@ -23,9 +23,9 @@ from tribox.app.case.solver import Solver
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.explicit.instability import ExplicitError
-from tribox.app.explicit.mass_scaling import ScaledMass
+from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stable_step import ScaledMass
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.simulation.contact_resultants import (
     ContactResultants,
