@@ -17,8 +17,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.load_residuals import foundation_springs, load_residuals
+from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
 from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import (

@@ -19,8 +19,7 @@ from tribox.app.results.point_probes import AXES, PointProbes, components, reduc
 from tribox.app.results.saving import Saving
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.motion_history import KEYS
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.forms.bodies.deformation import BodyPoints
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid

@@ -27,13 +27,11 @@ from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
+from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
-from tribox.app.simulation.history import COLUMNS, Row, energy_gap
-from tribox.app.simulation.inertia import notes_on_inertia
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.history import COLUMNS, Row, energy_gap, time_text
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 

@@ -16,8 +16,7 @@ from tribox.app.results.saving import Saving
 from tribox.app.run.forwarding import give_back, repeats, say_stopping, stopping_signals, taken
 from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Observer, RunState
 
 
 class Interruption(Observer):

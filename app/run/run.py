@@ -29,11 +29,9 @@ from tribox.app.run.interruption import Interruption
 from tribox.app.run.meshed import meshed
 from tribox.app.run.progress import Reporter, Together
 from tribox.app.simulation.explicit_stage import notes_on_steps
-from tribox.app.simulation.history import energy_gap
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.history import energy_gap, time_text
+from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.time_text import time_text
 from tribox.geometry.surfaces.facets import Floats
 
 NOTES_REPEATED = 3  # at most, beside a failure

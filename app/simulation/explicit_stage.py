@@ -33,12 +33,10 @@ from tribox.app.simulation.contact_resultants import (
     resultants,
     vector_integrals,
 )
-from tribox.app.simulation.energy_balance import EnergyFlow
-from tribox.app.simulation.inertia import Inertia
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.outside_forces import OutsideForces, OutsideMean
-from tribox.app.simulation.run_state import Effort, Moved, RunState
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.energy_balance import EnergyFlow, Inertia
+from tribox.app.simulation.history import time_text
+from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
+from tribox.app.simulation.run_state import Effort, Interval, Moved, Observer, RunState
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial

@@ -18,8 +18,7 @@ from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_resultants import turned_right
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.verify.contact import case_modulus, fit_ellipse
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
 from tribox.app.verify.shipped_case import solve

@@ -14,7 +14,7 @@ from tribox.app.case.case import Case
 from tribox.app.results.contact_nodes import ContactNodes, contact_nodes
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.output_files import ContactSeries
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 SPACE = """

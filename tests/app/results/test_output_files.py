@@ -20,7 +20,7 @@ from tribox.app.results.directory import prepare
 from tribox.app.results.recorder import Recorder
 from tribox.app.run.progress import Together
 from tribox.app.simulation.history import COLUMNS
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[3]

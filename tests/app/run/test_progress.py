@@ -19,7 +19,7 @@ from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Reporter
 from tribox.app.run.sweep_lines import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
-from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.run_state import Interval
 
 
 class Terminal(io.StringIO):

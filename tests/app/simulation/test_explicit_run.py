@@ -25,7 +25,7 @@ from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.figures.force_displacement import draw_overlay
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 # A block thrown obliquely on aluminium: it touches, slides, and flies off again.

@@ -16,7 +16,7 @@ from tribox.app.build.model import build_model
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 CASE = """

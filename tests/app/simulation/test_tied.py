@@ -18,7 +18,7 @@ from tribox.app.equilibrium.free_bodies import free_bodies
 from tribox.app.errors import InputError
 from tribox.app.results.contact_nodes import contact_nodes
 from tribox.app.run.run import run_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

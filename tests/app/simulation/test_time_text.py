@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import time_text
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tribox.app.build.mesh import make_mesh
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
 from tribox.app.verify.report import (
