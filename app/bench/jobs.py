@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tribox.app.case.case import Case
-from tribox.app.case.generators import BlocksGeometry
-from tribox.app.case.generators_3d import BoxesGeometry
+from tribox.app.case.generators import BlocksGeometry, BoxesGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.case.stage import solver_of
 from tribox.app.errors import InputError

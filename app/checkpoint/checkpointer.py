@@ -28,8 +28,8 @@ from tribox.app.simulation.simulation import Simulation
 
 # -- Checkpoints as files: ``checkpoints/NNNNNN/`` in a results directory, whole or not there at all
 #
-# Each is written under a temporary name, synced to the disk and renamed; its manifest holds the size
-# and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few are kept.
+# Each is written under a temporary name, synced to the disk and renamed; its manifest holds the
+# size and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few stay.
 
 FORMAT = 2
 INSTEAD = "; the one before it is taken"  # of one that is damaged

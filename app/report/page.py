@@ -13,8 +13,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel
 
-from tribox.app.case.case import Case
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys
 from tribox.app.errors import InputError
 from tribox.app.figures.units import fitting
 from tribox.app.report.tables import (

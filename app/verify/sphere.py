@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tribox.app.case.friction import Coulomb
-from tribox.app.case.generators_3d import SphereGeometry
+from tribox.app.case.generators import SphereGeometry
 from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.simulation.simulation import Simulation

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tribox.app.case.placed_blocks import PlacedBlocksGeometry
+from tribox.app.case.generators import PlacedBlocksGeometry
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification
 from tribox.app.verify.shipped_case import solve
 from tribox.forms.bodies.elastoplastic import ElastoPlastic

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
-from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.reading import load_case
 
 

@@ -10,8 +10,7 @@ import pytest
 
 from tests.app.case.test_case import FILM_CASE
 from tribox.app.build.solids import material_of, notes_on_materials
-from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import description, entries, listing
 from tribox.app.case.quantities import parse_quantity
 from tribox.app.errors import InputError

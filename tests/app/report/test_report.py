@@ -17,7 +17,7 @@ from pandas import DataFrame
 from PIL import Image
 
 from tests.ranks import LIMIT
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.page import pictures_of, write_report
