@@ -26,8 +26,11 @@ if _rich is not None:
 
 import tribox  # noqa: E402
 from tribox.app.errors import InputError, Interrupted  # noqa: E402
-from tribox.app.run.cache import ensure_cache  # noqa: E402
-from tribox.app.run.ending import end_interrupted, end_with  # noqa: E402
+from tribox.app.run.ending import (  # noqa: E402
+    end_interrupted,
+    end_with,
+    ensure_cache,  # noqa: E402
+)
 from tribox.app.run.process import lasting_imports, ranks_around  # noqa: E402
 
 if TYPE_CHECKING:

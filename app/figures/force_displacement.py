@@ -12,9 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.case.stage import solver_of
-from tribox.app.figures.names import heading
 from tribox.app.figures.style import COLOURS, STYLE, colour_of, columns, dashes_of, panels_in, save
-from tribox.app.figures.units import DISPLACEMENT, FRICTION_FORCE, MOMENT, REACTION, TIME, fitting
+from tribox.app.figures.units import (
+    DISPLACEMENT,
+    FRICTION_FORCE,
+    MOMENT,
+    REACTION,
+    TIME,
+    fitting,
+    heading,
+)
 from tribox.app.results.table import Table, joined
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from tribox.app.build.model import Model
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
 from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
-from tribox.app.results.lock import command
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving

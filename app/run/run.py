@@ -18,11 +18,10 @@ from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError
 from tribox.app.implicit.petsc_options import silence
 from tribox.app.results.claim import Claim
-from tribox.app.results.first_rank import on_first
 from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
-from tribox.app.results.saving import Saving
+from tribox.app.results.saving import Saving, on_first
 from tribox.app.results.status import check_may_begin_anew
 from tribox.app.run.interruption import Interruption
 from tribox.app.run.meshed import meshed

@@ -20,8 +20,7 @@ from tribox.app.simulation.contact_resultants import turned_right
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.app.verify.space import held
 from tribox.forms.closed_forms.hertz_line import LineContact, relative_radius
 from tribox.forms.contact.pressure import nodal_pressure

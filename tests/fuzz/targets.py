@@ -21,8 +21,8 @@ from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
 from tribox.app.friction_map.run import run_map
 from tribox.app.results import Results, read
+from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import check_free
-from tribox.app.results.earlier_sweep import sweep_labels
 
 SMALL = 300  # cells that are meshed for an input
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tribox.app.figures.pressure_maps import draw_pairs, seen_along_normal, touching
+from tribox.app.figures.deformed_space import draw_pairs, seen_along_normal, touching
 from tribox.app.figures.tractions import without_roundoff
 
 SIZE, RADIUS = 21, 0.71

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.results.cell_strain import strain_in_plane, strain_in_space
+from tribox.app.results.fields import strain_in_plane, strain_in_space
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-13, 1e-6, 1e-2, 0.3])

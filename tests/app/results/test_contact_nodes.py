@@ -11,8 +11,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model, build_model
 from tribox.app.case.case import Case
-from tribox.app.results.contact_nodes import ContactNodes, contact_nodes
-from tribox.app.results.contact_points import contact_arrays
+from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation

@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from tribox.app.results import series as module
-from tribox.app.results.series import SHARE, Series
+from tribox.app.results import output_files as module
+from tribox.app.results.output_files import INDEX_SHARE, Series
 
 
 def listed(directory) -> list[tuple[float, str]]:
@@ -42,6 +42,6 @@ def test_rewriting_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
         now[0] += 1.0
         series.add(step, float(step))
     assert writes[0] == 1 and writes == sorted(writes)
-    assert len(writes) == pytest.approx(SHARE * now[0], rel=0.2)
+    assert len(writes) == pytest.approx(INDEX_SHARE * now[0], rel=0.2)
     series.write_index()
     assert writes[-1] == 200

@@ -10,8 +10,15 @@ import pytest
 import pyvista
 
 from tribox.app.results import vtu
-from tribox.app.results.vtu import Cells, pack, with_three_components, write_vtu
-from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
+from tribox.app.results.vtu import (
+    Cells,
+    Grid,
+    UnknownVtuError,
+    pack,
+    read_vtu,
+    with_three_components,
+    write_vtu,
+)
 
 TRIANGLE, VERTEX = 5, 1
 

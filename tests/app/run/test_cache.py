@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tribox.app.errors import InputError
-from tribox.app.run.cache import VARIABLE, ensure_cache
+from tribox.app.run.ending import VARIABLE, ensure_cache
 
 
 @pytest.fixture

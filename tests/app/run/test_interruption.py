@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from tribox.app.errors import Interrupted, OutputError
 from tribox.app.results.saving import Saving
-from tribox.app.run.forwarding import stopping_signals
 from tribox.app.run.interruption import Interruption
+from tribox.app.run.ranks import stopping_signals
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 ARGUMENTS = {"ready": 1, "cut": 3, "load_step": 4}  # how many an observer is told

@@ -17,7 +17,7 @@ from tribox.app.errors import tell as print_folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Reporter
-from tribox.app.run.sweep_lines import is_passing
+from tribox.app.run.sweep_runs import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
 from tribox.app.simulation.run_state import Interval
 

@@ -26,9 +26,8 @@ from tribox.app.verify.report import (
     run_verify,
     table,
 )
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import CASES as DIRECTORY
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import CASES as DIRECTORY
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
 from tribox.app.verify.sliding import block_slide, friction_law
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import tribox.app.verify.sphere as verification_sphere
+import tribox.app.verify.space as verification_sphere
 from tribox.app.case.reading import load_case
-from tribox.app.verify.shipped_case import CASES as DIRECTORY
-from tribox.app.verify.sphere import (
+from tribox.app.verify.result import CASES as DIRECTORY
+from tribox.app.verify.space import (
     SECTION,
     SMOOTH,
     TWIST,
