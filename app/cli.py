@@ -29,7 +29,7 @@ from tribox.app.errors import InputError, Interrupted  # noqa: E402
 from tribox.app.run.ending import (  # noqa: E402
     end_interrupted,
     end_with,
-    ensure_cache,  # noqa: E402
+    ensure_cache,
 )
 from tribox.app.run.process import lasting_imports, ranks_around  # noqa: E402
 
