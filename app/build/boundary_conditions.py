@@ -40,8 +40,7 @@ from tribox.forms.bodies.loads import (
     mean_normal,
     reference_area,
 )
-from tribox.geometry.meshes.groups import group_dofs
-from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.mesh import NamedMesh, group_dofs
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry

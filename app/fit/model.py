@@ -20,7 +20,7 @@ from tribox.app.fit.data import TribometerData
 from tribox.app.fit.slopes import Searched
 from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.friction.parameters import FrictionMapParameters

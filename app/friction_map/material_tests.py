@@ -18,7 +18,7 @@ from tribox.forms.closed_forms.homogeneous_sliding import (
     steady_traction,
     threshold_speed,
 )
-from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
 

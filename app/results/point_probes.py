@@ -20,7 +20,7 @@ from tribox.forms.bodies.deformation import Rows, centre_rows, rows_at
 from tribox.forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
-from tribox.geometry.surfaces.ordering import (
+from tribox.geometry.surfaces.vertices import (
     chains,
     distances_to_line,
     fitted_circle,

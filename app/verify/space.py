@@ -16,7 +16,7 @@ from tribox.app.results.fields import StressField
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import case_modulus, fit_ellipse
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
-from tribox.forms.closed_forms.hertz_point import PointContact, Twist
+from tribox.forms.closed_forms.hertz import PointContact, Twist
 from tribox.geometry.compat import cell_nodes
 
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film import require_thickness
-from tribox.forms.friction.film_map import at_rest, threshold_speed
+from tribox.forms.friction.film import at_rest, require_thickness, threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters, Table
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
-from tribox.forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
+from tribox.forms.closed_forms.hertz import LineContact, contact_modulus, relative_radius
 
 CONTACT = LineContact(load=2.0e3, radius=0.01, modulus=5.0e6)
 X = CONTACT.half_width * np.linspace(-1.5, 1.5, 300001)

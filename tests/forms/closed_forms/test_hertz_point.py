@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from tribox.forms.closed_forms.hertz_point import PointContact, Twist
+from tribox.forms.closed_forms.hertz import PointContact, Twist
 
 CONTACT = PointContact(load=2.0, radius=0.3, modulus=40.0)
 TWIST = Twist(CONTACT, shear=7.0, mu=0.4)

@@ -13,7 +13,7 @@ from tribox.forms.friction.checks import (
     threshold_speed_warning,
     uniqueness_warning,
 )
-from tribox.forms.friction.film_map import threshold_speed
+from tribox.forms.friction.film import threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset

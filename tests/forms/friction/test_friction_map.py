@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tribox.forms.friction.film_map import at_rest, threshold_speed
+from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.forms.friction.test_friction_map import K_T, V_STAR, P, parameters
-from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
