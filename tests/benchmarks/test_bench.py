@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 import tribox
-from tribox.app.bench import bench
-from tribox.app.bench import law as bench_law
-from tribox.app.bench import probe as bench_probe
-from tribox.app.bench.bench import Options, measure, run_bench
-from tribox.app.bench.jobs import Job
-from tribox.app.bench.probe import Probe
-from tribox.app.bench.tables import CONTACT, PARTS, Measured, tables
+from benchmarks import bench
+from benchmarks import law as bench_law
+from benchmarks import probe as bench_probe
+from benchmarks.bench import CONTACT, PARTS, Measured, Options, measure, run_bench, tables
+from benchmarks.comparison import Job
+from benchmarks.probe import Probe
 from tribox.app.errors import InputError, SolutionError
 
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]

@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
+import time
 from pathlib import Path
 
 import pytest
 
-from tribox.app.bench import comparison
-from tribox.app.bench.bench import Options, all_jobs, in_order, job_table, run_bench
-from tribox.app.bench.comparison import (
+from benchmarks import comparison
+from benchmarks.bench import Options, all_jobs, in_order, job_table, run_bench
+from benchmarks.comparison import (
+    SOURCES,
     Comparison,
+    Cost,
     Difference,
+    Job,
     Ran,
+    Side,
     compare,
     compiled_since,
+    environment,
     force_difference,
+    jobs_of,
+    level_options,
+    run_python,
     run_warm,
+    sides_of,
 )
-from tribox.app.bench.jobs import Job
-from tribox.app.bench.process import SOURCES, Cost
-from tribox.app.bench.sides import Side
-from tribox.app.errors import InputError
+from tribox.app.case.reading import load_case
+from tribox.app.errors import InputError, SolutionError
 
 JOB = Job("short", 1, ("short.toml",))
 SIDES = (Side("old"), Side("new"))
@@ -182,6 +191,7 @@ def other_tree(tmp_path_factory) -> Path:
     shutil.copytree(SOURCES / "tribox", tree / "src" / "tribox", ignore=skipped)
     for name in ("app", "forms", "geometry"):
         (tree / name).symlink_to(tree / "src" / "tribox" / name)
+    (tree / "benchmarks").symlink_to(SOURCES.parent / "benchmarks")
     main = tree / "src" / "tribox" / "__main__.py"
     text = main.read_text(encoding="utf-8")
     future = "from __future__ import annotations\n"
@@ -238,3 +248,165 @@ def test_parts_that_nobody_knows_are_shown_last():
     assert in_order(["checkpoints", "output", "contact", "imports"]) == [
         *("imports", "contact", "output", "checkpoints")
     ]
+
+
+# -- Runs in processes of their own: whose packages they have, and what they cost ------------------
+
+BURN = "import time\nwhile time.process_time() < 0.4: pass\n"
+
+
+def test_packages_are_those_of_the_tree(tmp_path, monkeypatch):
+    """Wherever it is started, and whatever is on the path already."""
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "__init__.py").touch()
+    told = tmp_path / "told"
+    text = f"import pathlib\npathlib.Path({str(told)!r}).write_text(__file__)\n"
+    (tmp_path / "app" / "where.py").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(SOURCES)
+    monkeypatch.setenv("PYTHONPATH", str(SOURCES))
+    run_python(["-m", "app.where"], "a run", tmp_path)
+    assert told.read_text(encoding="utf-8") == str(tmp_path / "app" / "where.py")
+
+
+def test_children_of_a_process_count():
+    inner = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BURN!r}])"
+    assert run_python(["-c", inner], "a run").cpu > 0.4
+
+
+def test_clock_goes_on_where_the_processor_waits():
+    cost = run_python(["-c", "import time; time.sleep(0.5)"], "a run")
+    assert cost.clock >= 0.5 > cost.cpu
+
+
+def test_cost_is_of_one_process_only():
+    run_python(["-c", BURN], "before")
+    started = time.perf_counter()
+    cost = run_python(["-c", "pass"], "a run")
+    assert cost.cpu < 0.4 and cost.clock <= time.perf_counter() - started
+
+
+def test_failure_says_the_last_word():
+    with pytest.raises(SolutionError, match=r"bench: a run failed: ValueError: why$"):
+        run_python(["-c", "raise ValueError('why')"], "a run")
+
+
+def test_variables_of_mpi_stay_here():
+    ours = {"OMPI_COMM_WORLD_SIZE": "2", "PMIX_RANK": "0", "HOME": "/h", "OMP_NUM_THREADS": "8"}
+    kept = environment(ours, SOURCES)
+    assert kept["HOME"] == "/h" and kept["OMP_NUM_THREADS"] == "1"
+    assert not {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK"} & kept.keys()
+
+
+# -- What ``tribox bench`` compares with what ------------------------------------------------------
+
+
+def test_alone_nothing_is_compared():
+    assert sides_of(None, (), 1) is None
+
+
+def a_tree(place):
+    for name in ("app", "forms", "geometry", "src/tribox", "benchmarks"):
+        (place / name).mkdir(parents=True)
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_another_tree_is_the_old_one(tmp_path, ranks):
+    a_tree(tmp_path)
+    old, new = sides_of(tmp_path, (), ranks)
+    assert (old.name, old.tree, old.ranks) == ("old", tmp_path / "src", ranks)
+    assert (new.name, new.tree, new.ranks) == ("new", SOURCES, ranks)
+
+
+def test_probes_of_a_tree_are_where_it_has_them(tmp_path):
+    a_tree(tmp_path)
+    old, new = sides_of(tmp_path, (), 1)
+    assert old.probe == tmp_path / "app" / "bench" / "probe.py"
+    (tmp_path / "benchmarks" / "probe.py").touch()
+    assert old.probe == tmp_path / "benchmarks" / "probe.py"
+    assert new.probe.is_file()
+
+
+def test_changes_are_made_on_the_second_side_only():
+    first, second = sides_of(None, ("a=1", "b=2"), 1)
+    assert (first.changes, second.changes) == ((), ("a=1", "b=2"))
+    assert first.tree == second.tree == SOURCES
+
+
+def test_ranks_alone_are_compared_with_one():
+    first, second = sides_of(None, (), 2)
+    assert (first.ranks, second.ranks) == (1, 2)
+
+
+def test_a_directory_that_is_no_tree_is_refused(tmp_path):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path}: not a source tree of tribox")):
+        sides_of(tmp_path, (), 1)
+    with pytest.raises(InputError, match="there is no such directory"):
+        sides_of(tmp_path / "none", (), 1)
+    (tmp_path / "app").mkdir()
+    with pytest.raises(InputError, match="it has no forms"):
+        sides_of(tmp_path, (), 1)
+
+
+def test_two_things_to_compare_with_are_refused():
+    with pytest.raises(InputError, match=r"--against /old and --with a=1 .*give one of them"):
+        sides_of(Path("/old"), ("a=1",), 1)
+
+
+# -- Which runs ``tribox bench`` makes of a case ---------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_level_refines_both_blocks():
+    case = load_case(ROOT / "cases" / "block-slide.toml")
+    assert level_options(case, 1) == []
+    assert level_options(case, 2) == [
+        *("--set", "geometry.upper.elements=[80, 40]"),
+        *("--set", "geometry.lower.elements=[122, 30]"),
+    ]
+
+
+def test_a_level_divides_a_given_size(block, case_file):
+    text = block.replace("elements = [10, 5]", 'size = "0.1 mm"')
+    path = case_file(text)
+    options = level_options(load_case(path), 4)
+    refined = load_case(path, options[1::2])
+    assert refined.geometry.upper.size == pytest.approx(2.5e-5)
+    assert refined.geometry.lower.elements == (60, 16)
+
+
+def test_levels_and_values_of_a_sweep_are_runs_of_their_own():
+    path = ROOT / "cases" / "sfa.toml"
+    jobs = list(jobs_of(path, (1, 2)))
+    labels = [label for label, _ in load_case(path).sweep_cases()]
+    assert [(job.name, job.level) for job in jobs] == [(n, k) for k in (1, 2) for n in labels]
+    assert jobs[1].words == (str(path), "--part", "1")
+    assert jobs[-1].words[1] == "--set" and jobs[-1].words[-2:] == ("--part", f"{len(labels) - 1}")
+
+
+def test_a_level_refines_boxes_in_all_directions():
+    options = level_options(load_case(ROOT / "cases" / "boxes-3d.toml"), 2)
+    assert options[1::2] == [
+        "geometry.upper.elements=[16, 8, 16]",
+        "geometry.lower.elements=[22, 6, 22]",
+    ]
+
+
+def test_changes_of_the_case_come_before_the_level_refines_it():
+    path = ROOT / "cases" / "block-slide.toml"
+    (job,) = jobs_of(path, (2,), ["geometry.upper.elements=[10, 5]"])
+    changed = [word for word in job.words if "upper" in word]
+    assert changed == ["geometry.upper.elements=[10, 5]", "geometry.upper.elements=[20, 10]"]
+    with pytest.raises(InputError, match="no_such_key"):
+        list(jobs_of(path, (1,), ["no_such_key=1"]))
+
+
+def test_a_mesh_from_a_file_cannot_be_refined(block, case_file, tmp_path):
+    head, _, rest = block.partition("[geometry]")
+    text = head + '[geometry]\nkind = "file"\nmesh = "m.msh"\n' + rest[rest.index("[bodies") :]
+    (tmp_path / "m.msh").write_text("", encoding="utf-8")
+    with pytest.raises(
+        InputError,
+        match=r'level 2 needs geometry\.kind = "two-blocks" or "two-boxes", found "file"',
+    ):
+        level_options(load_case(case_file(text)), 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tribox.app.bench.explicit import contact_table, kernel_table, sliding, step_table
+from benchmarks.explicit import contact_table, kernel_table, sliding, step_table
 
 
 def cells_of(line):

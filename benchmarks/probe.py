@@ -1,6 +1,6 @@
 """``tribox run``, with the CPU time of its parts taken.
 
-``python -m tribox.app.bench.probe REPORT CASE ...`` runs the command as it is, in this process,
+``python -m benchmarks.probe REPORT CASE ...`` runs the command as it is, in this process,
 with the functions named in :data:`FRAME` and :data:`PROBES` replaced by timed ones, and writes what
 it measured to the file REPORT (JSON). The parts of the solution count only inside an attempt at a
 step; whatever else happens belongs to the part around it, and what belongs to none is "imports":

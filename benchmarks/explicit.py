@@ -1,6 +1,6 @@
 """What an explicit step costs: kernels, contact pairs, whole steps, several ranks.
 
-``tribox bench explicit`` prints the tables, and so does ``python3 -m tribox.app.bench.explicit``,
+``tribox bench explicit`` prints the tables, and so does ``python3 -m benchmarks.explicit``,
 which with ``--ranks 2`` adds the comparison of one and two ranks, each started by mpirun. All times
 are seconds of the processor (user and system), the least of several repetitions, on which other
 work on the machine has little influence.
@@ -30,6 +30,7 @@ from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dof
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.explicit.options import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
+from tribox.app.run.process import with_sources
 from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.solid import Formulation, Solid
@@ -50,7 +51,7 @@ SOURCES = Path(tribox.__file__).parents[1]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5
 REPEAT, STEPS = 5, 20
 # A waiting rank yields its core: waiting costs the others nothing and counts for little.
-ENVIRONMENT = {**os.environ, "OMPI_MCA_mpi_yield_when_idle": "1"}
+ENVIRONMENT = {**with_sources(os.environ), "OMPI_MCA_mpi_yield_when_idle": "1"}
 Friction = Literal["film", "coulomb"]
 SMALL, MIDDLE, LARGE = 1.0, 3.864, 9.66  # levels of about 1 700, 25 600 and 160 000 cells
 
@@ -283,8 +284,7 @@ def rank_table(refine: float = LARGE, ranks: tuple[int, ...] = (1, 2)) -> Iterat
         alone = 0.0
         for count in ranks:
             worker = [
-                "-m",
-                "tribox.app.bench.explicit",
+                __file__,
                 "--worker",
                 str(refine),
                 "--friction",
