@@ -225,7 +225,7 @@ def test_both_ways_to_write_coulomb_agree():
 
 
 def test_bench_is_a_command(tribox):
-    done = tribox("bench", "no-level")
+    done = tribox("bench", "no-level", process=True)
     assert done.returncode == 2
     assert done.stderr.strip() == (
         'tribox: bench: "no-level" is neither a mesh level (1 to 64) nor one of: law, explicit'
