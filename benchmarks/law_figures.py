@@ -1,6 +1,6 @@
 """Figures of the friction law for its documentation.
 
-``python3 -m tribox.app.figures.law DIRECTORY`` draws them.
+``python3 -m benchmarks.law_figures DIRECTORY`` draws them.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tribox.app.figures.law import (
+from benchmarks.law_figures import (
     FLOWS,
     draw_law,
     film_stress,
