@@ -29,7 +29,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.timers import Stopwatch
-from tribox.app.run.late_modules import load_late
 from tribox.app.run.process import lasting_imports
 
 if TYPE_CHECKING:
@@ -188,7 +187,6 @@ def install(probe: Probe) -> list[Simulation]:
 def measure(case: Sequence[str]) -> dict[str, Any]:
     """Run ``tribox run`` with the words ``case`` and return what the report holds."""
     probe = Probe()
-    load_late()  # as the program itself begins
     with lasting_imports():
         made = install(probe)
     probe.seconds["imports"] = time.process_time()

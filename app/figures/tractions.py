@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.style import COLOURS, Floats, colour_of, thin_log_ticks
 from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting, pair_names, titled
-from tribox.geometry.surfaces.vertices import chains
+from tribox.geometry.surfaces.facets import chains
 
 if TYPE_CHECKING:
     from tribox.app.results import Results

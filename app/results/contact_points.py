@@ -18,8 +18,7 @@ from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
-from tribox.geometry.surfaces.vertices import order_by_place
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, order_by_place
 
 
 class ContactPoints:

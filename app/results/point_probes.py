@@ -19,8 +19,10 @@ from tribox.app.results.contact_points import (
 from tribox.forms.bodies.deformation import Rows, centre_rows, rows_at
 from tribox.forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
-from tribox.geometry.surfaces.vertices import (
+from tribox.geometry.surfaces.facets import (
+    Floats,
+    Ints,
+    Longs,
     chains,
     distances_to_line,
     fitted_circle,

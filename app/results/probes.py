@@ -32,8 +32,7 @@ from tribox.forms.bodies.deformation import BodyPoints
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.bodies.viscous_points import Viscoelastic
-from tribox.geometry.surfaces.facets import Floats
-from tribox.geometry.surfaces.vertices import order_by_place
+from tribox.geometry.surfaces.facets import Floats, order_by_place
 
 
 class Table(Protocol):

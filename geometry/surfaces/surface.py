@@ -20,13 +20,20 @@ from tribox.geometry.surfaces.body_facets import (
     owned_facets,
     require_facets,
 )
-from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, unit_normals
+from tribox.geometry.surfaces.facets import (
+    FacetShape,
+    Floats,
+    Ints,
+    Longs,
+    order_by_place,
+    unit_normals,
+)
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.slave_points import PointNormals, SlaveNormals, slave_points
 from tribox.geometry.surfaces.target import Target
-from tribox.geometry.surfaces.vertices import order_by_place, slave_vertices
+from tribox.geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
