@@ -52,7 +52,7 @@ def failed(found: Verification) -> set[str]:
 # --- the cases themselves ------------------------------------------------------------------------
 
 
-# Cases in space of tens of seconds; test_sphere.py runs them coarse.
+# Cases in space of tens of seconds; test_space.py runs them coarse.
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 LONG = {
     "cook-membrane",  # coarser in test_flowing.py
