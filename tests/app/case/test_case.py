@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.app.conftest import BLOCK, BOXES
+from tests.app.conftest import BLOCK, BOXES, FILM
 from tribox.app.case.bodies import formulations
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.friction import Coulomb, FrictionMap
@@ -327,16 +327,16 @@ def test_pairs_have_names_of_their_own():
 # -- Which keys of a case were given ---------------------------------------------------------------
 
 
-def test_given_keys_are_those_of_the_file(case_file, film):
-    keys = given_keys(load_case(case_file(film), ["contact.0.friction.D_max=100 nm"]))
+def test_given_keys_are_those_of_the_file(case_file):
+    keys = given_keys(load_case(case_file(FILM), ["contact.0.friction.D_max=100 nm"]))
     assert {"title", "geometry.upper.elements", "contact.0.film.thickness"} < set(keys)
     assert {"contact.0.friction.D_max", "boundary.1.platen.pressure"} < set(keys)
     assert "contact.0.friction.eta_b" not in keys  # of the preset
     assert "contact.0.penalty_factor" not in keys and "solver.tolerance" not in keys
 
 
-def test_of_a_resolved_case_all_keys_are_given(case_file, film):
-    text = resolved_toml(load_case(case_file(film)))
+def test_of_a_resolved_case_all_keys_are_given(case_file):
+    text = resolved_toml(load_case(case_file(FILM)))
     case = Case.model_validate(tomllib.loads(text))
     assert "contact.0.friction.eta_b" in given_keys(case)
 
