@@ -26,9 +26,12 @@ if _rich is not None:
 
 import tribox  # noqa: E402
 from tribox.app.errors import InputError, Interrupted  # noqa: E402
-from tribox.app.run.cache import ensure_cache  # noqa: E402
-from tribox.app.run.ending import end_interrupted, end_with  # noqa: E402
-from tribox.app.run.process import lasting_imports, ranks_around  # noqa: E402
+from tribox.app.run.ending import (  # noqa: E402
+    end_interrupted,
+    end_with,
+    ensure_cache,
+)
+from tribox.app.run.process import lasting_imports, ranks_around, with_sources  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
@@ -256,6 +259,8 @@ def mesh(
 
 
 ANIMATIONS = ("gif", "mp4")
+# Of commands whose words are another program's.
+_PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 
 
 class _PlotCommand(TyperCommand):
@@ -442,50 +447,12 @@ def trust(
         print("\n".join(lines) if lines else f"no directory is trusted ({list_file()})")
 
 
-@cli.command()
-def bench(
-    what: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[LEVEL ...|law|explicit]",
-            help="mesh levels (default: 1 2 4), or law, or explicit",
-        ),
-    ] = None,
-    case: Annotated[
-        Path | None, typer.Option(help="case file to run (default: cases/block-slide.toml)")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="directory for bench.md and bench.json (default: print)")
-    ] = None,
-    repeat: Annotated[
-        int | None, typer.Option(min=1, help="runs of each level; the fastest is shown")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
-    overrides: Overrides = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="compare with the tribox whose source tree this is"),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="KEY=VALUE",
-            help="compare the case with itself so changed; may be repeated",
-        ),
-    ] = None,
-    np: Annotated[
-        int,
-        typer.Option(
-            "--np", min=1, help="MPI ranks of both runs; compare with one rank if nothing else"
-        ),
-    ] = 1,
-) -> None:
-    """Measure where the CPU time of a case goes, or compare two versions, level by level."""
-    from tribox.app.bench.bench import Options, run_bench
-
-    keys, changed = tuple(overrides or ()), tuple(changes or ())
-    run_bench(what or [], Options(case, out, repeat, force, keys, against, changed, np))
+@cli.command(context_settings=_PASSED_ON, add_help_option=False)
+def bench(context: typer.Context) -> None:
+    """Measure where the CPU time of a case goes, or compare two versions, in a checkout."""
+    root = _checkout("bench", "benchmarks")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(root), with_sources(os.environ)["PYTHONPATH"]])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "benchmarks.bench", *context.args])
 
 
 @cli.command()
@@ -527,13 +494,7 @@ def schema() -> None:
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
 
-@cli.command(
-    context_settings={
-        "allow_extra_args": True,
-        "ignore_unknown_options": True,
-        "allow_interspersed_args": False,
-    }
-)
+@cli.command(context_settings=_PASSED_ON | {"allow_interspersed_args": False})
 def python(
     context: typer.Context,
     script: Annotated[Path, typer.Argument(help="file of Python, with its own arguments behind")],
@@ -541,28 +502,33 @@ def python(
     """Run a script that imports tribox's packages, such as one that reads results."""
     if not script.is_file():
         raise InputError(f"{script}: no such file")
-    root = str(Path(tribox.__file__).parents[1])
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = root if not before else f"{root}{os.pathsep}{before}"
+    os.environ |= with_sources(os.environ)
     os.execv(sys.executable, [sys.executable, str(script), *context.args])
 
 
-@cli.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@cli.command(context_settings=_PASSED_ON)
 def test(
     context: typer.Context,
     every: Annotated[bool, typer.Option("--all", help="the long system tests too")] = False,
 ) -> None:
     """Run the tests that guard a change, or all there are; further words go to pytest."""
-    tests = Path(tribox.__file__).parents[2] / "tests"
-    if not tests.is_dir():
-        raise InputError("test: the tests are in the source tree, not in an installation of tribox")
-    os.chdir(tests.parent)
+    os.chdir(_checkout("test", "tests"))
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
     if not every:
         command += ["-m", "not long"]
     if not context.args and find_spec("xdist") is not None:
         command += ["-n", "2", "--dist", "loadfile"]  # all of it: two files at a time
     os.execv(sys.executable, [*command, *context.args])
+
+
+def _checkout(command: str, part: str) -> Path:
+    """The source tree, which alone has the tests and benchmarks."""
+    root = Path(tribox.__file__).parents[2]
+    if not (root / part).is_dir():
+        raise InputError(
+            f"{command}: the {part} are in the source tree, not in an installation of tribox"
+        )
+    return root
 
 
 @cli.command(hidden=True)

@@ -43,9 +43,9 @@ GROUPS = (
 def compile_forms() -> Iterator[str]:
     """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
     import tribox.forms.native.libraries
-    import tribox.geometry.native.libraries
+    import tribox.geometry.native.compiler
 
-    for libraries in (tribox.geometry.native.libraries, tribox.forms.native.libraries):
+    for libraries in (tribox.geometry.native.compiler, tribox.forms.native.libraries):
         for source in libraries.SOURCES:
             libraries.library(source)
             yield f"{source} compiled"

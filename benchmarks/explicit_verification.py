@@ -15,10 +15,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
 from benchmarks.run import ROOT
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.figures.force_displacement import draw_overlay
+from tribox.app.figures.style import COLOURS, STYLE, columns, save
+from tribox.app.figures.units import DISPLACEMENT, FRICTION_FORCE
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import Row
@@ -38,6 +43,40 @@ SMALL = (
 )
 SPEED, STEP, DAMPING, RAMP = 0.05, 40e-9, 1e6, 20e-6  # of the case
 FILMS = {"frictional": "10 nm", "mixed": "30 nm", "viscous": "180 nm"}
+
+
+def draw_overlay(
+    runs: dict[str, tuple[list[dict[str, Any]], list[dict[str, Any]]]], path: Path
+) -> None:
+    """Draw the friction force of runs made by both solvers over the driven displacement.
+
+    An explicit row is a mean over its interval and is drawn at the middle of it.
+
+    Args:
+        runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
+        path: the picture.
+    """
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7, 4.4))
+        axes = figure.subplots()
+        for number, (label, (implicit, explicit)) in enumerate(runs.items()):
+            colour = COLOURS[number % len(COLOURS)]
+            at, force, speed = columns(
+                implicit, "driven_displacement", "friction_force", "velocity"
+            )
+            driven = np.abs(speed) > 0.0
+            axes.semilogy(at[driven] * 1e6, force[driven], "o", ms=4, mfc="none", color=colour)
+            at, force, speed = columns(
+                explicit, "driven_displacement", "friction_force", "velocity"
+            )
+            middle, driven = 0.5 * (at[1:] + at[:-1]), np.abs(speed[1:]) > 0.0
+            axes.semilogy(middle[driven] * 1e6, force[1:][driven], color=colour, label=label)
+        axes.plot([], [], "o", color="0.4", mfc="none", label="implicit")
+        axes.plot([], [], "-", color="0.4", label="explicit")
+        axes.set_xlabel(f"driven {DISPLACEMENT.name} (µm)")
+        axes.set_ylabel(FRICTION_FORCE.label())
+        axes.legend(fontsize=8)
+        save(figure, path)
 
 
 def run(case: Case) -> Simulation:

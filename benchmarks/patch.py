@@ -26,7 +26,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
 from tribox.app.errors import SolutionError
 from tribox.app.results.fields import StressField
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.meshes.mesh import NamedMesh

@@ -10,17 +10,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import tribox.app.bench.bench
+from benchmarks import comparison
+from benchmarks.bench import DEFAULT_CASE, ROOT
 from tribox.app.case.reading import load_case
 
-ROOT = tribox.app.bench.bench.ROOT
+__all__ = ["ROOT", "level_options", "tribox"]
 
 
 def level_options(level: int) -> list[str]:
     """Options of ``tribox run`` that refine the block-slide problem ``level`` times."""
-    return tribox.app.bench.bench.level_options(
-        load_case(tribox.app.bench.bench.DEFAULT_CASE), level
-    )
+    return comparison.level_options(load_case(DEFAULT_CASE), level)
 
 
 def tribox(case: str, out: Path, options: Sequence[str]) -> None:

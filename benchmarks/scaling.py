@@ -27,8 +27,7 @@ from tribox.app.case.case import Case
 from tribox.app.equilibrium.timers import Stopwatch
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 
 CASE = """

@@ -14,8 +14,17 @@ import numpy as np
 
 from tribox.app.errors import SolutionError
 from tribox.app.verify.report import percent
-from tribox.app.verify.space import MISMATCHES, SLAVE_FACETS, PatchErrors, patch_errors
-from tribox.app.verify.sphere import SECTION, SMOOTH, jumps, press_sphere, roll
+from tribox.app.verify.space import (
+    MISMATCHES,
+    SECTION,
+    SLAVE_FACETS,
+    SMOOTH,
+    PatchErrors,
+    jumps,
+    patch_errors,
+    press_sphere,
+    roll,
+)
 
 DEGREES = (1, 3, 5, 7, 9, 11)
 COARSER = 7  # slave facets along x and z under which the master has up to 1.5 times as many

@@ -142,7 +142,7 @@ def tribox(overrides: Sequence[str] = ()) -> dict[float, float]:
 
     from tribox.app.build.model import build_model
     from tribox.app.case.reading import load_case
-    from tribox.app.simulation.observer import Observer
+    from tribox.app.simulation.run_state import Observer
     from tribox.app.simulation.simulation import Simulation
 
     path = Path(__file__).parents[1] / "cases" / "forming" / "upsetting.toml"

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 WIDTH, HEIGHT = 4e-3, 1e-3  # m

@@ -11,19 +11,17 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.motion_programs import (
-    Program,
-    displaced_components,
-    moved_components,
-    of_time,
-    turning,
-)
-from tribox.app.build.stage_memory import (
     Acts,
     MovedOn,
+    Program,
     ReachedForce,
     Released,
     Remembering,
     StageChange,
+    displaced_components,
+    moved_components,
+    of_time,
+    turning,
 )
 from tribox.app.build.surface_loads import LoadsWithForms
 from tribox.app.case import platens as tables
@@ -32,8 +30,8 @@ from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.nodal_load import NodalLoad
 from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.prescribed import NodalLoad
 from tribox.app.equilibrium.slanted import SlantedPlaten, node_groups
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.errors import InputError
@@ -42,8 +40,7 @@ from tribox.forms.bodies.loads import (
     mean_normal,
     reference_area,
 )
-from tribox.geometry.meshes.groups import group_dofs
-from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.mesh import NamedMesh, group_dofs
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry

@@ -12,18 +12,19 @@ from mpi4py import MPI
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import notes_on
 from tribox.app.build.contacts import BuiltContact, ContactBuilder
-from tribox.app.build.drifting import drifting
 from tribox.app.build.mesh import make_mesh, of_case
 from tribox.app.build.mesh_notes import (
     bonded_bodies,
+    drifting,
     large_mesh,
     locking_bodies,
     many_cells,
     notes_on_ranks,
+    notes_on_slips,
+    notes_on_supports,
 )
 from tribox.app.build.numbers import failures_as
 from tribox.app.build.probes import PointPlaces, SurfaceLine, place_lines, place_probes
-from tribox.app.build.slips import notes_on_slips
 from tribox.app.build.solids import (
     displacement_on,
     make_solids,
@@ -32,7 +33,6 @@ from tribox.app.build.solids import (
     notes_on_materials,
     resolved_bodies,
 )
-from tribox.app.build.supports import notes_on_supports
 from tribox.app.build.tools import make_tools, notes_on_tools
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case

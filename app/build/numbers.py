@@ -9,7 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.errors import TriboxError
-from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.energies import ExplicitError
 
 
 @contextmanager

@@ -18,8 +18,7 @@ from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.places import CellPlaces, nearest_place, places_in
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from tribox.geometry.surfaces.ordering import chains, order_by_place
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, chains, order_by_place
 
 EQUALLY_NEAR = 1e-10  # over the largest coordinate: distances of nodes that count as equal
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import dolfinx
 import numpy as np
 
-from tribox.app.case.boundary import Boundary
-from tribox.app.case.surface_loads import Gravity
+from tribox.app.case.boundary import Boundary, Gravity
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import (
     BodyForce,

@@ -21,21 +21,26 @@ from pydantic import (
 from tribox.app.case.bodies import Body, OwnBody, formulation_problems
 from tribox.app.case.boundary import (
     Boundary,
+    Gravity,
     boundary_problems,
     control_problems,
     named_stage_problems,
 )
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import OwnLaw
-from tribox.app.case.generators import BlocksGeometry, CylinderOnBlockGeometry, TwoCylindersGeometry
-from tribox.app.case.generators_3d import BoxesGeometry, SphereGeometry
+from tribox.app.case.generators import (
+    BlocksGeometry,
+    BoxesGeometry,
+    CylinderOnBlockGeometry,
+    PlacedBlocksGeometry,
+    SphereGeometry,
+    TwoCylindersGeometry,
+)
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
 from tribox.app.case.overrides import KeyPathError, set_value, value_at
-from tribox.app.case.placed_blocks import PlacedBlocksGeometry
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from tribox.app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
-from tribox.app.case.surface_loads import Gravity
 from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.toml_writer import toml_text
@@ -494,3 +499,27 @@ def resolved_toml(case: Case, files: Mapping[Path, str] | None = None) -> str:
         _rename_files(data, case, files)
     given = case.model_dump(mode="json", exclude_unset=True) if case.sweep is not None else None
     return toml_text(data, given)
+
+
+# -- What of a case was given, and not filled in by a default --------------------------------------
+
+
+def given_keys(case: Case) -> list[str]:
+    """Dotted keys that a case file gave, such as "contact.0.film.thickness", in its order.
+
+    Args:
+        case: as it was read; one whose defaults were resolved knows no longer.
+    """
+    return list(_keys(case.model_dump(mode="json", exclude_unset=True)))
+
+
+def _keys(table: Mapping[str, Any], before: str = "") -> Iterator[str]:
+    for key, value in table.items():
+        name = f"{before}{key}"
+        if isinstance(value, Mapping):
+            yield from _keys(value, f"{name}.")
+        elif isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
+            for index, item in enumerate(value):
+                yield from _keys(item, f"{name}.{index}.")
+        else:
+            yield name

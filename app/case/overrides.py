@@ -3,13 +3,169 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import date, time
 from typing import Any
 
-from tribox.app.case.plain_data import TomlError, parse_toml
 from tribox.app.errors import InputError
 
-_NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
+# -- TOML of anyone's making as plain data within bounds; what goes beyond them is refused ---------
+
+DEEPEST = 30
+"""Tables and arrays inside each other; a case needs eight."""
+DIGITS = 400
+"""Of a whole number; no float is larger."""
+
+
+class TomlError(ValueError):
+    """Text that is not TOML, or goes beyond the bounds.
+
+    Attributes:
+        line: number of the line, from 1; None where it is not known.
+        is_toml: whether the text is TOML all the same.
+    """
+
+    def __init__(self, reason: str, line: int | None = None, is_toml: bool = True) -> None:
+        super().__init__(reason)
+        self.line, self.is_toml = line, is_toml
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Nested tables, arrays, texts, numbers and truth values of TOML text.
+
+    Raises:
+        TomlError: it is none, is nested too deeply, or holds an endless number or a date.
+    """
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise TomlError(_TOO_DEEP) from None
+    except tomllib.TOMLDecodeError as error:
+        match = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error), re.DOTALL)
+        if match is None:
+            raise TomlError(f"not valid TOML: {error}", is_toml=False) from None
+        at = int(match[2])
+        cure = likely_cure(text, at, match[1])
+        reason = f"not valid TOML: {cure or match[1]} (column {match[3]})"
+        raise TomlError(reason, at, is_toml=False) from None
+    except ValueError:  # Python reads no more than 4300 digits.
+        found = re.search(rf"[0-9_]{{{DIGITS},}}", text)
+        line = None if found is None else text.count("\n", 0, found.start()) + 1
+        raise TomlError(_TOO_LONG, line) from None
+    see_bounds(data)
+    return data
+
+
+_TOO_DEEP = f"tables or arrays are nested more than {DEEPEST} deep"
+_TOO_LONG = f"holds a whole number of more than {DIGITS} digits"
+
+
+def see_bounds(data: dict[str, Any]) -> None:
+    """See that plain data keep the bounds; without recursion, which has a bound of its own.
+
+    Raises:
+        TomlError: they do not.
+    """
+    level: list[tuple[str, Any]] = [("", data)]
+    for _ in range(DEEPEST + 1):
+        level = [entry for place, value in level for entry in _entries(place, value)]
+        for place, value in level:
+            if isinstance(value, int) and value.bit_length() > DIGITS * 10 // 3:
+                raise TomlError(f"{place}: {_TOO_LONG}")
+            if isinstance(value, date | time):
+                raise TomlError(f"{place}: is a date or time of day, which no key takes")
+    if level:
+        raise TomlError(f"{level[0][0].split('.')[0]}: {_TOO_DEEP}")
+
+
+def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """What is inside a value, with its dotted place."""
+    before = f"{place}." if place else ""
+    if isinstance(value, dict):
+        yield from ((f"{before}{key}", inner) for key, inner in value.items())
+    elif isinstance(value, list):
+        yield from ((f"{before}{index}", inner) for index, inner in enumerate(value))
+
+
+# -- what somebody has probably meant ---------------------------------------------------------
+
+_LISTS = ("boundary", "contact", "probe", "stage")  # tables of which there may be several
+_NUMBER = r"[-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"([\w.-]+)\s*=\s*({_NUMBER}\s*[A-Za-zµ°%][\w/^*·%°µ]*)")
+_WORDS = {
+    **dict.fromkeys(("yes", "on"), "true"),
+    **dict.fromkeys(("no", "off"), "false"),
+}
+_NOTHING = ("none", "null", "nan", "nil")
+# What is wrong with a line, by a pattern of it without comments, and the cure.
+_CURES = (
+    (r".*[“”„‘’«»].*", 'quotes are straight: "text"'),
+    (r"\s*([\w.-]+)\s*:.*", r"a key and its value have = between them: \1 = …"),
+    (r"\s*([\w.-]+)\s+[^=\s].*", r"a key and its value have = between them: \1 = …"),
+    (r"\s*([\w.-]+)\s*=\s*", r"\1 has no value"),
+    (r".*//.*", "comments begin with #"),
+    (r".*;\s*", "lines end without a semicolon"),
+    (r".*=\s*([-+]?\d+),(\d+)\s*", r"decimals stand behind a point: \1.\2"),
+    (r".*=\s*([-+]?)(\.\d+)\s*", r"a digit stands before the point too: \g<1>0\2"),
+    (r".*=\s*([-+]?\d+\.)\s*", r"a digit stands behind the point too: \g<1>0"),
+    (r".*=\s*[-+\d.]+\s*\*.*", "values are numbers and no sums: 5e6"),
+    (r"\s*(\[\[?)((?:\w+\.)*)(\w+(?: +\w+)+)\]+\s*",
+     r'a name with spaces stands in quotes: \1\2"\3"]'),
+    (r"\s*(\[\[[\w.]+)\]?\s*", r"the brackets are not closed: \1]]"),
+    (r"\s*(\[[\w.]+)\s*", r"the bracket is not closed: \1]"),
+    (r'[^"]*("[^"]*)', "the quote is not closed"),
+    (r'.*"[^"]*\\.*".*', r"in quotes \ begins a special character: write / in paths"),
+    (r".*\{[^}]*", "a table in braces stands on one line: { x = 0, y = 0 }"),
+    (r"\s*[^\x00-\x7f].*", "a key consists of letters a to z, digits, _ and -"),
+)  # fmt: skip
+
+
+def likely_cure(text: str, line: int, said: str) -> str:
+    """What is probably wrong with TOML text, in a few words; "" where nothing is known.
+
+    Args:
+        text: all of it.
+        line: number of the line at which it stops being TOML, from 1.
+        said: what Python says of it.
+    """
+    lines = text.splitlines()
+    here = lines[line - 1] if line <= len(lines) else ""
+    if found := re.match(r"Cannot declare \((.*?),?\) twice", said):
+        name = found[1].replace("'", "").replace(", ", ".")
+        if name in _LISTS:
+            return f"each of several tables is headed [[{name}]]"
+        return f"there is a table [{name}] already; its keys belong below one heading"
+    if said == "Cannot overwrite a value":
+        return f"{here.partition('=')[0].strip()} stands there twice"
+    if said.startswith("Unclosed array"):
+        return "a list above is not closed with ]"
+    bare = re.sub(r"^((?:[^\"#]|\"[^\"]*\")*)#.*", r"\1", here)
+    return _value_cure(bare) or next(
+        (match.expand(cure) for known, cure in _CURES if (match := re.fullmatch(known, bare))), ""
+    )
+
+
+def _value_cure(line: str) -> str:
+    """What is wrong with a value that is no TOML by itself, "" if nothing."""
+    outside = re.sub(r'"[^"]*"', '""', line)
+    if "//" not in outside and (found := _QUANTITY.search(outside)):
+        return f'a value with a unit stands in quotes: {found[1]} = "{found[2].strip()}"'
+    if not (found := re.search(r"([\w.-]+)\s*=\s*([A-Za-z_][\w-]*)\s*(?:[,}].*)?$", outside)):
+        return ""
+    key, word = found.groups()
+    if word in ("true", "false"):
+        return ""
+    if word.lower() in ("true", "false") or word.lower() in _WORDS:
+        return f"write {key} = {_WORDS.get(word.lower(), word.lower())}"
+    if word.lower() in _NOTHING:
+        return f"leave {key} out where it has no value"
+    return f'text stands in quotes: {key} = "{word}"'
+
+
+# -- Values set at dotted keys, such as contact.0.film.thickness: overrides and sweeps -------------
+
+_INDEX = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
 _PLAIN = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 _LONGEST = 100  # letters of an override that a message shows
 
@@ -35,8 +191,8 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
         above = ".".join(names[:depth])
         last = depth == len(names) - 1
         if isinstance(here, list):
-            if _NUMBER.fullmatch(name) is None or int(name) >= len(here):
-                raise KeyPathError(f'{above} has no entry "{name}"; {_entries(len(here))}')
+            if _INDEX.fullmatch(name) is None or int(name) >= len(here):
+                raise KeyPathError(f'{above} has no entry "{name}"; {_counted(len(here))}')
             step: Any = int(name)
         elif isinstance(here, dict):
             step = name
@@ -67,7 +223,7 @@ def value_at(model: Any, key: str) -> Any:
     return here
 
 
-def _entries(count: int) -> str:
+def _counted(count: int) -> str:
     return f"entries are numbered from 0 to {count - 1}" if count else "it is empty"
 
 

@@ -11,10 +11,9 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from tribox.app.case.motions import COMPONENTS, Component, Travel
 from tribox.app.case.quantities import Quantity, QuantityError
 from tribox.app.case.table import Flag, Model, Place, Problem, Text
-from tribox.app.case.time_tables import Program, TimeTable
+from tribox.app.case.time_tables import COMPONENTS, Component, Program, TimeTable, Travel
 
 _Pressure = Annotated[TimeTable, Program("Pa")]
 _Force = Annotated[TimeTable, Program("N")]

@@ -19,14 +19,6 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from tribox.app.case.geometry import Scale
-from tribox.app.case.motions import (
-    COMPONENTS,
-    DRIVEN,
-    Component,
-    Displacement,
-    Travel,
-    Velocity,
-)
 from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
@@ -37,7 +29,16 @@ from tribox.app.case.quantities import (
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
 from tribox.app.case.text_files import found_file
-from tribox.app.case.time_tables import Program, TimeTable
+from tribox.app.case.time_tables import (
+    COMPONENTS,
+    DRIVEN,
+    Component,
+    Displacement,
+    Program,
+    TimeTable,
+    Travel,
+    Velocity,
+)
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section

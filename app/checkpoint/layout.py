@@ -20,8 +20,7 @@ from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nod
 from tribox.app.results.gathered_mesh import GatheredMesh
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
-from tribox.geometry.surfaces.facets import Floats, Longs
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import Floats, Longs, order_by_place
 
 KINDS = {
     "array": np.ndarray,

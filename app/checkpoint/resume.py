@@ -14,20 +14,19 @@ from pydantic import ValidationError
 
 from tribox.app.build.load_steps import all_load_steps
 from tribox.app.case.case import Case
-from tribox.app.checkpoint.files import DAMAGE, INSTEAD, Checkpoint, latest, why
+from tribox.app.checkpoint.checkpointer import DAMAGE, INSTEAD, Checkpoint, latest, why
 from tribox.app.checkpoint.layout import Layout, differences
 from tribox.app.checkpoint.same_case import changes, listed, refuse
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
-from tribox.app.results.first_rank import on_first
+from tribox.app.results.saving import on_first
 from tribox.app.results.status import is_beginning
 from tribox.app.results.versions import versions
 from tribox.app.results.watches import Watches
-from tribox.app.simulation.history import COLUMNS, Row
+from tribox.app.simulation.history import COLUMNS, Row, time_text
 from tribox.app.simulation.run_state import RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.time_text import time_text
 
 # What a manifest must hold of a run.
 _KINDS: dict[str, type | tuple[type, ...]] = {

@@ -9,8 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.case import Case
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
 from tribox.app.errors import InputError

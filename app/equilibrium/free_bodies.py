@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,8 +135,3 @@ def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> 
     apart = rows if fixed else rows - mean
     out: Floats = problem.comm.allreduce(apart.T @ apart)
     return out
-
-
-def extent_of(bodies: Sequence[FreeBody]) -> float:
-    """Largest extent of the bodies, m; 0 without."""
-    return max((body.extent for body in bodies), default=0.0)

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
@@ -91,3 +93,75 @@ def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: in
     dofs = dolfinx.fem.locate_dofs_topological(space.sub(component), fdim, np.sort(facets))
     owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
     return np.asarray(dofs[dofs < owned], dtype=np.int32)
+
+
+# -- Forces on single unknowns: point forces, driven tools, reactions that are being given up ------
+
+
+@dataclass(slots=True)
+class NodalLoad:
+    """Dead forces on unknowns: a factor, the same on all ranks, times what each unknown has.
+
+    Attributes:
+        dofs: local scalar unknowns, owned by this rank, each at most once.
+        shares: (c,) or one for all, N (in plane strain per unit thickness) for a factor of one,
+            along the coordinate axes.
+        factor: the present factor; set it before assembling.
+    """
+
+    dofs: Ints
+    shares: Floats | float = 1.0
+    factor: float = 0.0
+
+    def add_to(self, forces: Floats) -> None:
+        """Add the forces to those of the owned unknowns, ghosts after them or not."""
+        forces[self.dofs] += self.factor * self.shares
+
+
+# -- The numbering of the unknowns -----------------------------------------------------------------
+
+
+def _fix_rounding() -> None:
+    """Have PETSc add up several products one by one, unless the user has said otherwise.
+
+    Together, by BLAS, they are rounded as vectors happen to lie in memory; a run that is resumed
+    would not give the same bits.
+    """
+    options = PETSc.Options()
+    for name in ("vec_mdot_use_gemv", "vec_maxpy_use_gemv"):
+        if not options.hasName(name):
+            options[name] = False
+            options.getBool(name)  # or PETSc says at the end that nobody has asked for it
+
+
+class Unknowns:
+    """The numbering of the unknowns: displacement components of nodes, rank by rank.
+
+    Attributes:
+        space: displacement space; comm: of its mesh; dim: unknowns per node.
+        owned: number of unknowns on this rank; size: on all ranks.
+        first: global number of this rank's first unknown.
+    """
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
+        """Read the numbering of a space."""
+        _fix_rounding()
+        index_map = space.dofmap.index_map
+        self.space, self.comm = space, space.mesh.comm
+        self.dim = space.dofmap.index_map_bs
+        self.owned = index_map.size_local * self.dim
+        self.first = index_map.local_range[0] * self.dim
+        self.size = index_map.size_global * self.dim
+
+    def new_vector(self) -> PETSc.Vec:
+        """A global vector of unknowns, m, holding zeros."""
+        vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
+        vec.set(0.0)
+        return vec
+
+    def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
+        """Global scalar unknowns (…, i) of global nodes (…)."""
+        out: NDArray[np.int32] = (nodes[..., None] * self.dim + np.arange(self.dim)).astype(
+            PETSc.IntType
+        )
+        return out

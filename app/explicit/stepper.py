@@ -17,8 +17,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.load_residuals import foundation_springs, load_residuals
+from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
 from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import (
@@ -29,14 +28,18 @@ from tribox.app.equilibrium.snapshot import (
     of_bodies,
     of_contacts,
 )
-from tribox.app.explicit.energies import Energies, LoadForces
-from tribox.app.explicit.instability import EnergyWatch, ExplicitError, folded
-from tribox.app.explicit.leap_frog import LeapFrog
-from tribox.app.explicit.lumped_dynamics import LumpedDynamics
-from tribox.app.explicit.mass_scaling import ScaledMass, scaled_mass, with_tools
+from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
+from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog, LumpedDynamics
 from tribox.app.explicit.options import ExplicitOptions, MassScaling
-from tribox.app.explicit.stable_step import StableStep, StableSteps, StepEstimate, Stiffness
-from tribox.app.explicit.state import ExplicitState
+from tribox.app.explicit.stable_step import (
+    ScaledMass,
+    StableStep,
+    StableSteps,
+    StepEstimate,
+    Stiffness,
+    scaled_mass,
+    with_tools,
+)
 from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.contact.explicit import ExplicitContact

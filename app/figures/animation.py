@@ -19,7 +19,6 @@ from PIL import Image
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, read_bodies
 from tribox.app.figures.field_values import ColourScale, common_scale
-from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.rendering import render
 from tribox.app.figures.scenes import facets_seen
@@ -35,6 +34,7 @@ from tribox.app.figures.tool_surfaces import (
     with_room,
 )
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
+from tribox.app.figures.units import axis_names, body_names, heading, pair_names
 from tribox.app.results.directory import create
 
 if TYPE_CHECKING:

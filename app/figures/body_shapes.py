@@ -16,7 +16,7 @@ from tribox.app.figures.field_values import CellField, cell_field
 from tribox.app.figures.style import Floats
 
 if TYPE_CHECKING:
-    from tribox.app.results.vtu_reading import CellBlock, Grid
+    from tribox.app.results.vtu import CellBlock, Grid
 Ints = NDArray[np.int64]
 
 # Corners of a cell, by the beginning of what meshio calls it; those of any degree come first.

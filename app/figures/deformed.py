@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from tribox.app.figures.body_shapes import Bodies, read_bodies
 from tribox.app.figures.deformed_space import draw_states_in_space, mesh_in_space
 from tribox.app.figures.field_values import CellField, ColourScale, common_scale, named_after
-from tribox.app.figures.names import axis_names, body_names, heading, pair_names
 from tribox.app.figures.plane_bodies import (
     Frame,
     close_up,
@@ -36,11 +35,11 @@ from tribox.app.figures.tractions import (
     roundoff_of,
     without_roundoff,
 )
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures.units import Unit, axis_names, body_names, fitting, heading, pair_names
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.vtu_reading import Grid
+    from tribox.app.results.vtu import Grid
 
 MOST_PAIRS = 8  # pairs with a panel of their own
 PALE = 8  # colours for bodies in the picture of the mesh

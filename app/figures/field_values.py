@@ -16,7 +16,7 @@ from tribox.app.figures.style import Floats
 from tribox.app.figures.units import FIELDS, Unit, fitting
 
 if TYPE_CHECKING:
-    from tribox.app.results.vtu_reading import Grid
+    from tribox.app.results.vtu import Grid
 DEFAULT_FIELD = "von_mises_stress"
 VECTOR, TENSOR = ("x", "y", "z"), tuple(i + j for i in "xyz" for j in "xyz")
 # Corners are singular: the largest stress is that of one cell, and says how fine the mesh is.

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.case.stage import solver_of
-from tribox.app.figures.names import heading
-from tribox.app.figures.style import COLOURS, STYLE, colour_of, columns, dashes_of, panels_in, save
-from tribox.app.figures.units import DISPLACEMENT, FRICTION_FORCE, MOMENT, REACTION, TIME, fitting
+from tribox.app.figures.style import COLOURS, colour_of, dashes_of, panels_in, save
+from tribox.app.figures.units import (
+    DISPLACEMENT,
+    MOMENT,
+    REACTION,
+    TIME,
+    fitting,
+    heading,
+)
 from tribox.app.results.table import Table, joined
 
 if TYPE_CHECKING:
@@ -189,37 +194,3 @@ def phase_figure(rows: Table, surface: str, axis: str) -> Figure:
     right.set_xlabel(named)
     right.set_ylabel(f"velocity of {surface} in {axis} ({speeds.name})")
     return figure
-
-
-def draw_overlay(
-    runs: dict[str, tuple[list[dict[str, Any]], list[dict[str, Any]]]], path: Path
-) -> None:
-    """Draw the friction force of runs made by both solvers over the driven displacement.
-
-    An explicit row is a mean over its interval and is drawn at the middle of it.
-
-    Args:
-        runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
-        path: the picture.
-    """
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7, 4.4))
-        axes = figure.subplots()
-        for number, (label, (implicit, explicit)) in enumerate(runs.items()):
-            colour = COLOURS[number % len(COLOURS)]
-            at, force, speed = columns(
-                implicit, "driven_displacement", "friction_force", "velocity"
-            )
-            driven = np.abs(speed) > 0.0
-            axes.semilogy(at[driven] * 1e6, force[driven], "o", ms=4, mfc="none", color=colour)
-            at, force, speed = columns(
-                explicit, "driven_displacement", "friction_force", "velocity"
-            )
-            middle, driven = 0.5 * (at[1:] + at[:-1]), np.abs(speed[1:]) > 0.0
-            axes.semilogy(middle[driven] * 1e6, force[1:][driven], color=colour, label=label)
-        axes.plot([], [], "o", color="0.4", mfc="none", label="implicit")
-        axes.plot([], [], "-", color="0.4", label="explicit")
-        axes.set_xlabel(f"driven {DISPLACEMENT.name} (µm)")
-        axes.set_ylabel(FRICTION_FORCE.label())
-        axes.legend(fontsize=8)
-        save(figure, path)

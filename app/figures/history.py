@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tribox.app.figures.names import heading, unit_of_velocity
 from tribox.app.figures.style import COLOURS, FILLS, RED, Floats, Longs, thin_log_ticks
 from tribox.app.figures.units import (
     DRIVEN_PATH,
@@ -22,6 +21,8 @@ from tribox.app.figures.units import (
     TIME,
     Unit,
     fitting,
+    heading,
+    unit_of_velocity,
     velocity_text,
 )
 

@@ -25,7 +25,7 @@ from tribox.app.figures.tractions import facets_of, line_starts
 from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
-    from tribox.app.results.vtu_reading import Grid
+    from tribox.app.results.vtu import Grid
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
 SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000

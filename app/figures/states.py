@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tribox.app.figures.names import unit_of_velocity
-from tribox.app.figures.units import velocity_text
-from tribox.app.simulation.time_text import time_text
+from tribox.app.figures.units import unit_of_velocity, velocity_text
+from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:
     from tribox.app.results import Results

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tribox.app.case.case import Case
 from tribox.app.case.friction import FrictionMap
-from tribox.app.figures.names import titled
 from tribox.app.figures.style import (
     COLOURS,
     Floats,
@@ -31,6 +30,7 @@ from tribox.app.figures.units import (
     VELOCITY,
     VISCOSITY,
     Unit,
+    titled,
     velocity_unit,
 )
 from tribox.forms.closed_forms.homogeneous_sliding import (

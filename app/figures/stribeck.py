@@ -13,11 +13,19 @@ from numpy.typing import NDArray
 
 from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.history import spans_decades
-from tribox.app.figures.names import pair_names, titled
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import film_numbers
 from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
-from tribox.app.figures.units import HERSEY, RATIO, VELOCITY, Unit, fitting, velocity_unit
+from tribox.app.figures.units import (
+    HERSEY,
+    RATIO,
+    VELOCITY,
+    Unit,
+    fitting,
+    pair_names,
+    titled,
+    velocity_unit,
+)
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 

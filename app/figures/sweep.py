@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from tribox.app.case.quantities import QuantityError, split_quantity
 from tribox.app.figures.history import DECADES, LEAST, NOUGHT, spans_decades
-from tribox.app.figures.names import heading, unit_of_velocity
 from tribox.app.figures.style import (
     MARKERS,
     Floats,
@@ -30,6 +29,8 @@ from tribox.app.figures.units import (
     Quantity,
     Unit,
     fitting,
+    heading,
+    unit_of_velocity,
     velocity_text,
 )
 

@@ -14,15 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.names import pair_names, titled
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.style import COLOURS, Floats, colour_of, thin_log_ticks
-from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting
-from tribox.geometry.surfaces.ordering import chains
+from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting, pair_names, titled
+from tribox.geometry.surfaces.facets import chains
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.vtu_reading import Grid
+    from tribox.app.results.vtu import Grid
 
 Ints = NDArray[np.int64]
 

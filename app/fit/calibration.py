@@ -22,8 +22,16 @@ from scipy.stats import f as f_distribution
 
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
-from tribox.app.fit.model import RANGES, Coordinate, Parameters, friction, with_values
-from tribox.app.fit.result import Estimate, FitResult, Found
+from tribox.app.fit.model import (
+    RANGES,
+    Coordinate,
+    Estimate,
+    FitResult,
+    Found,
+    Parameters,
+    friction,
+    with_values,
+)
 from tribox.app.fit.slopes import BROAD, CONFIDENCE, NOISE, Slopes, factor_of, interval
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters

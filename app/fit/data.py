@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import difflib
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +15,256 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.case.quantities import Quantity
+from tribox.app.case.quantities import Quantity, QuantityError
+from tribox.app.case.text_files import read_text
 from tribox.app.errors import InputError
-from tribox.app.fit.table import read_table
+
+# -- A CSV file with units in its header, in SI: what all fits read their measurements from --------
+
+Aliases = Mapping[str, Sequence[str]]
+NO_ALIASES: Aliases = {}
+MOST_ROWS = 5000
+MOST_TOLD = 20
+"""Faults of a file that are told; of more only the number."""
+_LONGEST_HEADING = 200
+_SHOWN = 60  # letters of a cell in a message
+_HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The columns of a file.
+
+    Attributes:
+        path: Of the file.
+        values: (n,) each, SI, by name; NaN where a cell that may be is empty.
+        lines: Number of each row's line in the file.
+        renamed: Headings of the file that are no column's name, with that they stand for.
+    """
+
+    path: Path
+    values: dict[str, Floats]
+    lines: list[int]
+    renamed: tuple[tuple[str, str], ...] = ()
+
+
+def read_table(
+    path: Path,
+    known: Mapping[str, Quantity],
+    constants: Mapping[str, float] | None = None,
+    ignored: Sequence[str] = (),
+    may_be_empty: Sequence[str] = (),
+    aliases: Aliases = NO_ALIASES,
+) -> Table:
+    """Read a file.
+
+    Lines that begin with "#" are comments. The header names columns with their unit, as in
+    "velocity [mm/s]".
+
+    Args:
+        path: The file.
+        known: Columns that it may have.
+        constants: Values of columns that it does not have, SI.
+        ignored: Columns of any name, with or without their unit, that are not read.
+        may_be_empty: Columns whose cells may be left empty.
+        aliases: Other names of columns, in lower case and with "_" between words.
+
+    Raises:
+        InputError: Columns, units or values are wrong; its lines name all of them.
+    """
+    lines = list(_records(path))
+    if not lines:
+        raise InputError(f"{path}: is empty; the first line names the columns")
+    (number, header), rows = lines[0], lines[1:]
+    columns = _columns(path, number, header, known, ignored, aliases)
+    if not rows:
+        raise InputError(f"{path}: has no data below the header")
+    if len(rows) > MOST_ROWS:
+        reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
+        raise InputError(f"{path}: {reason}: average those that repeat a measurement")
+    table = _values(path, columns, rows, len(header), known, may_be_empty)
+    for name, value in (constants or {}).items():
+        if name in table:
+            raise InputError(f"{path}: column {name} is in the file, so --fix {name} cannot be")
+        table[name] = np.full(len(rows), value)
+    renamed = ((header[k].strip(), n) for k, (n, _) in columns.items() if _name(header[k]) != n)
+    return Table(path, table, [line for line, _ in rows], tuple(renamed))
+
+
+def _columns(
+    path: Path,
+    number: int,
+    header: list[str],
+    known: Mapping[str, Quantity],
+    ignored: Sequence[str],
+    aliases: Aliases,
+) -> dict[int, tuple[str, str]]:
+    """Name and unit as written of each column that is read, by its place."""
+    unread = {place for place, text in enumerate(header) if _is_named(text, ignored)}
+    for name in ignored:
+        if not any(_is_named(text, [name]) for text in header):
+            there = ", ".join(text.strip()[:_SHOWN] for text in header)
+            raise InputError(f'--ignore-columns: no column "{name}" in {path}; there are {there}')
+    found: dict[int, tuple[str, str]] = {}
+    wrong = []
+    standard = [_standard(_name(text), known, aliases) for text in header]
+    strange = {
+        place: _name(text)
+        for place, text in enumerate(header)
+        if place not in unread and _is_strange(text, standard[place], known)
+    }
+    if strange:
+        words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
+        wrong.append(
+            f"{path}:{number}: no such column{'s' * (len(strange) > 1)} {words}; there are "
+            f"{', '.join(known)}; take other columns out, or leave them unread with "
+            f'--ignore-columns "{",".join(strange.values())}"'
+        )
+    for place, text in enumerate(header):
+        if place not in unread and place not in strange:
+            try:
+                found[place] = _column(path, number, text, standard[place], known)
+            except InputError as error:
+                wrong.append(str(error))
+    names = [name for name, _ in found.values()]
+    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
+    for name in twice:
+        places = [place for place, (other, _) in found.items() if other == name]
+        words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in places)
+        wrong.append(f"{path}:{number}: column {name} is there twice: {words}")
+    refuse(wrong)
+    return found
+
+
+def _name(text: str) -> str:
+    """The name in a heading, without its unit."""
+    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
+    return match[1] if match else text.strip()[:_SHOWN]
+
+
+def _is_named(text: str, names: Sequence[str]) -> bool:
+    """Whether a heading is one of some names, its unit written or not."""
+    return text.strip() in names or _name(text) in names
+
+
+def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str:
+    """The column that a name stands for; the name itself, if it is no other's."""
+    plain = re.sub(r"[\s_-]+", "_", name.strip().lower())
+    if plain in known:
+        return plain
+    return next((column for column, names in aliases.items() if plain in names), name)
+
+
+def _is_strange(text: str, name: str, known: Mapping[str, Quantity]) -> bool:
+    """Whether a heading is far from the name of every column, and not several in one."""
+    near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
+    return not near and ";" not in text and "\t" not in text
+
+
+def _values(
+    path: Path,
+    columns: Mapping[int, tuple[str, str]],
+    rows: Sequence[tuple[int, list[str]]],
+    width: int,
+    known: Mapping[str, Quantity],
+    may_be_empty: Sequence[str],
+) -> dict[str, Floats]:
+    """The columns, each (n,), SI.
+
+    Raises:
+        InputError: rows are wrong; a line for each of the first ``MOST_TOLD``.
+    """
+    table: dict[str, Floats] = {name: np.zeros(len(rows)) for name, _ in columns.values()}
+    wrong = []
+    for k, (line, row) in enumerate(rows):
+        if len(row) != width:
+            reason = f"has {len(row)} values for {width} columns of the header"
+            wrong.append(f"{path}:{line}: {reason}")
+            continue
+        for place, (name, unit) in columns.items():
+            cell = row[place].strip()
+            try:
+                empty = not cell and name in may_be_empty
+                table[name][k] = math.nan if empty else _value(cell, unit, known[name])
+            except QuantityError as error:
+                wrong.append(f"{path}:{line}: {name} = {error}")
+    refuse(wrong)
+    return table
+
+
+def refuse(wrong: Sequence[str]) -> None:
+    """Raise what is wrong, if anything is, a line each."""
+    if wrong:
+        more = list(wrong[1:MOST_TOLD])
+        if len(wrong) > MOST_TOLD:
+            more.append(f"... and {len(wrong) - MOST_TOLD} more")
+        raise InputError(wrong[0], more, told=True)
+
+
+def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each line that is neither empty nor a comment."""
+    text = read_text(path)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                yield number, next(csv.reader([line]))
+            except csv.Error as error:  # a cell of more than 131072 letters
+                raise InputError(f"{path}:{number}: no line of a table ({error})") from None
+
+
+def _column(
+    path: Path, line: int, text: str, name: str, known: Mapping[str, Quantity]
+) -> tuple[str, str]:
+    """Name of a column and its unit as written, from a heading that stands for it."""
+    match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
+    if match is None or name not in known:
+        if ";" in text or "\t" in text:
+            found = "semicolons" if ";" in text else "tabs"
+            raise InputError(
+                f"{path}:{line}: columns separated by {found}; write commas between them, and a "
+                "point before decimals"
+            )
+        near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)[0]
+        unit = known[near].unit
+        in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""
+        hint = f'did you mean "{near}"{in_brackets}?'
+        raise InputError(f'{path}:{line}: no such column "{text.strip()[:_SHOWN]}"; {hint}')
+    unit, written = known[name].unit, match[2] or match[3]
+    if not unit:
+        if written in (None, "", "-", "1"):
+            return name, ""
+    elif not written:
+        raise InputError(f'{path}:{line}: column {name} needs its unit, as in "{name} [{unit}]"')
+    try:
+        known[name].parse(f"1 {written}")
+    except QuantityError as error:
+        raise InputError(f"{path}:{line}: column {name}: {error}") from None
+    return name, written or ""
+
+
+def _value(text: str, unit: str, quantity: Quantity) -> float:
+    """A cell's value in SI.
+
+    Raises:
+        QuantityError: It is none; the message begins with the cell.
+    """
+    try:
+        float(text)
+    except ValueError:
+        shown = f"{text[:_SHOWN]}..." if len(text) > _SHOWN else text
+        raise QuantityError(f'"{shown}": {_no_number(text)}') from None
+    try:
+        return quantity.parse(f"{text} {unit}")
+    except QuantityError as error:
+        raise QuantityError(f"{text}: {error}") from None
+
+
+def _no_number(text: str) -> str:
+    comma = "," in text
+    return "must be a number, with a point before decimals" if comma else "must be a number"
+
+
+# -- Tribometer data: a CSV file with units in its header, in SI -----------------------------------
 
 Floats = NDArray[np.float64]
 

@@ -22,6 +22,7 @@ from tribox.app.fit.material_data import (
     read_material,
 )
 from tribox.app.fit.metal import LAWS, MOST_GIVEN, MetalFit, fit_metal
+from tribox.app.fit.model import Estimate
 from tribox.app.fit.prony import (
     LONG_TERM,
     MOST_BRANCHES,
@@ -30,7 +31,6 @@ from tribox.app.fit.prony import (
     Shift,
     fit_prony,
 )
-from tribox.app.fit.result import Estimate
 from tribox.app.fit.setup import hint, settings
 from tribox.app.fit.slopes import NOISE, Slopes, interval
 

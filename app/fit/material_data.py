@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity, QuantityError, split_quantity
 from tribox.app.errors import InputError
-from tribox.app.fit.table import Table, read_table, refuse
+from tribox.app.fit.data import Table, read_table, refuse
 
 Floats = NDArray[np.float64]
 Kind = Literal["relaxation", "vibration", "cycles", "metal"]
@@ -129,7 +129,7 @@ def read_material(
     """Read a data file.
 
     Args:
-        path: The file; see :func:`tribox.app.fit.table.read_table`.
+        path: The file; see :func:`tribox.app.fit.data.read_table`.
         constants: Columns of ``CONSTANTS`` that the file does not have, SI.
         ignored: Columns that are not read.
         measure: Of ``MEASURES``: what plain columns are; None: there may be none.

@@ -33,7 +33,7 @@ from tribox.app.fit.material import (
 )
 from tribox.app.fit.metal import LAWS, MetalFit, paths, response
 from tribox.app.fit.prony import LONG_TERM, PronyFit, PronyProblem
-from tribox.app.fit.section import NEEDED, value_and_ends
+from tribox.app.fit.run import NEEDED, value_and_ends
 from tribox.app.fit.slopes import CONFIDENCE
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed

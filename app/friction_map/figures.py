@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from tribox.app.figures.names import titled
 from tribox.app.figures.steady_points import film_numbers, with_room
 from tribox.app.figures.style import (
     COLOURS,
@@ -27,9 +26,17 @@ from tribox.app.figures.style import (
     save,
     thin_log_ticks,
 )
-from tribox.app.figures.units import LOCAL_RATIO, SLIP, TIME, TRACTION, VELOCITY, VISCOSITY, fitting
-from tribox.app.friction_map.material_point import Track
-from tribox.app.friction_map.material_tests import Curve, FrictionMapResult
+from tribox.app.figures.units import (
+    LOCAL_RATIO,
+    SLIP,
+    TIME,
+    TRACTION,
+    VELOCITY,
+    VISCOSITY,
+    fitting,
+    titled,
+)
+from tribox.app.friction_map.material_tests import Curve, FrictionMapResult, Track
 from tribox.app.friction_map.setup import MapSetup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
 

@@ -478,7 +478,6 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    from tribox.app.figures.names import titled
     from tribox.app.figures.style import (
         STYLE,
         colour_of,
@@ -487,6 +486,7 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
         save,
         thin_log_ticks,
     )
+    from tribox.app.figures.units import titled
 
     middle = setup.loads[len(setup.loads) // 2]
     choices = [

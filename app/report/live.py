@@ -24,7 +24,7 @@ from tribox.app.figures.field_values import DEFAULT_FIELD
 from tribox.app.figures.history import energies_figure, forces_figure
 from tribox.app.figures.style import CASE_STYLE, COLOURS, save, thin_log_ticks
 from tribox.app.report.page import NAME, environment
-from tribox.app.report.verdicts import status_verdict
+from tribox.app.report.tables import status_verdict
 from tribox.app.results import Results, read
 from tribox.app.results.directory import write_text
 from tribox.app.results.table import Table

@@ -13,27 +13,24 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel
 
-from tribox.app.case.case import Case
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys
 from tribox.app.errors import InputError
 from tribox.app.figures.units import fitting
 from tribox.app.report.tables import (
     Table,
+    Verdict,
     comparison_tables,
+    cost_table,
     detail_tables,
     end_table,
-    load_step_table,
-    sweep_table,
-)
-from tribox.app.report.verdicts import (
-    Verdict,
-    cost_table,
     energy_table,
     energy_verdict,
     facts,
+    load_step_table,
     notes_and_warnings,
     origin,
     status_verdict,
+    sweep_table,
 )
 from tribox.app.results import Results, read
 from tribox.app.results.directory import write_text

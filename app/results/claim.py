@@ -2,14 +2,210 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import platform
+import shlex
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from tribox.app.errors import InputError
-from tribox.app.results.directory import check_free, check_no_links, prepare
-from tribox.app.results.earlier_sweep import sweep_labels
-from tribox.app.results.lock import DirectoryLock, in_use, owner_of
+from tribox.app.results.directory import (
+    LOCK,
+    check_free,
+    check_no_links,
+    json_of,
+    open_own,
+    prepare,
+    unwritable,
+)
+
+# -- The lock of a results directory: one process at a time writes there ---------------------------
+
+TRIES, PAUSE = 5, 0.05  # who only looks whether a directory is locked holds it for a moment
+_HELD = (errno.EAGAIN, errno.EACCES)
+
+
+class DirectoryLock:
+    """Holds ``tribox.lock`` in a results directory; the kernel frees it however the process ends.
+
+    Where the file system knows no such locks, the process and the host named in it decide.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Nothing is locked yet.
+
+        Args:
+            directory: of the results.
+        """
+        self._directory, self._path = directory, directory / LOCK
+        self._descriptor: int | None = None
+        self._made: list[Path] = []
+
+    @property
+    def held(self) -> bool:
+        """Whether this process holds it."""
+        return self._descriptor is not None
+
+    def take(self) -> None:
+        """Lock the directory, which is made if missing.
+
+        Raises:
+            InputError: another process that lives holds it.
+            OutputError: the directory cannot be made or written.
+        """
+        try:
+            self._make_directory()
+            for tries in range(TRIES):
+                if self._try():
+                    break
+                if tries + 1 == TRIES:
+                    raise InputError(in_use(self._directory, _owner(self._path)))
+                time.sleep(PAUSE)
+            self._name_owner()
+        except OSError as error:
+            self.release()
+            raise unwritable(self._directory, error) from None
+
+    def release(self) -> None:
+        """Remove the lock, and directories that were made for it and hold nothing else."""
+        if self._descriptor is None:
+            return
+        with contextlib.suppress(OSError):
+            if _same(self._descriptor, self._path):
+                self._path.unlink()
+        os.close(self._descriptor)
+        self._descriptor = None
+        with contextlib.suppress(OSError):
+            for path in self._made:
+                path.rmdir()
+
+    def _make_directory(self) -> None:
+        missing = [self._directory, *self._directory.parents]
+        self._made = [path for path in missing if not path.exists()]
+        self._directory.mkdir(parents=True, exist_ok=True)
+
+    def _try(self) -> bool:
+        """Open and lock the file; whether that is done, and the file still the one there."""
+        descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            mine = _same(descriptor, self._path)
+        except OSError as error:
+            mine = error.errno not in _HELD and not _lives(_owner(self._path))
+        if mine:
+            self._descriptor = descriptor
+        else:
+            os.close(descriptor)
+        return mine
+
+    def _name_owner(self) -> None:
+        assert self._descriptor is not None
+        owner = {
+            "pid": os.getpid(),
+            "host": platform.node(),
+            "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "command": command() or " ".join(["tribox", *sys.argv[1:]]),
+        }
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
+
+
+def command() -> str | None:
+    """The command of this process as it can be typed again; None where a script runs the case."""
+    if Path(sys.argv[0]).name not in ("tribox", "__main__.py"):
+        return None
+    return shlex.join(["tribox", *sys.argv[1:]])
+
+
+def owner_of(directory: Path) -> dict[str, Any] | None:
+    """Who is writing into a results directory: pid, host, started, command; None: nobody."""
+    path = directory / LOCK
+    try:
+        descriptor = open_own(path, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return None
+    except OSError as error:
+        owner = _owner(path)
+        return owner if error.errno in _HELD or _lives(owner) else None
+    finally:
+        os.close(descriptor)
+
+
+def in_use(directory: Path, owner: dict[str, Any]) -> str:
+    """That a directory is being written, by whom, and what to do."""
+    who = f"process {owner.get('pid', '?')} on {owner.get('host', '?')}"
+    since = f", started {owner['started']}" if "started" in owner else ""
+    command = f": {owner['command']}" if "command" in owner else ""
+    return (
+        f"{directory}: tribox is writing there ({who}{since}{command}); wait for it or stop it, "
+        "or name another directory with --out"
+    )
+
+
+def _owner(path: Path) -> dict[str, Any]:
+    """What the lock says of its owner; empty where it says nothing."""
+    try:
+        found = json_of(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _lives(owner: dict[str, Any]) -> bool:
+    """Whether an owner may still live; of those on other hosts nothing is known."""
+    if owner.get("host") != platform.node():
+        return bool(owner)
+    try:
+        os.kill(int(owner["pid"]), 0)
+    except (KeyError, ValueError, TypeError, ProcessLookupError):
+        return False
+    except OSError:
+        return True
+    return int(owner["pid"]) != os.getpid()
+
+
+def _same(descriptor: int, path: Path) -> bool:
+    """Whether an open file is the one that has this name."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+# -- The sub-directories of a sweep whose results a directory holds --------------------------------
+
+
+def sweep_labels(directory: Path) -> tuple[str, ...]:
+    """Their names, from the case file beside them; none without a sweep.
+
+    Args:
+        directory: results directory, which need not exist.
+    """
+    if not (directory / "case.toml").is_file():
+        return ()
+    # Not before: most directories are new, and the tables of a case take a while to import.
+    from tribox.app.case.reading import load_past_case
+
+    try:
+        case = load_past_case(directory / "case.toml")
+    except InputError:
+        return ()
+    return case.sweep.labels if case.sweep is not None else ()
+
+
+# -- A results directory that is free, or may be cleared, and then belongs to one process ----------
 
 
 class Claim:

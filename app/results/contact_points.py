@@ -1,20 +1,24 @@
 """Data of the contact points of all pairs, gathered to the first rank in an order of their own.
 
-Nodal values, the contact pressure to look at among them: :mod:`tribox.app.results.contact_nodes`.
+Nodal values, the contact pressure to look at among them: :mod:`tribox.app.results.contact_points`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.results.gathered_mesh import gathered
 from tribox.app.results.vtu import Array
 from tribox.app.simulation.contact_resultants import turned_right
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.pressure import nodal_pressure as pressure_at_nodes
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Floats, Longs
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, order_by_place
 
 
 class ContactPoints:
@@ -132,3 +136,191 @@ def _along(vectors: Floats, normal: Floats) -> Floats:
         signed: Floats = np.einsum("qi,qi->q", vectors, turned_right(normal))
         return signed
     return np.linalg.norm(vectors, axis=1)
+
+
+# -- Data of all pairs at the vertices of their slave facets, on the first rank --------------------
+#
+# Axis letters: v vertices, q points, f facets, k vertices of a facet. Values of points are averaged
+# to the vertices with the weights of the contact pressure, (1/m_A) Σ_q w N_A f_q, so that pressure
+# or friction times ``area`` add up to the forces.
+
+# What a cell is called in files, and the order of its corners there.
+_CELLS = {
+    "interval": ("line", [0, 1]),
+    "triangle": ("triangle", [0, 1, 2]),
+    "quadrilateral": ("quad", [0, 1, 3, 2]),
+}
+VTK_KINDS = {"line": 3, "triangle": 5, "quad": 9}
+_AVERAGED = (
+    *("cover", "slip_increment", "slip_rate", "slip_path"),
+    *("film_thickness", "alpha", "dissipation"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveFacets:
+    """The slave facets of all pairs, one after the other, in an order that ranks do not change.
+
+    Attributes:
+        nodes: (f, k) rows of the vertices of each facet, round it; pair: (f,) number of its pair.
+        kind: "line", "triangle" or "quad".
+    """
+
+    nodes: Longs
+    pair: Ints
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class ContactNodes:
+    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change.
+
+    Attributes:
+        values: arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says.
+        facets: (f, k) rows of the vertices of each slave facet, round it; kind: "line", "triangle"
+            or "quad".
+    """
+
+    values: dict[str, Array]
+    facets: Longs
+    kind: str
+
+
+def slave_facets(model: Model) -> SlaveFacets:
+    """The facets between the nodes of :func:`contact_nodes`, on all ranks; collective."""
+    terms = model.problem.contacts
+    facets = [_facets(term) for term in terms]
+    first = np.cumsum([0, *(term.surface.vertices.count for term in terms)])
+    kind, corners = _CELLS[terms[0].surface.shape.cell]
+    rows = np.concatenate([start + f for start, f in zip(first[:-1], facets, strict=True)])
+    pair = np.repeat(np.arange(len(terms), dtype=np.int32), [len(f) for f in facets])
+    return SlaveFacets(rows[:, corners], pair, kind)
+
+
+def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNodes | None:
+    """Nodal values of all pairs after the last converged step; collective.
+
+    Args:
+        model: what is solved.
+        facets: those of :func:`slave_facets`, which do not change; None: found anew.
+
+    Returns:
+        On the first rank, by name: ``position`` and ``reference`` (v, i), m; ``pair``; ``area``,
+        m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and
+        NaN with no master below; ``pressure``, ``tangential_traction``, Pa, and in space the vector
+        ``friction_traction`` (v, i), Pa; means of the other values of
+        :func:`tribox.app.results.contact_points.contact_arrays`, but for the regime; where a film
+        is an unknown ``film_pressure`` and ``asperity_pressure``, Pa, per current area. None on the
+        others.
+    """
+    problem = model.problem
+    facets = facets or slave_facets(model)
+    pairs = list(zip(problem.contacts, problem.committed, strict=True))
+    parts = [_values(index, model, term, trial) for index, (term, trial) in enumerate(pairs)]
+    if problem.comm.rank > 0:
+        return None
+    values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return ContactNodes(values, facets.nodes, facets.kind)
+
+
+def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
+    """Contact pressure (v,), Pa, at the slave's vertices: force over area; collective."""
+    return pressure_at_nodes(term.surface, trial.pressure)
+
+
+def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) -> dict[str, Array]:
+    """Values of one pair, on all ranks; collective."""
+    vertices, of_points = term.surface.vertices, point_values(term, trial)
+    out: dict[str, Array] = {
+        "position": vertices.position + displacement_at(model, vertices.nodes),
+        "reference": vertices.position,
+        "pair": np.full(vertices.count, index, dtype=np.int32),
+        "area": vertices.area,
+        "normal": _normals(term, of_points["normal"]),
+        "gap": _gap(term, trial),
+        "pressure": nodal_pressure(term, trial),
+    }
+    if term.surface.dim == 2:
+        out["tangential_traction"] = _mean(term, of_points["tangential_traction"])
+    else:
+        vectors = _mean_vectors(term, of_points["friction_traction"])
+        out |= {
+            "tangential_traction": np.linalg.norm(vectors, axis=1),
+            "friction_traction": vectors,
+        }
+    out |= {name: _mean(term, of_points[name]) for name in _AVERAGED}
+    if any(isinstance(other, LubricatedTerm) for other in model.problem.contacts):
+        out |= _film(trial, out)
+    return out
+
+
+def _film(trial: ContactTrial, values: dict[str, Array]) -> dict[str, Array]:
+    """The film's own values at the vertices, and its pressures; of other pairs all is dry."""
+    film = trial.normal_contact.lubrication
+    if film is None:
+        return {
+            "film_pressure": np.zeros_like(values["pressure"]),
+            "asperity_pressure": values["pressure"],
+        }
+    wet, dry = (np.where(film.members, p, 0.0) for p in (film.pressure, film.asperity))
+    return {
+        "film_thickness": np.where(film.members, film.film, 0.0),
+        "cover": np.where(film.members, film.filled, 0.0),
+        "alpha": np.divide(wet, wet + dry, out=np.zeros_like(wet), where=wet + dry > 0.0),
+        "film_pressure": wet,
+        "asperity_pressure": dry,
+    }
+
+
+def _mean(term: ContactTerm, values: Floats) -> Floats:
+    """Means (v,) of point values (q,); collective."""
+    vertices = term.surface.vertices
+    out: Floats = vertices.sums(term.surface.slave.weight * values) / vertices.area
+    return out
+
+
+def _mean_vectors(term: ContactTerm, vectors: Floats) -> Floats:
+    """Means (v, i) of point values (q, i); collective."""
+    return np.stack([_mean(term, component) for component in vectors.T], axis=1)
+
+
+def _normals(term: ContactTerm, normals: Floats) -> Floats:
+    """Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective."""
+    mean = _mean_vectors(term, normals)
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    out: Floats = mean / np.where(length > 0.0, length, 1.0)
+    return out
+
+
+def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
+    """Mean gaps (v,), m, that the pressure answers to; NaN with no master below; collective."""
+    above = trial.projection.on_surface
+    covered = _mean(term, above.astype(np.float64))
+    gap = trial.nodal_gap
+    if gap is None:
+        own = _mean(term, np.where(above, trial.kinematics.gap, 0.0))
+        gap = own / np.where(covered > 0.0, covered, 1.0)
+    out: Floats = np.where(covered > 0.0, gap, np.nan)
+    return out
+
+
+def displacement_at(model: Model, nodes: Longs) -> Floats:
+    """Displacements (v, i), m, of global nodes, on all ranks; collective."""
+    problem = model.problem
+    index = problem.space.dofmap.index_map
+    local = index.global_to_local(nodes)
+    mine = (local >= 0) & (local < index.size_local)
+    out = np.zeros((len(nodes), problem.dim))
+    out[mine] = problem.u.x.array.reshape(-1, problem.dim)[local[mine]]
+    problem.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
+    return out
+
+
+def _facets(term: ContactTerm) -> Longs:
+    """Vertices (f, k) of all slave facets, ordered by place; collective."""
+    surface = term.surface
+    _, first = np.unique(surface.slave.facet, return_index=True)
+    gathered = surface.vertices.comm.allgather(surface.vertices.of_point[first])
+    facets: Longs = np.concatenate(gathered)
+    middle = surface.vertices.position[facets].mean(axis=1)
+    return facets[order_by_place(middle)]

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
-from tribox.app.build.probes import PointPlaces
+from tribox.app.build.probes import PointPlaces, SurfaceLine
+from tribox.app.results.contact_points import (
+    ContactNodes,
+    contact_nodes,
+    displacement_at,
+    slave_facets,
+)
 from tribox.forms.bodies.deformation import Rows, centre_rows, rows_at
 from tribox.forms.bodies.point_stress import StressAt, log_strain, mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import (
+    Floats,
+    Ints,
+    Longs,
+    chains,
+    distances_to_line,
+    fitted_circle,
+    line_curvatures,
+    straight_angle,
+    tangent_angles,
+)
 
 AXES = ("x", "y", "z")
 _PLANE = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1))
@@ -156,3 +172,229 @@ def reduced_rows(solid: Solid, space: object, cells: Ints) -> Rows | None:
     if solid.carried is None:
         return None
     return centre_rows(space, solid.section, cells)
+
+
+# -- Values along surfaces: the slaves of pairs, and the lines of nodes that a case follows --------
+
+AT_VERTEX = 1e-9  # share of a segment up to which a point lies at its end
+AS_THIN = 1e-7  # relative difference up to which two places are as thin
+
+
+@dataclass(frozen=True, slots=True)
+class _Along:
+    """How the values of one probe follow from those of the vertices.
+
+    Attributes:
+        name: of the probe; pair: number of the contact.
+        first, second: (p,) vertices on either side of each point; share: (p,) of the second.
+        way: (p,) m, undeformed arc length; NaN in space.
+        at_vertices: whether the points are the vertices, each with an area of its own.
+    """
+
+    name: str
+    pair: int
+    first: Longs
+    second: Longs
+    share: Floats
+    way: Floats
+    at_vertices: bool
+
+
+class ContactProbes:
+    """The table of the contact lines: nodal values, linear between the vertices."""
+
+    def __init__(self, model: Model, probes: Sequence[tuple[str, str, int | None]]) -> None:
+        """Find the points on the surfaces; collective.
+
+        Args:
+            model: what is solved, before its first step too.
+            probes: name, contact pair, and number of points or None for the vertices.
+        """
+        self._model = model
+        labels = [contact.label for contact in model.case.contact]
+        self._asked = [(name, labels.index(pair), points) for name, pair, points in probes]
+        self._labels = labels
+        self._facets = slave_facets(model)
+        self._along: list[_Along] = []
+        self._names: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when; known from the first rows on."""
+        return ("probe", "pair", "point", "arc_length", *self._names)
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows after the last step, on the first rank; collective."""
+        nodes = contact_nodes(self._model, self._facets)
+        if nodes is None:
+            return []
+        values = {name: v for name, v in nodes.values.items() if name != "pair"}
+        if not self._along:
+            self._along = [_along(nodes, *asked) for asked in self._asked]
+            self._names = tuple(_names(values))
+        return [row for along in self._along for row in self._rows_of(along, values)]
+
+    def _rows_of(self, along: _Along, values: dict[str, Floats]) -> Iterator[tuple[object, ...]]:
+        table = np.concatenate([v.reshape(len(v), -1) for v in values.values()], axis=1)
+        first, second, share = table[along.first], table[along.second], along.share[:, None]
+        # At a vertex its own value, also where that of the neighbour is no number.
+        found = np.where(share == 0.0, first, (1.0 - share) * first + share * second)
+        if not along.at_vertices:
+            found[:, self._names.index("area")] = np.nan
+        label = (along.name, self._labels[along.pair])
+        for p, (way, row) in enumerate(zip(along.way, found, strict=True)):
+            yield (*label, p, float(way), *map(float, row))
+
+
+def _names(values: dict[str, Floats]) -> Iterator[str]:
+    """Names of the columns of arrays (v,) and (v, i)."""
+    for name, array in values.items():
+        if array.ndim == 1:
+            yield name
+        else:
+            yield from (f"{name}_{x}" for x in AXES[: array.shape[1]])
+
+
+def _along(nodes: ContactNodes, name: str, pair: int, points: int | None) -> _Along:
+    """The points of a probe among the vertices of a pair."""
+    mine = np.flatnonzero(nodes.values["pair"] == pair)
+    if nodes.kind != "line":
+        none = np.zeros(len(mine))
+        return _Along(name, pair, mine, mine, none, np.full(len(mine), np.nan), True)
+    facets = nodes.facets[np.isin(nodes.facets[:, 0], mine)]
+    order, way = arc_length(facets, nodes.values["reference"])
+    if points is None:
+        return _Along(name, pair, order, order, np.zeros(len(order)), way, True)
+    at = np.linspace(0.0, way[-1], points)
+    left = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
+    length = way[left + 1] - way[left]
+    share = (at - way[left]) / np.where(length > 0.0, length, 1.0)
+    left += share > 1.0 - AT_VERTEX
+    share[(share < AT_VERTEX) | (share > 1.0 - AT_VERTEX)] = 0.0
+    second = order[np.minimum(left + 1, len(order) - 1)]
+    return _Along(name, pair, order[left], second, share, at, False)
+
+
+def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
+    """Vertices of a surface in the plane one after the other, and their arc length.
+
+    The vertices are numbered by place, x first, and pieces begin as :func:`chains` says. The arc
+    length goes on from one piece to the next.
+
+    Args:
+        facets: (f, 2) vertices of the segments.
+        place: (v, i), m.
+
+    Returns:
+        (n,) vertices and (n,), m.
+    """
+    order: list[Longs] = []
+    way: list[Floats] = []
+    end = 0.0
+    for piece in chains(facets):
+        steps = np.linalg.norm(np.diff(place[piece], axis=0), axis=1)
+        order.append(piece)
+        way.append(end + np.cumsum([0.0, *steps]))
+        end = float(way[-1][-1])
+    return np.concatenate(order), np.concatenate(way)
+
+
+class SurfaceLines:
+    """The lines of nodes of surfaces, where they are at present."""
+
+    def __init__(self, model: Model) -> None:
+        """Take the lines of a model."""
+        self.model, self.lines = model, model.lines
+
+    def places(self) -> list[tuple[Floats, Floats]]:
+        """Places of each line (n, i) and of the opposite one (m, i), m; collective."""
+        found = []
+        for line in self.lines:
+            moved = displacement_at(self.model, np.concatenate([line.nodes, line.opposite]))
+            own = line.place + moved[: len(line.nodes)]
+            found.append((own, line.opposite_place + moved[len(line.nodes) :]))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class NodeTable:
+    """The table of the nodes of the lines: a row for each.
+
+    Attributes:
+        lines: the lines.
+    """
+
+    lines: SurfaceLines
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when."""
+        places = [f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]]
+        return ("probe", "point", "arc_length", *places, "tangent_angle", "curvature", "thickness")
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows at the present displacement, on the first rank; collective."""
+        found: list[tuple[object, ...]] = []
+        for line, (own, other) in zip(self.lines.lines, self.lines.places(), strict=True):
+            if self.lines.model.problem.comm.rank == 0:
+                parts = (line.way, *line.place.T, *(own - line.place).T, tangent_angles(own))
+                table = np.stack([*parts, line_curvatures(own), thickness(own, other)], axis=1)
+                rows = enumerate(table.tolist())
+                found += [(line.probe.name, point, *row) for point, row in rows]
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeTable:
+    """The table of the shapes of the lines: a row for each line.
+
+    Attributes:
+        lines: the lines.
+    """
+
+    lines: SurfaceLines
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns after those that say when."""
+        thicknesses = (f"{kind}_thickness" for kind in ("mean", "min", "max"))
+        turned = ("angle", "bend_angle")
+        return ("probe", *turned, "radius", "off_circle", "length", *thicknesses, "thinnest_at")
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Rows at the present displacement, on the first rank; collective."""
+        found = zip(self.lines.lines, self.lines.places(), strict=True)
+        if self.lines.model.problem.comm.rank > 0:
+            return []
+        return [(line.probe.name, *_shape(line, *places)) for line, places in found]
+
+
+def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
+    """Numbers of a line's row, with the places (n, i) and (m, i), m, of it and the opposite one."""
+    angle = _angle(line, own)
+    radius, off = fitted_circle(own[line.bend])
+    length = np.linalg.norm(np.diff(own, axis=0), axis=1)
+    thick = thickness(own, other)
+    share = np.concatenate([length, [0.0]]) + np.concatenate([[0.0], length])
+    mean = float(share @ thick / share.sum())
+    thin = np.nan
+    if len(other):  # of equally thin places the first
+        thin = float(line.way[np.argmax(thick <= (1.0 + AS_THIN) * thick.min())])
+    spread = (mean, float(thick.min()), float(thick.max()), thin)
+    return (angle, angle - _angle(line, line.place), radius, off, float(length.sum()), *spread)
+
+
+def _angle(line: SurfaceLine, place: Floats) -> float:
+    """Angle, rad, from the first straight piece to the second, or from end to end, at places."""
+    angles = tangent_angles(place)
+    if not len(line.straight):
+        return float(angles[-1] - angles[0])
+    first, second = (
+        straight_angle(place[piece], float(angles[piece].mean())) for piece in line.straight
+    )
+    return second - first
+
+
+def thickness(own: Floats, other: Floats) -> Floats:
+    """Distances (n,), m, of nodes (n, i) from the line opposite (m, i); NaN without one."""
+    return distances_to_line(own, other) if len(other) else np.full(len(own), np.nan)

@@ -12,21 +12,27 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.results.cell_strain import strain_of
-from tribox.app.results.contact_probes import ContactProbes, NodeTable, ShapeTable, SurfaceLines
 from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, read_table
-from tribox.app.results.point_probes import AXES, PointProbes, components, reduced_rows
+from tribox.app.results.fields import strain_of
+from tribox.app.results.point_probes import (
+    AXES,
+    ContactProbes,
+    NodeTable,
+    PointProbes,
+    ShapeTable,
+    SurfaceLines,
+    components,
+    reduced_rows,
+)
 from tribox.app.results.saving import Saving
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.motion_history import KEYS
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.forms.bodies.deformation import BodyPoints
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.bodies.viscous_points import Viscoelastic
-from tribox.geometry.surfaces.facets import Floats
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import Floats, order_by_place
 
 
 class Table(Protocol):

@@ -28,10 +28,10 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.solver import LABEL, LONGEST_LABEL
 from tribox.app.errors import InputError
+from tribox.app.results.claim import owner_of
 from tribox.app.results.directory import json_of
-from tribox.app.results.lock import owner_of
 from tribox.app.results.table import Table
-from tribox.app.results.vtu_reading import Grid, UnknownVtuError, read_vtu
+from tribox.app.results.vtu import Grid, UnknownVtuError, read_vtu
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:

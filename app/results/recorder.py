@@ -19,21 +19,19 @@ from tribox.app.build.model import Model
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
 from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
-from tribox.app.results.lock import command
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
+from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
-from tribox.app.simulation.history import COLUMNS, Row, energy_gap
-from tribox.app.simulation.inertia import notes_on_inertia
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.history import COLUMNS, Row, energy_gap, time_text
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 

@@ -4,14 +4,43 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from mpi4py import MPI
 
-from tribox.app.errors import OutputError
+from tribox.app.errors import InputError, OutputError
 from tribox.app.results.directory import RESERVE, Place, open_own, unwritable
+
+# -- What one rank does for all of them ------------------------------------------------------------
+
+Result = TypeVar("Result")
+
+
+def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
+    """Do something on the first rank; collective.
+
+    Returns:
+        What it gives; None on the other ranks.
+
+    Raises:
+        InputError, OutputError: as of the action, on all ranks.
+    """
+    result, problem = None, None
+    if comm.rank == 0:
+        try:
+            result = action()
+        except (InputError, OutputError) as error:
+            problem = error
+    problem = comm.bcast(problem)
+    if problem is not None:
+        raise problem
+    return result
+
+
+# -- Writing that fails on one rank: kept until all ranks can end the run together -----------------
 
 SIZE = 1 << 20  # bytes, more than rows and summary of a step take
 

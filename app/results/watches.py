@@ -10,7 +10,7 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.run_state import Interval
 from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
 from tribox.app.simulation.watches import FloatingWatch, FlowWatch, RoundOffWatch
 

@@ -40,7 +40,7 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     for note in notes:
         tell(once(f"note: {note}"))
     if law:
-        from tribox.app.run.law_check import check_laws
+        from tribox.app.run.building import check_laws
 
         check_laws([part for _, part in case.sweep_cases()] or [case])
     runs = len(case.sweep.values) if case.sweep is not None else 1

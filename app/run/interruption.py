@@ -13,11 +13,17 @@ from tribox.app.build.load_steps import LoadStep
 from tribox.app.errors import Interrupted
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.saving import Saving
-from tribox.app.run.forwarding import give_back, repeats, say_stopping, stopping_signals, taken
-from tribox.app.run.ranks import INTERRUPTED, tell_exit_code
+from tribox.app.run.ranks import (
+    INTERRUPTED,
+    give_back,
+    repeats,
+    say_stopping,
+    stopping_signals,
+    taken,
+    tell_exit_code,
+)
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Observer, RunState
 
 
 class Interruption(Observer):

@@ -9,8 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.mesh import make_mesh
-from tribox.app.build.tool_shapes import tool_surface
-from tribox.app.build.tools import extent
+from tribox.app.build.tools import extent, tool_surface
 from tribox.app.case.boundary import COMPONENTS, DRIVEN, Boundary
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact

@@ -13,8 +13,8 @@ from tribox.app.case.case import Case
 from tribox.app.case.geometry import MeshGeometry
 from tribox.app.case.reading import load_past_case
 from tribox.app.errors import InputError
-from tribox.app.results.first_rank import on_first
 from tribox.app.results.inputs import INPUTS, sha256_of
+from tribox.app.results.saving import on_first
 from tribox.geometry.meshes.drawing import mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError
 

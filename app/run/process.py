@@ -32,6 +32,8 @@ _GONE = (errno.EPIPE, errno.EIO)
 def begin_process() -> None:
     """Outlive the terminal, but not the process of tribox that has started this one."""
     leave_signals_alone()
+    # pydantic would read what every installed package says of itself, in search of plugins.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     sys.stdout = _outliving(sys.stdout)
     sys.stderr = _outliving(sys.stderr)
     parent = os.environ.pop(PARENT, None)

@@ -18,10 +18,8 @@ from tribox.app.results.saving import Saving
 from tribox.app.run.process import drop_output, ranks_around
 from tribox.app.run.stage_progress import StageProgress, StagesProgress
 from tribox.app.simulation.failure_diagnosis import reason_of
-from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -12,28 +12,24 @@ from mpi4py import MPI
 
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys
 from tribox.app.checkpoint.checkpointer import Checkpointer
 from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError
 from tribox.app.implicit.petsc_options import silence
 from tribox.app.results.claim import Claim
-from tribox.app.results.first_rank import on_first
 from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
-from tribox.app.results.saving import Saving
+from tribox.app.results.saving import Saving, on_first
 from tribox.app.results.status import check_may_begin_anew
 from tribox.app.run.interruption import Interruption
 from tribox.app.run.meshed import meshed
 from tribox.app.run.progress import Reporter, Together
 from tribox.app.simulation.explicit_stage import notes_on_steps
-from tribox.app.simulation.history import energy_gap
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.history import energy_gap, time_text
+from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.time_text import time_text
 from tribox.geometry.surfaces.facets import Floats
 
 NOTES_REPEATED = 3  # at most, beside a failure

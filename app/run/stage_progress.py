@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from tribox.app.case.case import Case
 from tribox.app.case.stage import Stage
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import time_text
 
 
 @dataclass(slots=True)

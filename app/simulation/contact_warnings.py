@@ -32,10 +32,9 @@ from scipy.spatial import cKDTree
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.simulation.history import Row
+from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import BENT, SHARP, Sunk, SunkVertices, bend
-from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs

@@ -23,9 +23,9 @@ from tribox.app.case.solver import Solver
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.explicit.instability import ExplicitError
-from tribox.app.explicit.mass_scaling import ScaledMass
+from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stable_step import ScaledMass
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.simulation.contact_resultants import (
     ContactResultants,
@@ -33,12 +33,10 @@ from tribox.app.simulation.contact_resultants import (
     resultants,
     vector_integrals,
 )
-from tribox.app.simulation.energy_balance import EnergyFlow
-from tribox.app.simulation.inertia import Inertia
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.outside_forces import OutsideForces, OutsideMean
-from tribox.app.simulation.run_state import Effort, Moved, RunState
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.energy_balance import EnergyFlow, Inertia
+from tribox.app.simulation.history import time_text
+from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
+from tribox.app.simulation.run_state import Effort, Interval, Moved, Observer, RunState
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial

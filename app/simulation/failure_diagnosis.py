@@ -13,12 +13,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.build.contact_notes import penalty_note
-from tribox.app.build.supports import Loose
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.supports import Loose
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import KINKED
 from tribox.app.implicit.stepper import StepResult
@@ -148,7 +148,7 @@ def body_adrift(
 
     Args:
         problem: the equilibrium.
-        loose: the directions, from :func:`tribox.app.build.supports.loose_directions`.
+        loose: the directions, from :func:`tribox.app.equilibrium.supports.loose_directions`.
         before: owned unknowns, m, at the start of the step.
         now: at its end.
     """

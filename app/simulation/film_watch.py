@@ -18,8 +18,7 @@ import scipy.sparse
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.simulation.history import Row
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import Row, time_text
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -90,3 +91,22 @@ def energy_gap(rows: Sequence[Row]) -> float:
     """Last energy error over the largest external work or kinetic energy of the run; 0 without."""
     largest = max((max(abs(row.external_work), row.kinetic_energy) for row in rows), default=0.0)
     return rows[-1].energy_error / largest if largest > 0.0 else 0.0
+
+
+# -- Times in messages: digits enough to tell one step from the next -------------------------------
+
+FEWEST, MOST = 6, 17  # digits; a float has no more than 17
+
+
+def time_text(time: float, dt: float) -> str:
+    """A time in s, with the digits that a step of ``dt`` changes, and one more.
+
+    Args:
+        time: s.
+        dt: s, length of the step that ends or begins there.
+    """
+    digits = FEWEST
+    if time and dt and math.isfinite(time) and math.isfinite(dt):
+        apart = math.floor(math.log10(abs(time))) - math.floor(math.log10(abs(dt)))
+        digits = min(max(apart + 2, FEWEST), MOST)
+    return f"{time:.{digits}g} s"

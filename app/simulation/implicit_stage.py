@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tribox.app.build.load_steps import LoadStep
-from tribox.app.build.supports import Loose, loose_directions
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.equilibrium.supports import sprung_dofs
+from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
@@ -19,10 +18,9 @@ from tribox.app.simulation.failure_diagnosis import (
     is_unstable,
     not_finite,
 )
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.outside_forces import OutsideForces
-from tribox.app.simulation.run_state import Effort, Moved, RunState
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import time_text
+from tribox.app.simulation.motion_history import OutsideForces
+from tribox.app.simulation.run_state import Effort, Moved, Observer, RunState
 from tribox.forms.contact.law_faults import law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 

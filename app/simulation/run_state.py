@@ -14,7 +14,7 @@ from tribox.app.build.model import Model
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import (
     FILM_COLUMNS,
     SCALAR_COLUMNS,
@@ -23,14 +23,12 @@ from tribox.app.simulation.contact_resultants import (
     contact_columns,
     film_columns,
     measure_contact,
+    with_released_energy,
 )
-from tribox.app.simulation.energy_balance import EnergyBalance
+from tribox.app.simulation.energy_balance import EnergyBalance, Inertia
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.inertia import Inertia
-from tribox.app.simulation.motion_history import KEYS, MotionHistory
-from tribox.app.simulation.outside_forces import OutsideForces
+from tribox.app.simulation.motion_history import KEYS, MotionHistory, OutsideForces
 from tribox.app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
-from tribox.app.simulation.switched_contacts import with_released_energy
 from tribox.forms.contact.shared_slave import keep_what_went_over
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -441,3 +439,58 @@ class ToolHistory:
             force -= t * np.array(pair.force)
             moment += t * np.array(pair.tool_moment)
         return force, moment
+
+
+# -- What wants to know of a run while it goes on --------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """How an explicit run got from one row to the next.
+
+    Attributes:
+        steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
+        total: time steps of the run so far.
+        kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
+        failed: whether the run ends within it, without the row.
+    """
+
+    steps: int
+    dt: float
+    stable: float
+    total: int
+    kinetic_ratio: float
+    failed: bool = False
+
+
+class Observer:
+    """What wants to know of a run; the default does nothing."""
+
+    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
+        """A step has converged and is committed, or an explicit interval is over; collective."""
+
+    def ready(self, state: RunState) -> None:
+        """All of the last step has been told, and another is about to begin; collective.
+
+        A run can be stopped here, and gone on with later. Explicit runs come by between two rows
+        too.
+        """
+
+    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
+        """Called now and then between two rows of an explicit run, after ``steps``; collective."""
+
+    def load_step(
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
+    ) -> None:
+        """A load step has ended; ``steady`` is None where nobody asked for it; collective."""
+
+    def attempt(
+        self, state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
+    ) -> None:
+        """A step or interval of ``dt`` (s) has been tried; what comes of it follows; collective.
+
+        The time of the state is that before a step, and that at the end of an interval.
+        """
+
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
+        """A step of ``dt`` (s) has failed and is tried again shorter; collective."""

@@ -14,12 +14,11 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.explicit_stage import ExplicitStage
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.implicit_stage import ImplicitStage
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
-from tribox.app.simulation.switched_contacts import begin_stage
+from tribox.app.simulation.run_state import Observer, RunState
 
 
 class StageRunner(Protocol):

@@ -20,10 +20,9 @@ from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval
+from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.run_state import Interval
 from tribox.app.simulation.surface_faults import SAME, Findings, names_of
-from tribox.app.simulation.time_text import time_text
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial

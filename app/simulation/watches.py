@@ -16,9 +16,8 @@ from mpi4py import MPI
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval
-from tribox.app.simulation.time_text import time_text
+from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.run_state import Interval
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.bodies.memory_solid import MemorySolid

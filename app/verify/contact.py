@@ -15,9 +15,8 @@ from tribox.app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeom
 from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.point_probes import PointProbes
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import solve
-from tribox.forms.closed_forms.hertz_line import LineContact, contact_modulus, relative_radius
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
+from tribox.forms.closed_forms.hertz import LineContact, contact_modulus, relative_radius
 from tribox.forms.friction.law import Regime
 
 BAR = 0.02

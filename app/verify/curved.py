@@ -18,13 +18,11 @@ from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_resultants import turned_right
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Interval, Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.app.verify.space import held
-from tribox.forms.closed_forms.hertz_line import LineContact, relative_radius
+from tribox.forms.closed_forms.hertz import LineContact, relative_radius
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.geometry.surfaces.body_facets import facet_nodes
 from tribox.geometry.surfaces.facets import Ints

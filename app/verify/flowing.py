@@ -2,20 +2,134 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import basix.ufl
+import dolfinx
 import numpy as np
+from mpi4py import MPI
 
-from tribox.app.equilibrium.constraints import Prescribed
-from tribox.app.verify.flowing_body import SIDES, FlowingBody, Shape, rectangle
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
+from tribox.app.case.generators import PlacedBlocksGeometry
+from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
+from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Hardening, Swift, Voce
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.loads import FollowerPressure
-from tribox.forms.bodies.solid import Formulation
+from tribox.forms.bodies.loads import FollowerPressure, Load
+from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.memory_solid import make_solid
+from tribox.forms.bodies.solid import DEGREE, Formulation
 from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
 from tribox.forms.closed_forms.thick_tube import inner_pressure
+from tribox.geometry.compat import cell_nodes, mesh_of_cells
+from tribox.geometry.surfaces.facets import Floats, Ints
+
+# -- A body of metal by itself for verification: a grid put into any shape, its sides, its steps ---
+
+SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
+"""Names of the sides of a grid, where its coordinates are 0 and 1."""
+STOP = 1e-9  # residual norm of a step, relative to its forces
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A grid of quadrilaterals or hexahedra put into a shape.
+
+    Attributes:
+        counts: elements along each axis.
+        place: from points (n, i) of the unit square or cube to their places (n, i), m.
+        section: what the grid stands for.
+        formulation: of the elements.
+    """
+
+    counts: tuple[int, ...]
+    place: Callable[[Floats], Floats]
+    section: Section = "plane-strain"
+    formulation: Formulation = "q1-sri"
+
+
+class FlowingBody:
+    """One body on one rank, to be held and loaded by its sides.
+
+    Attributes:
+        u: displacement, m; X: (n, i), m, undeformed places of its nodes.
+        solid: the body; section: what the grid stands for.
+    """
+
+    def __init__(self, shape: Shape, material: Material) -> None:
+        """Make mesh and forms."""
+        mesh = _unit_grid(shape.counts)
+        dim = len(shape.counts)
+        self._facets = {
+            name: dolfinx.mesh.locate_entities_boundary(
+                mesh, dim - 1, lambda x, k=axis, at=end: np.isclose(x[k], at)
+            )
+            for axis in range(dim)
+            for end, name in enumerate(SIDES[axis])
+        }
+        mesh.geometry.x[:, :dim] = shape.place(mesh.geometry.x[:, :dim])
+        degree, self.section = DEGREE[shape.formulation], shape.section
+        space = dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
+        self.u = dolfinx.fem.Function(space)
+        self.X: Floats = space.tabulate_dof_coordinates()[:, :dim]
+        cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+        self.solid = make_solid(
+            "metal", self.u, cells, material, shape.formulation, section=shape.section
+        )
+
+    def facets(self, side: str) -> Ints:
+        """Facets of a side."""
+        return self._facets[side]
+
+    def nodes(self, side: str) -> Ints:
+        """Nodes of a side."""
+        return component_dofs(self.u.function_space, self.facets(side), 0) // self.X.shape[1]
+
+    def held(self, side: str, component: int) -> Prescribed:
+        """A displacement component of a side, prescribed: zero until it is set."""
+        return Prescribed.on(self.u, self.facets(side), component)
+
+    def stepper(
+        self,
+        prescribed: Sequence[Prescribed],
+        loads: Sequence[Load] = (),
+        platens: Sequence[Platen] = (),
+    ) -> ImplicitStepper:
+        """What solves its steps."""
+        problem = Equilibrium(self.u, [self.solid], [], prescribed, platens, loads)
+        return ImplicitStepper(problem, ImplicitOptions(STOP))
+
+    @property
+    def moved(self) -> Floats:
+        """Displacements (n, i), m, of its nodes at the last evaluation."""
+        return self.u.x.array.reshape(self.X.shape)
+
+
+def _unit_grid(counts: Sequence[int]) -> dolfinx.mesh.Mesh:
+    """A grid on the unit square or cube, with the coordinate element that meshes of gmsh have."""
+    dim = len(counts)
+    cell = "hexahedron" if dim == 3 else "quadrilateral"
+    make = dolfinx.mesh.create_box if dim == 3 else dolfinx.mesh.create_rectangle
+    corners = [[0.0] * dim, [1.0] * dim]
+    made = make(MPI.COMM_SELF, corners, list(counts), dolfinx.mesh.CellType[cell])
+    variant = basix.LagrangeVariant.equispaced
+    element = basix.ufl.element("Lagrange", cell, 1, lagrange_variant=variant, shape=(dim,))
+    nodes = cell_nodes(made).astype(np.int64)
+    places = made.geometry.x[:, :dim]
+    return mesh_of_cells(MPI.COMM_SELF, nodes, places, element)
+
+
+def rectangle(low: tuple[float, ...], high: tuple[float, ...]) -> Callable[[Floats], Floats]:
+    """Places of a rectangle or box between two corners, m."""
+    start, size = np.array(low), np.array(high) - np.array(low)
+    return lambda x: start + x * size
+
+
+# -- Metals that flow: a thick tube under inner pressure, bars drawn to their largest load ---------
 
 YOUNG, POISSON = 70e9, 0.33  # Pa, of aluminium
 
@@ -247,3 +361,105 @@ def considere() -> Verification:
         tuple(checks),
         (Panel("logarithmic strain (-)", "force / area before (MPa)", tuple(lines)),),
     )
+
+
+# -- Verification of metal pressed by a rigid tool: a billet upset without friction ----------------
+
+FRICTIONLESS = 'contact.0.friction={law="frictionless"}'
+COARSE = ("geometry.blocks.billet.elements=[4, 3]", "stage.0.steps=10")
+WAYS: dict[str, tuple[str, ...]] = {
+    "4 × 3 elements, 10 steps": COARSE,
+    "4 × 3 elements, 40 steps": COARSE[:1],
+    "a tenth of the penalty": (*COARSE, "contact.0.penalty_factor=3"),
+    "ten times the penalty": (*COARSE, "contact.0.penalty_factor=300"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Billet:
+    """A billet that was upset: a value for each step.
+
+    Attributes:
+        travelled: of the die, over the height before, subtracted from 1.
+        stretch: height over that before; less travelled, where the die penetrates.
+        force: N, of the die.
+        young, hardening, area: E, Pa; yield stress; m², before.
+    """
+
+    travelled: Floats
+    stretch: Floats
+    force: Floats
+    young: float
+    hardening: Hardening
+    area: float
+
+    def exact(self, stretch: Floats) -> Floats:
+        """Force of the closed form, N."""
+        return -self.area * stress_at(stretch, self.young, self.hardening, pressed=True)
+
+
+def billet(overrides: Sequence[str] = ()) -> Billet:
+    """Upset the billet of ``cases/forming/upsetting.toml`` without friction.
+
+    Args:
+        overrides: of that case.
+    """
+    case, simulation = solve("forming/upsetting", (FRICTIONLESS, *overrides))
+    geometry = case.geometry
+    assert isinstance(geometry, PlacedBlocksGeometry)
+    (block,) = geometry.blocks.values()
+    height = block.y[1] - block.y[0]
+    tool = next(iter(case.tools.values()))
+    assert tool.displacement is not None
+    down = tool.displacement.y
+    assert down is not None and not isinstance(down, str)
+    rows = simulation.rows
+    travelled = np.array([1.0 + down(row.time) / height for row in rows])
+    (solid,) = simulation.model.problem.solids
+    material = solid.material
+    assert isinstance(material, ElastoPlastic)
+    G, K = material.shear_modulus, material.bulk_modulus
+    return Billet(
+        travelled=travelled,
+        stretch=travelled + np.array([row.max_penetration for row in rows]) / height,
+        force=np.array([row.normal_force for row in rows]),
+        young=9.0 * K * G / (3.0 * K + G),
+        hardening=material.hardening,
+        area=np.pi * block.x[1] ** 2,
+    )
+
+
+def upset() -> Verification:
+    """Force of the die over the height, by step sizes and penalties."""
+    shipped = billet(("stage.0.steps=10",))
+    at_travel = shipped.exact(shipped.travelled)
+    checks = [
+        Check("force over the die's travel, as shipped", apart(shipped.force, at_travel), 1e-3)
+    ]
+    fine = np.linspace(0.9999, shipped.stretch[-1], 100)
+    lines = [_line("closed form", fine, shipped.exact(fine), exact=True)]
+    lines.append(_line("as shipped", shipped.travelled, shipped.force))
+    for name, overrides in WAYS.items():
+        found = billet(overrides)
+        error = apart(found.force, found.exact(found.stretch))
+        checks.append(Check(f"force over the height, {name}", error, 1e-3))
+        lines.append(_line(name, found.stretch, found.force))
+    return Verification(
+        "upset",
+        "billet upset between rigid planes without friction",
+        "`cases/forming/upsetting.toml` without friction: every point of the billet is in uniaxial "
+        "compression. The force is compared at the travel of the die with the mesh of the case, "
+        "and at the height of the billet, the travel less the penetration, with a coarser one. "
+        "Errors are the largest of all steps.",
+        tuple(checks),
+        (Panel("reduction of height (%)", "force (kN)", tuple(lines)),),
+    )
+
+
+def apart(force: Floats, exact: Floats) -> float:
+    """Largest difference of a force, over the closed form's."""
+    return float(np.abs(force / exact - 1.0).max())
+
+
+def _line(name: str, stretch: Floats, force: Floats, exact: bool = False) -> Line:
+    return Line(name, 100.0 * (1.0 - stretch), 1e-3 * force, exact)

@@ -11,8 +11,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.verify.flowing import POISSON, YOUNG, metal
-from tribox.app.verify.flowing_body import FlowingBody, Shape, rectangle
+from tribox.app.verify.flowing import POISSON, YOUNG, FlowingBody, Shape, metal, rectangle
 from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Hardening, Linear, Voce

@@ -33,14 +33,11 @@ from tribox.app.verify.contact import (
     mindlin_reversal,
 )
 from tribox.app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
-from tribox.app.verify.flowing import considere, thick_tube
+from tribox.app.verify.flowing import considere, thick_tube, upset
 from tribox.app.verify.flowing_bending import cook, pure_bending
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.app.verify.sliding import block_slide, film_sliding, friction_law, penalty
-from tribox.app.verify.space import isotropy, patch_space
-from tribox.app.verify.sphere import curved_sliding, hertz_point, sphere_twist
-from tribox.app.verify.upset import upset
+from tribox.app.verify.space import curved_sliding, hertz_point, isotropy, patch_space, sphere_twist
 from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
 
 # -- Verification of the solids: a nearly incompressible block in plane-strain compression ---------

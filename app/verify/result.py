@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
+
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.simulation.run_state import Observer
+from tribox.app.simulation.simulation import Simulation
 
 Floats = NDArray[np.float64]
 
@@ -94,3 +103,31 @@ class Verification:
     def passed(self) -> bool:
         """Whether it was computed and every check is within its bar."""
         return not self.failure and all(check.passed for check in self.checks)
+
+
+# -- Runs the case files that verification is based on ---------------------------------------------
+
+CASES = Path(__file__).parents[2] / "cases"
+
+
+def solve(
+    name: str, overrides: Sequence[str] = (), observer: Observer | None = None
+) -> tuple[Case, Simulation]:
+    """Run a case file in this process, without results.
+
+    Args:
+        name: of a file in ``cases``, without its ending.
+        overrides: "key=value" texts.
+        observer: of the run.
+
+    Returns:
+        The case (without its sweep) and the finished simulation.
+
+    Raises:
+        InputError: the file or an override is wrong.
+        SolutionError: a step could not be solved.
+    """
+    case = load_case(CASES / f"{name}.toml", overrides)
+    simulation = Simulation(build_model(case, MPI.COMM_SELF))
+    simulation.run(observer or Observer())
+    return case, simulation

@@ -10,8 +10,7 @@ from tribox.app.case.friction import FrictionMap
 from tribox.app.friction_map.material_tests import Curve, compute_map
 from tribox.app.friction_map.setup import map_setup
 from tribox.app.simulation.history import Row
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
 from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity
 
 # Forces in N for a slab of 1 mm by codes that enforce the constraint exactly, by level of

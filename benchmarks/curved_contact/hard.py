@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.comparison import level_options
 from benchmarks.curved_contact.runs import Outcome, run
 from benchmarks.curved_contact.shapes import ridge, tool_on_rubber
-from tribox.app.bench.bench import level_options
 from tribox.app.case.reading import load_case
-from tribox.app.verify.shipped_case import CASES
+from tribox.app.verify.result import CASES
 from tribox.app.verify.sliding import REFERENCE
 
 MM = 1e-3

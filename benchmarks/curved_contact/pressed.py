@@ -21,8 +21,7 @@ from benchmarks.curved_contact.runs import Frame, Outcome, run
 from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
 from tribox.app.verify.contact import case_modulus, fit_ellipse
 from tribox.app.verify.curved import beyond_line, beyond_point, half_width
-from tribox.forms.closed_forms.hertz_line import LineContact, relative_radius
-from tribox.forms.closed_forms.hertz_point import PointContact
+from tribox.forms.closed_forms.hertz import LineContact, PointContact, relative_radius
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
 from tribox.geometry.generators.cylinders import LineContact as Lines
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tribox.forms.friction.film_map import at_rest
+from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]

@@ -9,33 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film import require_thickness
-from tribox.forms.friction.film_map import at_rest, threshold_speed
+from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters, Table
 
 Floats = NDArray[np.float64]
 MOST_TOLD = 4  # film thicknesses that a message names
 SAME = 1e-6  # relative difference of two film thicknesses that count as one
-
-
-def check_film(parameters: FrictionMapParameters, film: Floats | float) -> None:
-    """Check that the law can be evaluated for a film.
-
-    Args:
-        parameters: Of the law.
-        film: (q,) or a number, m, film thickness D.
-
-    Raises:
-        ValueError: A thickness is negative or not finite, or there is a film without viscosity.
-    """
-    thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
-    require_thickness(thickness)
-    wet = thickness[thickness > parameters.D_min]
-    if wet.size and parameters.eta_b == 0.0:
-        raise ValueError(
-            f"eta_b = 0 Pa s is not allowed: a film of {wet[0]:g} m > D_min = "
-            f"{parameters.D_min:g} m needs a viscosity above 0"
-        )
 
 
 def uniqueness_warning(

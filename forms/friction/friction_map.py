@@ -25,7 +25,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film_map import (
+from tribox.forms.friction.film import (
     FilmPoint,
     FilmResistance,
     film_point,

@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film_map import (
+from tribox.forms.friction.film import (
     FilmPoint,
     at_rest,
     film_point,

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.dry_friction import dry_step
+from tribox.forms.friction.coulomb import dry_step
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.forms.friction.parameter_checks import refusal, require_above, require_at_least
 from tribox.forms.friction.return_mapping import dot

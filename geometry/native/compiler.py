@@ -6,6 +6,7 @@ FFCx needs a C compiler too, so that one is there wherever a case runs.
 from __future__ import annotations
 
 import ctypes
+import functools
 import hashlib
 import os
 import platform
@@ -107,3 +108,21 @@ def _made(source: Path, target: Path) -> ctypes.CDLL:
     if (loaded := _load(target)) is None:
         raise KernelError(f"{target} cannot be loaded")
     return loaded
+
+
+# -- The libraries of this directory's C sources ---------------------------------------------------
+
+SOURCES = ("closest_points.c",)
+
+
+@functools.cache
+def library(name: str) -> ctypes.CDLL:
+    """The compiled library of the source ``name``.
+
+    Args:
+        name: file name of a C source in this directory.
+
+    Raises:
+        KernelError: it can be neither found nor made.
+    """
+    return compiled(Path(__file__).with_name(name))

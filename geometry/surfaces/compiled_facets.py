@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.geometry.native.libraries import library
+from tribox.geometry.native.compiler import library
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
 
 SOURCE = "closest_points.c"

@@ -20,8 +20,14 @@ from tribox.geometry.surfaces.body_facets import (
     owned_facets,
     require_facets,
 )
-from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, unit_normals
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import (
+    FacetShape,
+    Floats,
+    Ints,
+    Longs,
+    order_by_place,
+    unit_normals,
+)
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion

@@ -13,8 +13,14 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Longs, facet_shape
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Longs,
+    facet_shape,
+    order_by_place,
+)
 
 
 @dataclass(frozen=True, slots=True)

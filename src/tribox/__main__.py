@@ -11,13 +11,11 @@ def start() -> None:
     from tribox.app.run.process import leave_at_once, obey_signals
 
     obey_signals(leave_at_once)
-    from tribox.app.run.late_modules import load_late
     from tribox.app.run.process import begin_process, collect_the_rest, end_process, lasting_imports
 
     gc.set_threshold(100_000)
     atexit.register(collect_the_rest)
     begin_process()
-    load_late()
     with lasting_imports():
         from tribox.app.cli import main
 

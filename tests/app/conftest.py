@@ -14,7 +14,7 @@ import pytest
 from tests.ranks import LIMIT
 from tribox.app.cli import main
 from tribox.app.results.recorder import force_balance
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 BLOCK = """

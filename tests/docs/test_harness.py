@@ -70,7 +70,7 @@ def test_blocks_of_a_page_share_a_directory_and_names(run):
         (fenced("sh", "srun tribox run", mark="not run: needs a cluster"), "Missing argument"),
         (fenced("sh", "./tribox test tests/nothing"), "tests/nothing: no such file"),
         (fenced("sh", "python3 -m benchmarks.none"), "benchmarks.none: no such module"),
-        (fenced("sh", "python3 -m benchmarks.law --fast"), "--fast: not in its source"),
+        (fenced("sh", "python3 -m benchmarks.law --hasty"), "--hasty: not in its source"),
         (fenced("sh", "python3 -m none"), "none: no such module"),
         (fenced("sh", "if true; then"), "syntax error|unexpected end"),
         (fenced("", "ls"), "without a language"),

@@ -14,17 +14,15 @@ from tests.app.conftest import BLOCK as ON_MESH
 from tests.fuzz.guard import OddLine, see_line
 from tribox.app.build.case_notes import notes_on
 from tribox.app.build.load_steps import load_steps_of
-from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.generators import BlocksGeometry
-from tribox.app.case.generators_3d import BoxesGeometry
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import Case, given_keys, resolved_toml
+from tribox.app.case.generators import BlocksGeometry, BoxesGeometry
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
 from tribox.app.friction_map.run import run_map
 from tribox.app.results import Results, read
+from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import check_free
-from tribox.app.results.earlier_sweep import sweep_labels
 
 SMALL = 300  # cells that are meshed for an input
 

@@ -15,7 +15,7 @@ from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk
-from tribox.forms.closed_forms import hertz_line
+from tribox.forms.closed_forms import hertz
 
 RUBBER, METAL = (5e6, 0.49), (7e10, 0.33)  # E, ν
 
@@ -29,7 +29,7 @@ def test_contact_modulus_is_that_of_hertz():
         (rubber, rubber, (RUBBER, RUBBER)),
         (soft, rubber, ((3e6, 0.1), RUBBER)),
     ):
-        expected = hertz_line.contact_modulus(*numbers)
+        expected = hertz.contact_modulus(*numbers)
         assert contact_modulus(one, other) == pytest.approx(expected, rel=1e-12)
         assert contact_modulus(other, one) == pytest.approx(expected, rel=1e-12)
 

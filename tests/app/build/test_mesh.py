@@ -6,8 +6,10 @@ import pytest
 from mpi4py import MPI
 
 from tests.geometry.meshes.test_damaged import CRASHING
+from tests.tool_cases import block_case, block_mesh, case_of, plane
 from tribox.app.build.mesh import make_mesh
 from tribox.app.build.mesh_notes import many_cells
+from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
@@ -49,3 +51,64 @@ def test_more_cells_than_the_case_allows_are_refused(own_mesh):
     assert list(many_cells(case, named)) == ["the mesh has 12 cells; geometry.max_cells allows 23"]
     path, _ = own_mesh("max_cells = 24")
     assert not list(many_cells(load_case(path), named))
+
+
+# -- Notes on values that are hardly meant ---------------------------------------------------------
+
+METAL = {"material": "elastoplastic", "E": "70 GPa", "nu": 0.33}
+
+
+def notes(tmp_path, **tables):
+    mesh = block_mesh(tmp_path / "block.msh", (2, 1))
+    return build_model(case_of(block_case(mesh, **tables)), MPI.COMM_SELF).notes
+
+
+def down(way):
+    """A plane, and a side of the block, 4 mm wide, that go down by ``way``."""
+    program = {"displacement": {"y": [["0 s", "0 m"], ["1 s", way]]}}
+    sides = [{"surface": "bottom"} | program, {"surface": "left", "displacement": {"x": 0}}]
+    return {"tools": {"punch": plane(**program)}, "boundary": sides}
+
+
+def test_a_displacement_far_beyond_the_mesh_is_told(tmp_path):
+    found = [note for note in notes(tmp_path, **down(-20)) if "goes as far" in note]
+    assert [note.split(":")[0] for note in found] == [
+        "boundary.0.displacement.y",
+        "tools.punch.displacement.y",
+    ]
+    assert "as far as 20 m, 5e+03 times the extent of the mesh" in found[0]
+    assert not any("goes as far" in note for note in notes(tmp_path, **down("-40 mm")))
+
+
+@pytest.mark.parametrize(
+    ("stress", "said"),
+    [(100, "yields at 100 Pa, 1.4e-09 of"), ("10 GPa", "yields at 1e+10 Pa"), ("20 MPa", None)],
+)
+def test_a_yield_stress_out_of_proportion_is_told(tmp_path, stress, said):
+    hardening = {"law": "linear", "yield_stress": stress}
+    found = notes(tmp_path, bodies={"block": METAL | {"hardening": hardening}})
+    told = [note for note in found if "yields at" in note]
+    assert len(told) == (said is not None)
+    assert all(note.startswith(f"bodies.block: {said}") for note in told)
+
+
+def test_steps_beyond_the_mesh_and_coefficients_that_nothing_has_are_told(tmp_path):
+    """The block is 4 mm wide."""
+    sides = [{"surface": "bottom", "displacement": {"x": "driven", "y": 0}}]
+
+    def told(mu, **stage):
+        tables = {"boundary": sides, "stage": [{"name": "slide", **stage}]}
+        data = block_case(block_mesh(tmp_path / "block.msh", (2, 1)), **tables)
+        data["contact"][0]["friction"] = {"law": "coulomb", "mu": mu}
+        found = build_model(case_of(data), MPI.COMM_SELF).notes
+        return [note for note in found if "in one step" in note or "friction.mu" in note]
+
+    far = {"velocities": ["1 mm/s"], "slip_step": 10}
+    step, *_ = told(0.3, **far)
+    assert step.startswith("stage.0.slip_step: driven boundaries move 10 m in one step, 2.5e+03")
+    assert told(0.3, **far | {"slip_step": "3.9 mm"}) == []
+    one = {"velocity": "1 m/s", "duration": "8 ms"}
+    assert told(0.3, **one, steps=1)[0].startswith("stage.0.velocity: driven boundaries move 0.008")
+    assert told(0.3, **one, steps=3) == []
+    [mu] = told([["0 s", 1], ["1 s", 15]], **one, steps=3)
+    assert mu.startswith("contact.0.friction.mu = 15: rubber")

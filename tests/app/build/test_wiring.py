@@ -13,7 +13,7 @@ from tests.own_law import documented_law, documented_material
 from tests.tool_cases import block_mesh
 from tribox.app.build.contacts import friction_law, resolved_contact
 from tribox.app.build.solids import material_of
-from tribox.app.build.tool_shapes import tool_surface
+from tribox.app.build.tools import tool_surface
 from tribox.app.case.bodies import Body
 from tribox.app.case.case import Geometry
 from tribox.app.case.contact import Contact

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
 
 import pytest
 
 from tests.app.case.test_case import FILM_CASE
+from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.case.case import Case, given_keys, resolved_toml
+from tribox.app.case.library import description, entries, listing
+from tribox.app.case.quantities import parse_quantity
 from tribox.app.case.reading import check_case
 from tribox.app.case.toml_writer import toml_text
+from tribox.app.errors import InputError
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
 YEOH = {"material": "yeoh", "C10": 1, "K": 9}
 OGDEN = {"material": "ogden", "mu": [1], "alpha": [2], "K": 1}
@@ -121,3 +129,167 @@ def test_a_mistake_gives_one_clear_line(body, expected, case_file):
     assert len(lines) == 1, lines
     assert expected in lines[0]
     assert "\n" not in lines[0] and "pydantic" not in lines[0] and len(lines[0]) < 320
+
+
+# -- The materials library: entries, what a case makes of them, and what is written back -----------
+
+METALS = [n for n, entry in entries().items() if entry.keys["material"] == "elastoplastic"]
+MEASURED = ["AA6016-T4"]
+POLYURETHANES = [name for name in entries() if name.startswith("PU-")]
+
+
+def case_with(**aluminium):
+    data = tomllib.loads(FILM_CASE)
+    data["bodies"]["aluminium"] = aluminium
+    return data
+
+
+def read(data):
+    return Case.model_validate(data)
+
+
+def leaves(table, before=""):
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{before}{key}.")
+        elif key not in ("law", "material"):
+            yield f"{before}{key}"
+
+
+@pytest.mark.parametrize("name", entries())
+def test_an_entry_is_a_stable_material_whose_numbers_have_sources(name):
+    entry = entries()[name]
+    body = read(case_with(material=name)).bodies["aluminium"]
+    material = material_of(body)
+    assert material.shear_modulus > 0.0 and material.bulk_modulus > material.shear_modulus
+    assert notes_on_materials({"aluminium": body}, {"aluminium": material}) == []
+    assert set(entry.sources) == set(leaves(entry.keys))
+    for source in entry.sources.values():
+        assert re.search(r"\b(19|20)\d\d\b|Aluminum Association|Not measured", source), source
+    assert entry.about and entry.range
+    assert isinstance(material, ElastoPlastic) == (name in METALS)
+
+
+def test_a_measured_curve_is_that_of_its_source():
+    """Yields at K ε₀ⁿ = 129.9 MPa; the load maximum is at n − ε₀, as its range says."""
+    [name] = MEASURED
+    entry = entries()[name]
+    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    assert law.stress(0.0) == pytest.approx(129.87e6, rel=1e-3)
+    slope = (law.stress(0.2762) - law.stress(0.2760)) / 2e-4
+    assert slope == pytest.approx(law.stress(0.2761), rel=1e-3)
+    assert "plastic strain up to 0.28" in entry.range and not entry.strengths
+    assert "10.1007/s12289-022-01672-w" in entry.sources["hardening.K"]
+
+
+@pytest.mark.parametrize("name", [name for name in METALS if name not in MEASURED])
+def test_hardening_is_made_from_the_strengths(name):
+    """It yields at the proof stress; the nominal stress of a bar is largest at the strength."""
+    entry = entries()[name]
+    proof, tensile = (
+        parse_quantity(entry.strengths[key], "Pa") for key in ("proof_stress", "tensile_strength")
+    )
+    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    assert law.stress(0.0) == pytest.approx(proof, rel=2e-3)
+    strains = [i * 1e-4 for i in range(5000)]
+    nominal = [float(law.stress(a)) * math.exp(-a) for a in strains]
+    assert max(nominal) == pytest.approx(tensile, rel=1e-3)
+    told = re.search(r"plastic strain up to (0\.\d\d)", entry.range)
+    assert strains[nominal.index(max(nominal))] == pytest.approx(float(told[1]), abs=0.006)
+
+
+@pytest.mark.parametrize("name", POLYURETHANES)
+def test_moduli_by_hardness(name):
+    """Kunz & Studer's relation as the source has it; G = E/3."""
+    shore = float(re.search(r"\d+", name)[0])
+    force, depth = 0.549 + 0.07516 * shore, 0.025e-3 * (100.0 - shore)
+    young = 0.75 * force / (2.0 * 0.395e-3 * depth) * (2.6 - 0.02 * shore)
+    body = read(case_with(material=name)).bodies["aluminium"]
+    assert body.shear_modulus == pytest.approx(young / 3.0, rel=2e-3)
+
+
+# Long-term modulus and branches, kPa, as the sources print them.
+PRINTED = {
+    "VHB-4910": (15.36, 26.06, 26.53, 10.83),
+    "VHB-4910-slow": (13.7, 56.4, 31.5, 19.8),
+    "NBR-visco": (400.0, 535.7, 76.20, 120.5, 21.3, 22.9),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_branches_are_those_of_their_source(name):
+    long_term, *moduli = PRINTED[name]
+    keys = entries()[name].keys
+    G = parse_quantity(keys["G"], "Pa")
+    assert G == pytest.approx(1e3 * sum(PRINTED[name]))
+    shares = [float(share) for share, _ in keys["prony"]]
+    assert [G * share for share in shares] == pytest.approx([1e3 * m for m in moduli], rel=1e-5)
+    assert G * (1.0 - sum(shares)) == pytest.approx(1e3 * long_term, rel=1e-4)
+
+
+def test_keys_of_the_table_come_first():
+    keys = {"material": "AA1050-O", "density": "2.8 g/cm^3", "hardening": {"n": 0.3}}
+    body = read(case_with(**keys)).bodies["aluminium"]
+    assert (body.density, body.hardening.n, body.hardening.strain0) == (2800.0, 0.3, 0.002)
+    assert (body.E, body.library, body.material) == (69e9, "AA1050-O", "elastoplastic")
+    law = {"law": "linear", "yield_stress": 3e7}
+    body = read(case_with(material="AA1050-O", hardening=law, G=26e9, K=70e9)).bodies["aluminium"]
+    assert body.hardening.modulus == 0.0 and body.E is None and body.shear_modulus == 26e9
+
+
+@pytest.mark.parametrize(
+    "keys", [{}, {"E": "71 GPa"}, {"G": 26e9, "K": 7e10}, {"hardening": {"n": 0.3}}]
+)
+def test_a_resolved_case_has_the_numbers_and_reads_back(keys):
+    case = read(case_with(material="AA6061-T6", **keys))
+    written = tomllib.loads(resolved_toml(case))
+    body = written["bodies"]["aluminium"]
+    assert body["material"] == "elastoplastic" and body["library"] == "AA6061-T6"
+    assert body["density"] == "2700.0 kg/m^3" and body["hardening"]["strain0"] == 0.002
+    assert read(written) == case
+    given = {"bodies.aluminium.material", "bodies.aluminium.library"}
+    given |= {f"bodies.aluminium.{key}" for key in leaves(keys)}
+    assert {key for key in given_keys(case) if key.startswith("bodies.alu")} == given
+
+
+def test_a_sweep_over_materials_takes_each_with_its_own_numbers():
+    data = case_with(material="AA1050-O", nu=0.3)
+    data["sweep"] = {"key": "bodies.aluminium.material", "values": ["AA1050-O", "AA2024-T3"]}
+    case = read(data)
+    bodies = [part.bodies["aluminium"] for _, part in case.sweep_cases()]
+    assert [body.density for body in bodies] == [2705.0, 2780.0]
+    assert [body.hardening.n for body in bodies] == [0.2581, 0.1109]
+    assert [body.nu for body in bodies] == [0.3, 0.3]
+    assert [case.swept_value(part) for _, part in case.sweep_cases()] == ["AA1050-O", "AA2024-T3"]
+    again = read(tomllib.loads(resolved_toml(case)))
+    assert [part for _, part in again.sweep_cases()] == [part for _, part in case.sweep_cases()]
+
+
+def test_a_sweep_over_a_number_leaves_the_others():
+    data = case_with(material="AA1050-O")
+    data["sweep"] = {"key": "bodies.aluminium.hardening.n", "values": [0.2, 0.3]}
+    bodies = [part.bodies["aluminium"] for _, part in read(data).sweep_cases()]
+    assert [(b.hardening.n, b.hardening.K, b.library) for b in bodies] == [
+        (0.2, 139.3e6, "AA1050-O"),
+        (0.3, 139.3e6, "AA1050-O"),
+    ]
+
+
+def test_a_case_of_a_library_that_is_no_more():
+    """The numbers of a resolved case are enough."""
+    body = {"material": "hencky", "library": "AA9999-O", "E": 7e10, "nu": 0.3}
+    assert read(case_with(**body)).bodies["aluminium"].E == 7e10
+
+
+def test_listing_and_description():
+    assert [line.split()[0] for line in listing()] == list(entries())
+    told = "\n".join(description("AA5052-O"))
+    for word in (
+        'E = "70.3 GPa"',
+        "Aluminum Association",
+        "tensile strength: 193.1 MPa",
+        "n = 0.2096",
+    ):
+        assert word in told
+    with pytest.raises(InputError, match='"AA5052": no such material; did you mean "AA5052-O"'):
+        description("AA5052")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -12,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from tests.app.conftest import BLOCK, BOXES, FILM
 from tribox.app.case.bodies import formulations
-from tribox.app.case.case import Case, resolved_toml
+from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.friction import Coulomb, FrictionMap
 from tribox.app.case.overrides import KeyPathError, set_value
 from tribox.app.case.reading import check_case, load_case
@@ -319,3 +322,81 @@ def test_pairs_have_names_of_their_own():
         Case.model_validate({**data, "contact": [first, again]})
     found = Case.model_validate({**data, "contact": [first, {**again, "name": "side"}]})
     assert [pair.label for pair in found.contact][1] == "side"
+
+
+# -- Which keys of a case were given ---------------------------------------------------------------
+
+
+def test_given_keys_are_those_of_the_file(case_file):
+    keys = given_keys(load_case(case_file(FILM), ["contact.0.friction.D_max=100 nm"]))
+    assert {"title", "geometry.upper.elements", "contact.0.film.thickness"} < set(keys)
+    assert {"contact.0.friction.D_max", "boundary.1.platen.pressure"} < set(keys)
+    assert "contact.0.friction.eta_b" not in keys  # of the preset
+    assert "contact.0.penalty_factor" not in keys and "solver.tolerance" not in keys
+
+
+def test_of_a_resolved_case_all_keys_are_given(case_file):
+    text = resolved_toml(load_case(case_file(FILM)))
+    case = Case.model_validate(tomllib.loads(text))
+    assert "contact.0.friction.eta_b" in given_keys(case)
+
+
+# -- Sizes that are surely mistakes are refused before a mesh is made of them ----------------------
+
+ROUND = re.sub(r"\[geometry\].*?\n\[bodies", "{}\n[bodies", BLOCK, count=1, flags=re.DOTALL)
+CYLINDER = """[geometry]
+kind = "cylinder-on-block"
+contact_width = "4 mm"
+contact_size = "SIZE"
+cylinder = { radius = "RADIUS" }
+block = { width = "20 mm", height = "5 mm" }
+"""
+SPHERE = """[geometry]
+kind = "sphere-on-block"
+contact_width = "4 mm"
+contact_size = "SIZE"
+sphere = { radius = "RADIUS" }
+block = { radius = "20 mm", height = "5 mm" }
+"""
+
+
+def made(geometry: str, size: str, radius: str) -> str:
+    return ROUND.replace("{}", geometry.replace("SIZE", size).replace("RADIUS", radius), 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            re.sub(r"elements = \[\d+, \d+\]", "elements = [3000, 3000]", BLOCK),
+            "geometry.max_cells = 5000000: the mesh would have 1.8e+07 cells; make it coarser by "
+            "elements or size of upper and lower, or raise this",
+        ),
+        (
+            re.sub(r"elements = \[\d+, \d+, \d+\]", "elements = [200, 200, 200]", BOXES),
+            "geometry.max_cells = 5000000: the mesh would have 1.6e+07 cells",
+        ),
+        (
+            made(CYLINDER, "0.1 um", "10 mm"),
+            "cells; make it coarser by contact_size or growth, or raise this",
+        ),
+        (made(CYLINDER, "1e-30 m", "10 mm"), "contact_size = 1e-30 m is not allowed"),
+        (made(CYLINDER, "1 mm", "1e30 m"), "radius = 1e+30 m is not allowed"),
+        (made(SPHERE, "1e-30 m", "10 mm"), "contact_size = 1e-30 m is not allowed"),
+        (made(SPHERE, "1 mm", "1e30 m"), "radius = 1e+30 m is not allowed"),
+    ],
+    ids=["blocks", "boxes", "zone", "zone-size", "cylinder", "sphere-size", "sphere"],
+)
+def test_absurd_sizes_are_refused_at_once(case_file, text, said):
+    begin = time.process_time()
+    lines = check_case(case_file(text))
+    assert time.process_time() - begin < 1.0
+    assert any(said in line for line in lines), lines
+
+
+def test_the_limit_is_the_users(case_file):
+    limited = BLOCK.replace('kind = "two-blocks"', 'kind = "two-blocks"\nmax_cells = {}')
+    [line] = check_case(case_file(limited.replace("{}", "2")))
+    cells = int(re.search(r"would have (\d+) cells", line)[1])
+    assert check_case(case_file(limited.replace("{}", str(cells)))) == []
+    assert check_case(case_file(limited.replace("{}", str(cells - 1)))) != []

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
 from tribox.app.build.model import build_model
-from tribox.app.build.tool_shapes import facets_of
+from tribox.app.build.tools import facets_of
 from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.tools import MeshTool
 from tribox.app.case.validation import format_problem, problems_of

@@ -23,7 +23,7 @@ from tests.app.checkpoint.going_on import (
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
 from tribox.app.checkpoint import checkpointer
 from tribox.app.errors import Interrupted, SolutionError
-from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import read_table

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tribox.app.checkpoint import files
-from tribox.app.checkpoint.files import Checkpoint, latest, write_checkpoint
+from tribox.app.checkpoint import checkpointer as files
+from tribox.app.checkpoint.checkpointer import Checkpoint, latest, write_checkpoint
 from tribox.app.errors import InputError
 
 
@@ -142,7 +142,7 @@ LIMITED = """
 import resource, signal, sys
 from pathlib import Path
 from tests.app.checkpoint.test_files import checkpoint
-from tribox.app.checkpoint.files import write_checkpoint
+from tribox.app.checkpoint.checkpointer import write_checkpoint
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 write_checkpoint(Path(sys.argv[1]), checkpoint(1), 2)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))

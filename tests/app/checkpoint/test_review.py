@@ -20,7 +20,7 @@ from tests.app.simulation.test_explicit_run import THROWN
 from tests.own_law import documented_law
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.checkpoint.files import _sum, latest
+from tribox.app.checkpoint.checkpointer import _sum, latest
 from tribox.app.checkpoint.layout import _leaves
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted

@@ -13,7 +13,7 @@ from tests.flowing import SOFT_METAL
 from tribox.app.build.model import body_dofs, build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.kept_tangent import SLENDER, SMALL
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

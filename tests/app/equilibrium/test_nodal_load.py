@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.equilibrium.load_residuals import load_residuals
-from tribox.app.equilibrium.nodal_load import NodalLoad
+from tribox.app.equilibrium.equilibrium import load_residuals
+from tribox.app.equilibrium.prescribed import NodalLoad
 from tribox.forms.bodies.loads import FollowerPressure
 
 

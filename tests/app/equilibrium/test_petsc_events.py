@@ -1,6 +1,6 @@
 from petsc4py import PETSc
 
-from tribox.app.bench.probe import events
+from benchmarks.probe import events
 
 
 def solve_once() -> None:

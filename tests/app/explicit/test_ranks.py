@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.bench.explicit import sliding
+from benchmarks.explicit import sliding
 
 
 def thousand_steps(comm, directory):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.explicit.instability import ExplicitError
+from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.options import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.implicit.options import ImplicitOptions

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}

@@ -12,10 +12,8 @@ import pytest
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
-from tribox.app.fit.model import coordinates, friction
-from tribox.app.fit.result import FitResult
-from tribox.app.fit.run import run_fit
-from tribox.app.fit.section import friction_section
+from tribox.app.fit.model import FitResult, coordinates, friction
+from tribox.app.fit.run import friction_section, run_fit
 from tribox.app.fit.setup import fit_setup
 from tribox.app.friction_map.setup import validated_contact
 from tribox.app.results import read

@@ -17,8 +17,7 @@ from tribox.app.figures.style import COLOURS, MARKERS
 from tribox.app.friction_map import line_contact
 from tribox.app.friction_map.figures import _by_film, _jump, _start_stop, _viscosity
 from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
-from tribox.app.friction_map.material_point import Phase, follow, slide_to_steady
-from tribox.app.friction_map.material_tests import compute_map
+from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_to_steady
 from tribox.app.friction_map.run import run_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.directory import check_free

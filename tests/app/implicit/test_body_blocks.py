@@ -34,7 +34,7 @@ from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
 from tribox.app.implicit.multigrid import KRYLOV, MultigridSolver, rigid_motions_of
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.contact.penalty import ContactTerm

@@ -24,7 +24,7 @@ from tribox.app.implicit.condensed_bodies import (
     can_condense,
 )
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

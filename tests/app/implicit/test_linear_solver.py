@@ -26,7 +26,7 @@ from tribox.app.implicit.linear_solver import (
 )
 from tribox.app.implicit.multigrid import KRYLOV, Multigrid
 from tribox.app.implicit.newton import Newton
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.solid import Solid
 

@@ -14,7 +14,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.predictor import Predictor, lagrange_weights
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

@@ -15,7 +15,7 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.penalty import ContactTerm
 

@@ -13,7 +13,7 @@ from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.live import attempts_figure, watch_run
 from tribox.app.results import read
-from tribox.app.results.lock import DirectoryLock
+from tribox.app.results.claim import DirectoryLock
 from tribox.app.results.table import Table
 from tribox.app.run import run_case
 

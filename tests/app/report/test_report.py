@@ -17,12 +17,17 @@ from pandas import DataFrame
 from PIL import Image
 
 from tests.ranks import LIMIT
-from tribox.app.case.given import given_keys
+from tribox.app.case.case import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.page import pictures_of, write_report
-from tribox.app.report.tables import end_table, frame_table, load_step_table, sweep_table
-from tribox.app.report.verdicts import UNBALANCED
+from tribox.app.report.tables import (
+    UNBALANCED,
+    end_table,
+    frame_table,
+    load_step_table,
+    sweep_table,
+)
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
 

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
+import pyvista
 from mpi4py import MPI
 
 from tribox.app.build.model import Model, build_model
 from tribox.app.case.case import Case
-from tribox.app.results.contact_nodes import ContactNodes, contact_nodes
-from tribox.app.results.contact_points import contact_arrays
+from tribox.app.results import vtu
+from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
-from tribox.app.simulation.observer import Observer
+from tribox.app.results.vtu import (
+    Cells,
+    Grid,
+    UnknownVtuError,
+    pack,
+    read_vtu,
+    with_three_components,
+    write_vtu,
+)
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 SPACE = """
@@ -137,3 +148,158 @@ def test_pairs_follow_each_other(block, tmp_path):
     assert np.array_equal(read.cells_dict["line"], nodes.facets)
     np.testing.assert_array_equal(read.points[:, :2], values["position"])
     np.testing.assert_array_equal(read.point_data["pressure"], values["pressure"])
+
+
+# -- VTU files as pyvista and meshio read them -----------------------------------------------------
+
+TRIANGLE, VERTEX = 5, 1
+
+
+@pytest.fixture
+def arrays(monkeypatch) -> dict:
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(vtu, "BLOCK", 1 << 15)
+    count = vtu.BLOCK // 24 * 3 + 5  # more than three blocks, the last one not full
+    return {
+        "points": rng.random((count, 3)),
+        "nodes": rng.integers(0, count, (4000, 3)),
+        "point_data": {
+            "vector": rng.random((count, 3)),
+            "gap": np.where(rng.random(count) < 0.5, np.nan, -1e-300),
+            "pair": rng.integers(0, 9, count).astype(np.int32),
+        },
+        "cell_data": {
+            "tensor": rng.random((4000, 9)),
+            "one": np.full((4000, 1), 3.0),
+            "long": rng.integers(-(2**40), 2**40, 4000),
+        },
+    }
+
+
+def write(path: Path, arrays: dict, time: float = 0.1 + 0.2, step: int = 7) -> None:
+    cells = Cells.of_one_kind(arrays["nodes"], TRIANGLE)
+    data = arrays["point_data"], arrays["cell_data"]
+    write_vtu(path, arrays["points"], cells, *data, time, step)
+
+
+def test_both_libraries_read_back_every_bit(tmp_path, arrays):
+    path = tmp_path / "a.vtu"
+    write(path, arrays)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.vtu"]
+    grid, mesh = pyvista.read(path), meshio.read(path)
+    np.testing.assert_array_equal(grid.points, arrays["points"])
+    np.testing.assert_array_equal(mesh.points, arrays["points"])
+    np.testing.assert_array_equal(grid.cells_dict[TRIANGLE], arrays["nodes"])
+    np.testing.assert_array_equal(mesh.cells_dict["triangle"], arrays["nodes"])
+    for name, values in arrays["point_data"].items():
+        for found in (grid.point_data[name], mesh.point_data[name]):
+            np.testing.assert_array_equal(found, values)
+            assert found.dtype == values.dtype
+    for name, values in arrays["cell_data"].items():
+        for found in (grid.cell_data[name], mesh.cell_data[name][0]):
+            np.testing.assert_array_equal(np.reshape(found, values.shape), values)
+            assert found.dtype == values.dtype
+    assert set(grid.array_names) == {
+        *arrays["point_data"],
+        *arrays["cell_data"],
+        "TimeValue",
+        "step",
+    }
+    for data in (grid.field_data, mesh.field_data):
+        assert list(data["TimeValue"]) == [0.1 + 0.2] and list(data["step"]) == [7]
+
+
+def test_vtk_knows_the_time_of_a_file(tmp_path, arrays):
+    """As ParaView, which takes it from there where a file is opened without an index."""
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    write(tmp_path / "a.vtu", arrays, time=1.25e-7)
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "a.vtu"))
+    reader.UpdateInformation()
+    said = reader.GetOutputInformation(0)
+    assert said.Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS()) == (1.25e-7,)
+
+
+def test_what_is_packed_once_is_written_as_it_is(tmp_path, arrays):
+    write(tmp_path / "a.vtu", arrays)
+    for group in ("point_data", "cell_data"):
+        arrays[group] = {name: pack(values) for name, values in arrays[group].items()}
+    write(tmp_path / "b.vtu", arrays)
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+
+
+def test_zeros_and_what_lasts_are_compressed_and_digits_are_not():
+    def room(values: np.ndarray, **how: bool) -> int:
+        return sum(map(len, pack(values, **how).data))
+
+    digits = np.random.default_rng(4).random(1 << 16)
+    few = np.where(digits < 0.01, digits, 0.0)
+    assert digits.nbytes < 0.75 * room(digits) < 1.001 * digits.nbytes  # in base64
+    assert room(few) < 0.1 * room(digits)
+    rows = np.arange(len(digits))
+    assert room(rows, lasting=True) < 0.3 * room(rows)
+
+
+def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
+    write(tmp_path / "a.vtu", arrays)
+    before = (tmp_path / "a.vtu").read_bytes()
+    arrays["cell_data"]["text"] = np.array(["a"])
+    with pytest.raises(KeyError):
+        write(tmp_path / "a.vtu", arrays)
+    assert (tmp_path / "a.vtu").read_bytes() == before
+
+
+def test_vectors_of_the_plane_have_three_components():
+    vectors = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert with_three_components(vectors).tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
+    space = np.ones((2, 3))
+    assert with_three_components(space) is space
+
+
+def test_own_reader_finds_what_meshio_finds(tmp_path, arrays):
+    path = tmp_path / "a.vtu"
+    write(path, arrays)
+    check_same(read_vtu(path), meshio.read(path))
+
+
+@pytest.mark.parametrize("kinds", [("quad", "triangle", "quad"), ("hexahedron27",), ("tetra10",)])
+def test_own_reader_takes_blocks_of_kinds_that_follow_each_other(tmp_path, kinds):
+    sizes = {"quad": 4, "triangle": 3, "hexahedron27": 27, "tetra10": 10}
+    rng = np.random.default_rng(2)
+    blocks = [(kind, rng.integers(0, 40, (3, sizes[kind]))) for kind in kinds]
+    data = {"body": [rng.random(3) for _ in kinds], "tensor": [rng.random((3, 9)) for _ in kinds]}
+    mesh = meshio.Mesh(rng.random((40, 3)), blocks, {"p": rng.random(40)}, data)
+    mesh.write(tmp_path / "b.vtu")
+    check_same(read_vtu(tmp_path / "b.vtu"), meshio.read(tmp_path / "b.vtu"))
+
+
+def check_same(ours: Grid, theirs: meshio.Mesh) -> None:
+    np.testing.assert_array_equal(ours.points, theirs.points)
+    assert [block.type for block in ours.cells] == [block.type for block in theirs.cells]
+    for mine, other in zip(ours.cells, theirs.cells, strict=True):
+        np.testing.assert_array_equal(mine.data, other.data)
+    assert ours.point_data.keys() == theirs.point_data.keys()
+    for name, values in ours.point_data.items():
+        np.testing.assert_array_equal(values, theirs.point_data[name])
+    assert ours.cell_data.keys() == theirs.cell_data.keys()
+    for name, blocks in ours.cell_data.items():
+        for mine, other in zip(blocks, theirs.cell_data[name], strict=True):
+            np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("vtkZLibDataCompressor", "vtkLZ4DataCompressor"),
+        ('format="binary"', 'format="appended"'),
+        ("Piece", "Part"),
+    ],
+)
+def test_own_reader_leaves_other_files_to_others(tmp_path, arrays, change):
+    path = tmp_path / "a.vtu"
+    write(path, arrays)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(UnknownVtuError):
+        read_vtu(path)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tribox.app.errors import InputError, OutputError
+from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import (
     OWN,
     check_free,
@@ -18,7 +19,6 @@ from tribox.app.results.directory import (
     write_table,
     write_text,
 )
-from tribox.app.results.earlier_sweep import sweep_labels
 
 
 def make(directory: Path, *names: str) -> None:

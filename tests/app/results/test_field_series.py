@@ -15,8 +15,7 @@ from mpi4py import MPI
 from vtkmodules.vtkCommonCore import reference as reference_to
 
 from tests.grid import grid
-from tribox.app.results.cell_strain import CellStrain
-from tribox.app.results.fields import StressField
+from tribox.app.results.fields import CellStrain, StressField
 from tribox.app.results.output_files import BpWriter, FieldSeries
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid

@@ -21,14 +21,13 @@ from tribox.app.errors import InputError, OutputError
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.figures.style import save
 from tribox.app.results import read
-from tribox.app.results.claim import Claim, claimed
+from tribox.app.results.claim import Claim, DirectoryLock, claimed, owner_of
 from tribox.app.results.directory import LOCK, GrowingTable, write_text
-from tribox.app.results.lock import DirectoryLock, owner_of
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from tribox.app.results.lock import DirectoryLock
+from tribox.app.results.claim import DirectoryLock
 DirectoryLock(Path(sys.argv[1])).take()
 print("taken", flush=True)
 time.sleep(60)

@@ -11,8 +11,8 @@ from tribox.app.case.reading import load_case
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.errors import InputError
 from tribox.app.results import Results, read
+from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import write_json, write_table
-from tribox.app.results.earlier_sweep import sweep_labels
 
 SWEEP = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
 

@@ -13,7 +13,7 @@ from tribox.app.errors import Interrupted
 from tribox.app.figures import run_figures
 from tribox.app.results import Results
 from tribox.app.run.run import run_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 
 
 def small(block: str) -> Case:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
+from pathlib import Path
+
 import pytest
 
-from tribox.app.run.ending import end_with
+from tribox.app.errors import InputError
+from tribox.app.run.ending import VARIABLE, end_with, ensure_cache
 from tribox.geometry.native.compiler import KernelError
 
 
@@ -19,3 +24,72 @@ def test_a_source_that_does_not_compile_is_one_line(capsys):
 def test_other_errors_keep_their_traceback():
     with pytest.raises(RuntimeError, match="of another kind"):
         end_with(RuntimeError("of another kind"))
+
+
+# -- A cache that cannot be written is replaced by one that can, or it is one line -----------------
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch) -> Path:
+    """The place of temporary files."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture(params=["under a file", "a file", "unknown home"])
+def unusable(request, tmp_path, monkeypatch) -> Path:
+    """A cache that nobody can write, not even root."""
+    file = tmp_path / "file"
+    file.touch()
+    if request.param == "unknown home":
+        monkeypatch.delenv(VARIABLE, raising=False)
+        monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+        return Path("~/.cache")
+    cache = file if request.param == "a file" else file / "cache"
+    monkeypatch.setenv(VARIABLE, str(cache))
+    return cache
+
+
+def test_another_place_is_found_and_told(unusable, temporary, monkeypatch, capsys):
+    monkeypatch.setenv(VARIABLE, os.environ.get(VARIABLE, ""))  # restored after the test
+    ensure_cache()
+    ours = Path(os.environ[VARIABLE])
+    assert ours.parent == temporary and ours.stat().st_mode & 0o777 == 0o700
+    assert capsys.readouterr().err.startswith(f"note: {unusable} cannot be written")
+    ensure_cache()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_usual_place_stays(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "cache"))
+    ensure_cache()
+    assert os.environ[VARIABLE] == str(tmp_path / "new" / "cache")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("kind", ["link", "open", "file"])
+def test_a_place_that_others_may_write_is_not_used(kind, unusable, temporary):
+    place = temporary / f"tribox-{os.getuid()}"
+    if kind == "link":
+        (temporary / "elsewhere").mkdir()
+        place.symlink_to(temporary / "elsewhere")
+    elif kind == "file":
+        place.touch()
+    else:
+        place.mkdir()
+        place.chmod(0o777)
+    with pytest.raises(InputError, match=f"is not yours alone.*{VARIABLE}"):
+        ensure_cache()
+
+
+def test_check_goes_on_without_the_cache(
+    tribox, case_file, block, environment, tmp_path, monkeypatch
+):
+    file = tmp_path / "file"
+    file.touch()
+    monkeypatch.setitem(environment, VARIABLE, str(file / "cache"))
+    monkeypatch.setitem(environment, "TMPDIR", str(tmp_path))
+    done = tribox("check", case_file(block), process=True)
+    assert done.returncode == 0, done.stderr
+    assert "cannot be written: compiled forms go to" in done.stderr
+    assert list((tmp_path / f"tribox-{os.getuid()}" / "fenics").iterdir())

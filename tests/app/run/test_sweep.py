@@ -23,11 +23,12 @@ from tribox.app.results import read
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import BEGINNING, write_table
 from tribox.app.results.status import is_beginning
-from tribox.app.run.sweep_lines import SweepLines, SweepScreen, sweep_lines
 from tribox.app.run.sweep_runs import (
     NO_SUMMARY,
     Part,
+    SweepLines,
     SweepOptions,
+    SweepScreen,
     _make_ready,
     _summary_of_part,
     _to_run,
@@ -35,6 +36,7 @@ from tribox.app.run.sweep_runs import (
     part_command,
     run_side_by_side,
     run_sweep,
+    sweep_lines,
 )
 from tribox.app.simulation.history import COLUMNS
 

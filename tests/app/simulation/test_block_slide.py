@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 CASE = Path(__file__).parents[3] / "cases" / "block-slide.toml"

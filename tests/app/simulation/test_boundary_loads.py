@@ -11,7 +11,7 @@ from scipy.optimize import fsolve
 
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 E, NU, WIDTH, HEIGHT, THICKNESS = 5e6, 0.4, 1e-3, 0.5e-3, 2e-3

@@ -16,16 +16,16 @@ import pytest
 from matplotlib.axes import Axes
 from mpi4py import MPI
 
+from benchmarks.explicit_verification import draw_overlay
 from tests.app.conftest import FILM, SLID
 from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.figures.force_displacement import draw_overlay
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 # A block thrown obliquely on aluminium: it touches, slides, and flies off again.

@@ -17,9 +17,9 @@ from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
+from tribox.app.simulation.energy_balance import Inertia, notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
-from tribox.app.simulation.inertia import Inertia, notes_on_inertia
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 DENSE = {"elastomer": 1100.0, "aluminium": 2700.0}

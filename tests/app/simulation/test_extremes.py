@@ -13,7 +13,7 @@ from tribox.app.build.numbers import failures_as
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.run.building import notes_on_building
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 EXPLICIT = (

@@ -9,12 +9,12 @@ import pytest
 from mpi4py import MPI
 
 from tribox.app.build.model import build_model
-from tribox.app.build.supports import loose_directions
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.supports import loose_directions
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.failure_diagnosis import explain, is_unstable, most_squeezed
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 

@@ -193,7 +193,7 @@ def test_a_load_step_whose_steps_are_all_cut_still_becomes_steady(monkeypatch, c
     from mpi4py import MPI
 
     from tribox.app.implicit.stepper import ImplicitStepper
-    from tribox.app.simulation.observer import Observer
+    from tribox.app.simulation.run_state import Observer
 
     case = load_case(case_file(film.replace('["1e-5 m/s", "2e-3 m/s"]', '["1e-5 m/s"]')))
     attempt = ImplicitStepper.attempt

@@ -18,7 +18,7 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.implicit.globalisation import ThinnedOil
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.film_watch import FilmWatch
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.film.reynolds import FilmError, ReynoldsFilm
 

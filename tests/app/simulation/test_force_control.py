@@ -12,7 +12,7 @@ from tribox.app.build.mesh import make_mesh
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 MOST = 20  # iterations of a step

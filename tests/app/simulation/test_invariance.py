@@ -23,7 +23,7 @@ from tribox.app.simulation.contact_resultants import (
 )
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap

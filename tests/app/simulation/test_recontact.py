@@ -17,7 +17,7 @@ from tests.rectangles import Rectangle, Rectangles
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.meshes.gmsh_model import write_msh
 

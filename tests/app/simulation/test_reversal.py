@@ -11,8 +11,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.observer import Observer
-from tribox.app.simulation.run_state import RunState
+from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 
 MU, K_T, PRESSURE = 0.2, 1e11, 0.5e6

@@ -6,6 +6,8 @@ import re
 import tomllib
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mpi4py import MPI
 
 from tests.app.conftest import BOXES
@@ -14,6 +16,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.results import read
 from tribox.app.run.run import run_case
+from tribox.app.simulation.history import time_text
 from tribox.app.simulation.run_state import RunState
 
 
@@ -93,3 +96,34 @@ def test_where_nothing_is_driven_the_log_tells_the_speed_of_what_moves(tmp_path,
     assert [one and one[1] for one in found] == ["5e-05", "5e-05", None, "0.0001", None]
     velocity = read(tmp_path / "out").history["velocity"]
     assert velocity[:3].isna().all() and velocity[3:].tolist() == [1e-4, 0.0]
+
+
+# -- Times in messages tell steps apart, however short these are beside the time -------------------
+
+
+@pytest.mark.parametrize(
+    ("time", "dt", "text"),
+    [
+        (0.1, 0.1, "0.1 s"),
+        (1.0 / 3.0, 0.1, "0.333333 s"),
+        (0.100000001, 1e-9, "0.100000001 s"),
+        (1234.5678901, 1e-4, "1234.56789 s"),
+        (0.0, 1e-9, "0 s"),
+        (2.5, 0.0, "2.5 s"),
+        (2.5, float("inf"), "2.5 s"),
+    ],
+)
+def test_digits_follow_from_the_step(time, dt, text):
+    assert time_text(time, dt) == text
+
+
+@given(
+    start=st.floats(1e-9, 1e6),
+    share=st.floats(1e-11, 1e3),
+    cut=st.sampled_from([1.0, 0.5, 0.25]),
+)
+def test_a_step_and_the_next_have_different_times(start, share, cut):
+    """Also one half or a quarter as long as the one before."""
+    dt = start * share
+    first, second = time_text(start, dt), time_text(start + cut * dt, cut * dt)
+    assert float(first.removesuffix(" s")) < float(second.removesuffix(" s"))

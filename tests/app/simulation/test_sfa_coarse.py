@@ -11,7 +11,7 @@ from mpi4py import MPI
 from tests.app.simulation.test_sfa import CASE, CLOSE, Point
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 COARSE = ("geometry.upper.elements=[60, 2]", "geometry.lower.elements=[65, 4]", "stage.0.steps=2")

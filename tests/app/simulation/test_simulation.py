@@ -25,7 +25,7 @@ from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import PHYSICAL, Row
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 TIGHT = {"tolerance": 1e-11}

@@ -11,7 +11,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import resolved_toml
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError
-from tribox.app.verify.shipped_case import CASES
+from tribox.app.verify.result import CASES
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 SMOOTH = 'contact.0.smoothing_angle="30 deg"'

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.results.contact_nodes import contact_nodes
-from tribox.app.simulation.observer import Observer
+from tribox.app.results.contact_points import contact_nodes
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 SPHERE = """

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.steady import SlidWay, change_over, measure_settling
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction

@@ -13,7 +13,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

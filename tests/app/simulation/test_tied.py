@@ -16,9 +16,9 @@ from tribox.app.case.reading import load_case
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.equilibrium.free_bodies import free_bodies
 from tribox.app.errors import InputError
-from tribox.app.results.contact_nodes import contact_nodes
+from tribox.app.results.contact_points import contact_nodes
 from tribox.app.run.run import run_case
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane, run
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 
 THICKNESS = 2e-3  # m, of the slab
 DRY = {"law": "coulomb", "mu": 0.3}

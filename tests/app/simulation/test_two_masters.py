@@ -12,8 +12,8 @@ from mpi4py import MPI
 from tests.rectangles import Rectangle, Rectangles
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.results.contact_nodes import contact_nodes
-from tribox.app.simulation.observer import Observer
+from tribox.app.results.contact_points import contact_nodes
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.surface_ends import LeftMaster
 from tribox.geometry.meshes.gmsh_model import write_msh

@@ -17,7 +17,7 @@ from tribox.app.build.mesh import make_mesh
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.simulation.observer import Observer
+from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import cattaneo_mindlin, fit_ellipse, hertz_line
 from tribox.app.verify.report import (
@@ -28,9 +28,8 @@ from tribox.app.verify.report import (
     run_verify,
     table,
 )
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare
-from tribox.app.verify.shipped_case import CASES as DIRECTORY
-from tribox.app.verify.shipped_case import solve
+from tribox.app.verify.result import CASES as DIRECTORY
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
 from tribox.app.verify.sliding import block_slide, friction_law
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
@@ -57,7 +56,7 @@ def failed(found: Verification) -> set[str]:
 # --- the cases themselves ------------------------------------------------------------------------
 
 
-# Cases in space of tens of seconds; test_sphere.py runs them coarse.
+# Cases in space of tens of seconds; test_space.py runs them coarse.
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 LONG = {
     "cook-membrane",  # coarser in test_flowing.py

@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from tribox.app.verify.space import QUICK_BOXES, patch_errors, slide
+import tribox.app.verify.space as verification_sphere
+from tribox.app.case.reading import load_case
+from tribox.app.verify.result import CASES as DIRECTORY
+from tribox.app.verify.space import (
+    QUICK_BOXES,
+    SECTION,
+    SMOOTH,
+    TWIST,
+    hertz_point,
+    jumps,
+    patch_errors,
+    press_sphere,
+    roll,
+    slide,
+    sphere_twist,
+)
 
 
 def test_more_points_carry_the_pressure_better():
@@ -42,3 +59,91 @@ def test_friction_follows_the_direction_of_sliding():
 def test_before_all_slides_friction_is_less():
     friction, normal = slide(0.3, [*QUICK_BOXES, "stage.1.duration=0.2", "stage.1.steps=1"])
     assert np.linalg.norm(friction) < 0.15 * normal
+
+
+# -- The sphere on a block, coarse: closed forms are met, and the checks can fail ------------------
+
+COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
+QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
+
+
+def test_quarter_and_section_are_pressed_alike():
+    case, section = (load_case(DIRECTORY / "sphere-on-block.toml", o) for o in ([], SECTION))
+    for time in (0.5, 1.0):
+        down = [c.boundary[1].displacement.y(time) for c in (case, section)]
+        assert down[0] == down[1] == pytest.approx(-6.25e-6 * time)
+        turned = load_case(DIRECTORY / "sphere-on-block.toml", TWIST)
+        assert turned.boundary[1].displacement.y(time) == down[0]
+
+
+@pytest.mark.parametrize("size", [32.5, 20, 14, 10])
+def test_section_meets_hertz(size):
+    found = press_sphere([*SECTION, f"geometry.contact_size={size} um"])
+    radius, peak = found.fitted
+    assert radius == pytest.approx(found.exact.contact_radius, rel=0.02)
+    assert peak == pytest.approx(found.exact.peak, rel=0.01)
+
+
+def test_a_coarse_quarter_meets_the_section():
+    """Five elements over the radius give load, energy and peak; too few for the radius."""
+    quarter = press_sphere(["stage.0.steps=1", *COARSE])
+    section = press_sphere([*SECTION, *COARSE[1:]])
+    assert quarter.exact.load == pytest.approx(section.exact.load, rel=0.02)
+    assert quarter.energy == pytest.approx(section.energy, rel=0.03)
+    assert quarter.fitted[1] == pytest.approx(quarter.exact.peak, rel=0.02)
+
+
+def test_checks_of_the_point_contact_can_fail():
+    coarse = ("geometry.contact_size=130 um", "geometry.contact_width=1.05 mm", "geometry.growth=2")
+    found = hertz_point(coarse)
+    failed = {check.quantity for check in found.checks if not check.passed}
+    assert {"quarter: radius a", "section: radius a"} <= failed
+    assert len(found.checks) == 8 and len(found.panels[0].lines) == 3
+    assert [check.bar for check in found.checks] == [0.03] * 4 + [0.02] * 4
+
+
+def test_a_soft_penalty_fails_hertz():
+    soft = press_sphere([*SECTION, "contact.0.penalty_factor=0.05", "geometry.contact_width=1 mm"])
+    assert abs(soft.fitted[0] / soft.exact.contact_radius - 1.0) > 0.05
+
+
+def test_contact_beyond_the_fine_zone_is_no_result():
+    with pytest.raises(ValueError, match="contact_width"):
+        press_sphere([*SECTION, "geometry.contact_width=0.5 mm"])
+
+
+@pytest.mark.long
+def test_twist_goes_over_into_full_slip():
+    found = sphere_twist(["geometry.contact_size=80 um"])
+    last = found.checks[-3:]
+    assert max(check.error for check in found.checks) < 0.05  # three elements over the radius
+    assert [check.quantity for check in last][1:] == [
+        "last moment, 3π/16 µPa",
+        "friction force / normal force, max",
+    ]
+    assert all(check.passed for check in last)
+    moments = found.panels[0].lines[1].y
+    assert np.all(np.diff(moments) > 0.0) and moments[0] < 0.5 < 0.97 < moments[-1] < 1.0
+
+
+@pytest.mark.long
+def test_a_smooth_master_takes_the_jumps_out_of_sliding():
+    smooth, faceted = roll([SMOOTH, *QUICK]), roll(QUICK)
+    assert max(map(jumps, smooth)) < 1e-5
+    for rough, even in zip(faceted, smooth, strict=True):
+        assert jumps(rough) > 500.0 * jumps(even)
+    for normal, drag in (smooth, faceted):
+        assert len(normal) == 5
+        np.testing.assert_allclose(drag / normal, 0.2, rtol=0.1)
+
+
+def test_what_does_not_slide_is_no_result(monkeypatch):
+    rows = [SimpleNamespace(stage="slide", stick_fraction=s) for s in (0.0, 0.1, 0.0, 0.0)]
+    stuck = (None, SimpleNamespace(rows=rows))
+    monkeypatch.setattr(verification_sphere, "solve", lambda name, overrides: stuck)
+    with pytest.raises(ValueError, match="slide"):
+        roll()
+
+
+def test_jumps_of_a_row():
+    assert jumps(np.array([2.0, 2.0, 1.0, 3.0])) == pytest.approx(1.0)

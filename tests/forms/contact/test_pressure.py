@@ -22,7 +22,7 @@ from tribox.forms.contact.pressure import (
 )
 from tribox.forms.contact.state import AS_IS, ContactMode
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from tribox.geometry.surfaces.ordering import order_by_place
+from tribox.geometry.surfaces.facets import order_by_place
 
 KINDS = ("averaged", "pointwise")
 DEPTH = 0.02

@@ -7,13 +7,12 @@ import pytest
 
 from tribox.forms import closed_forms
 from tribox.forms.friction.checks import (
-    check_film,
     fixed_threshold_note,
     tabulation_note,
     threshold_speed_warning,
     uniqueness_warning,
 )
-from tribox.forms.friction.film_map import threshold_speed
+from tribox.forms.friction.film import threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
@@ -25,17 +24,6 @@ BASE = FrictionMapParameters(
         {"mu_s": 0.12, "mu_d": 0.10, "K_T": 1e12, "V_star": 1e-3, "V_star_at": 10e-9},
     )
 )
-
-
-def test_film_that_the_law_cannot_work_with():
-    check_film(BASE, 0.0)
-    check_film(dataclasses.replace(BASE, eta_b=0.0, D_min=20e-9), np.array([0.0, 20e-9]))
-    with pytest.raises(ValueError, match=r"film thickness = -1e-09 m .* at least 0"):
-        check_film(BASE, np.array([1e-8, -1e-9]))
-    with pytest.raises(ValueError, match="film thickness = nan m"):
-        check_film(BASE, float("nan"))
-    with pytest.raises(ValueError, match=r"eta_b = 0 Pa s .* a film of 1e-08 m > D_min = 0 m"):
-        check_film(dataclasses.replace(BASE, eta_b=0.0), 10e-9)
 
 
 def test_uniqueness_is_told_with_its_numbers():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tribox.forms.friction.film_map import at_rest, film_point, threshold_speed
+from tribox.forms.friction.film import at_rest, film_point, threshold_speed
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
 from tribox.forms.friction.slip_weakening import SlipWeakening
 

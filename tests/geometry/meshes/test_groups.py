@@ -12,8 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from tribox.geometry.meshes.gmsh_model import MeshError
-from tribox.geometry.meshes.groups import group_dofs
-from tribox.geometry.meshes.mesh import NamedMesh, generate
+from tribox.geometry.meshes.mesh import NamedMesh, generate, group_dofs
 
 
 class Cube:

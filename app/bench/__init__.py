@@ -1,1 +1,0 @@
-"""``tribox bench``: where the time goes."""
