@@ -74,7 +74,7 @@ LIMIT = 20  # iterations for one opening
 # On the central path μ falls where the residual is below EASED and the last step left at most
 # GAINED of it, faster below EASY; to where the exact law, which may stall on its kinks, is solved
 # but for NEARER.
-PATIENCE_CENTRAL, LIMIT_CENTRAL = 18, 25
+PATIENCE_CENTRAL, LIMIT_CENTRAL = 24, 32
 EASED, EASY, SHRINKS_FAST, GAINED = 0.1, 1e-2, 1e-2, 0.5
 NEARER = 1e-6
 
