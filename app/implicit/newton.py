@@ -296,7 +296,8 @@ class Newton:
 
     def _relative_residual(self) -> float:
         """Of the last evaluation; collective."""
-        norm, scale = self._residual.norm(), self.problem.reference_force
+        norm: float = self._residual.norm()
+        scale = self.problem.reference_force
         return norm / scale if scale > 0.0 else norm
 
     def step(self, step: StepMode, falling: bool) -> None:
