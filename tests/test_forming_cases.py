@@ -267,3 +267,33 @@ def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp
         left.append(moment / stiffness)
     assert history.max() > 60.0 and history[-1] < -15.0
     assert abs(left[0]) < 0.08 * abs(history[-1]) and abs(left[0]) < 0.7 * abs(left[1])
+
+
+@pytest.mark.long
+def test_a_sheet_drawn_to_a_u_springs_back_as_its_fibres_do(tmp_path):
+    """The moments of fibres with the sheet's curvatures, taken off, turn its bend by as much."""
+    done = reduced(
+        "u-bend",
+        tmp_path,
+        geometry__blocks__sheet__x='["0 mm", "45 mm"]',
+        geometry__blocks__sheet__elements="[56, 2]",
+        tools__punch__displacement='{ y = [["0 s", "0 mm"], ["1 s", "-5 mm"]] }',
+        stage__0__steps="12",
+        stage__1__steps="2",
+        solver__tolerance="1e-9",
+    )
+    held = of_tool(done, "holder", "force_y")
+    np.testing.assert_allclose(held[:12], 5e3, rtol=2e-3)  # from the first step on
+    assert abs(held[-1]) < 1e-3
+    rows, half = read(tmp_path / "u-bend").surface_probes, 0.5e-3
+    bend = rows[(rows["arc_length"] > 4.3e-3) & (rows["arc_length"] < 19e-3)]
+    outside = bend.pivot(index="step", columns="arc_length", values="curvature")
+    middle = (outside / (1.0 - half * outside)).iloc[:12]
+    law, stiffness = Swift(392.9e6, 0.002, 0.2561), 70e9 / (1.0 - 0.33**2) * 1e-9 / 12.0
+    nodes = middle.columns[::3]
+    moments = [fibre_moments(middle[at], law, (), steps=10, young=70e9)[-1] for at in nodes]
+    turn = bend.pivot(index="step", columns="arc_length", values="tangent_angle")
+    turn = turn[nodes[-1]] - turn[nodes[0]]
+    back = turn.iloc[11] - turn.iloc[-1]
+    assert turn.iloc[11] > np.radians(15.0)
+    assert np.trapezoid(moments, nodes) / stiffness == pytest.approx(back, rel=0.06)

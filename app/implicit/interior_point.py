@@ -51,8 +51,10 @@ class Opening:
 
 # What solves the most steps in the fewest iterations comes first.
 OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
-# Metal flows where linear laws pull at what wants to open: it may take laws that never pull.
-OPENINGS_FLOWING = (Opening(1e-6, central=True), *OPENINGS)
+# Metal flows where linear laws pull at what wants to open: laws that never pull come first, and of
+# the linear ones those with the lowest barrier. A first contact may take a higher one.
+OPENINGS_FLOWING = (Opening(1e-6, central=True), OPENINGS[2], OPENINGS[0])
+PRESSED_FLOWING = 2  # that many of them are tried where something pressed already
 SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
@@ -69,11 +71,11 @@ TURNED = 0.02  # first step away from a state of which the tangent lost its stif
 CLOSE, ENDED = 1e-2, 0.9  # its residual there at most, and over that before at least
 PATIENCE = 12  # iterations after which the bodies should move no further
 LIMIT = 20  # iterations for one opening
-# On the central path μ falls where the residual is below EASED and the last step was WHOLE of
-# Newton's or more, faster below EASY; to where the exact law, which may stall on its kinks, is
-# solved but for NEARER.
-PATIENCE_CENTRAL, LIMIT_CENTRAL = 18, 25
-EASED, EASY, SHRINKS_FAST, WHOLE = 0.1, 1e-2, 1e-2, 0.3
+# On the central path μ falls where the residual is below EASED and the last step left at most
+# GAINED of it, faster below EASY; to where the exact law, which may stall on its kinks, is solved
+# but for NEARER.
+PATIENCE_CENTRAL, LIMIT_CENTRAL = 24, 32
+EASED, EASY, SHRINKS_FAST, GAINED = 0.1, 1e-2, 1e-2, 0.5
 NEARER = 1e-6
 
 Points = list[InteriorPoint | None]
@@ -114,15 +116,17 @@ class FromInside:
 
 
 def order(attempt: Attempt) -> list[int]:
-    """Numbers of the openings, the best first: what worked last does again.
+    """Numbers of the openings, the best first: what worked last does again, unless bodies flow.
 
     Before anything presses no central path is followed: it begins at a prediction, which knows
     nothing of a first contact.
     """
-    last, flows = attempt.newton.inside.opening, attempt.newton.problem.flows
-    openings = OPENINGS_FLOWING if flows else OPENINGS
-    may = [n for n, one in enumerate(openings) if attempt.pressed or not one.central]
-    return sorted(may, key=lambda number: number != last)
+    if attempt.newton.problem.flows:
+        pressed = attempt.pressed
+        numbers = range(PRESSED_FLOWING) if pressed else range(1, len(OPENINGS_FLOWING))
+        return list(numbers)
+    last = attempt.newton.inside.opening
+    return sorted(range(len(OPENINGS)), key=lambda number: number != last)
 
 
 def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
@@ -154,7 +158,7 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
             if exact < NEAR or ENDED * last < exact < CLOSE:
                 return iterations, True
         if problem.flows:
-            newton.step_to_least_energy(step, TURNED * shortest_facet(problem))
+            newton.step_to_least_energy(step, TURNED * shortest_facet(problem), EASED)
         else:
             newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
@@ -165,8 +169,8 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     """Iterate on the central path; iterations, and whether the exact law should go on; collective.
 
     It begins where the prediction is, and with a barrier so low that the prediction is nearly on
-    the path. The laws are smooth, and a short step is the sign of a kink that has become too sharp:
-    then the barrier waits.
+    the path. The laws are smooth, and a step that gains little is the sign of a kink that has
+    become too sharp: then the barrier waits.
 
     Args:
         attempt: its trial is in the end what was found.
@@ -177,16 +181,14 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     points: Points = [None if at is None else at.central() for at in found]
     step = attempt.step.inside(points)
     attempt.return_to_start()
-    exact, length = np.inf, 1.0
+    exact, before = np.inf, np.inf
     limit = min(LIMIT_CENTRAL, newton.options.max_iterations)
     for iteration in range(limit):
         left = newton.residual_of(step)
-        if not np.isfinite(left) or (left > SETTLED and iteration >= PATIENCE):
-            return iteration, False
-        if left > EASED and iteration >= PATIENCE_CENTRAL:
+        if not np.isfinite(left) or (left > EASED and iteration >= PATIENCE_CENTRAL):
             return iteration, False
         shrinks = 1.0
-        if left < EASED and (abs(length) >= WHOLE or iteration == 0):
+        if left < EASED and left <= GAINED * before:
             shrinks = SHRINKS_FAST if left < EASY else SHRINKS_FLOWING
         points = _advanced(problem, points, shrinks, opening.kept)
         step = attempt.step.inside(points)
@@ -194,7 +196,7 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
             last, exact = exact, newton.residual_of(attempt.step)
             if exact < NEARER or ENDED * last < exact < CLOSE:
                 return iteration, True
-        length = newton.step_to_least_energy(step, TURNED * shortest_facet(problem))
+        before = newton.step_to_least_energy(step, TURNED * shortest_facet(problem), EASED)
     return limit, newton.residual_of(attempt.step) < NEAR
 
 

@@ -292,7 +292,12 @@ class Newton:
         """Residual at ``trial`` over the reference force; collective."""
         self._step = step
         self._function(self.snes, self.trial, self._residual)
-        norm, scale = self._residual.norm(), self.problem.reference_force
+        return self._relative_residual()
+
+    def _relative_residual(self) -> float:
+        """Of the last evaluation; collective."""
+        norm: float = self._residual.norm()
+        scale = self.problem.reference_force
         return norm / scale if scale > 0.0 else norm
 
     def step(self, step: StepMode, falling: bool) -> None:
@@ -313,19 +318,24 @@ class Newton:
         start.destroy()
         increment.destroy()
 
-    def step_to_least_energy(self, step: StepMode, first: float) -> float:
-        """Make one Newton step, as long as the forces along it do work; its length; collective.
+    def step_to_least_energy(self, step: StepMode, first: float, near: float) -> float:
+        """Make one Newton step, as long as the forces along it do work; collective.
 
         Where the tangent has lost its stiffness along the step, that leads uphill: the step is made
-        the other way, and becomes longer until the forces turn round.
+        the other way, and becomes longer until the forces turn round. Near a solution it is
+        friction that makes the work negative, and the step is made as it is.
 
         Args:
             step: duration and contact modes.
             first: m, how far the unknowns go at most in the first trial the other way.
+            near: relative residual below which no step is turned round.
+
+        Returns:
+            The relative residual before the step.
         """
         x, f = self.trial, self._residual
         start, increment = self._increment(step)
-        whole = increment.dot(f)
+        before, whole = self._relative_residual(), increment.dot(f)
 
         def work(length: float) -> float:
             x.waxpy(-length, increment, start)
@@ -333,11 +343,16 @@ class Newton:
             left: float = increment.dot(f) / whole if whole else 0.0
             return left if np.isfinite(left) else -np.inf
 
-        furthest = increment.norm(PETSc.NormType.INFINITY)
-        length = length_to_least_energy(work, 1.0 if whole >= 0.0 else -min(1.0, first / furthest))
+        if whole >= 0.0:
+            length_to_least_energy(work, 1.0)
+        elif before < near:
+            work(1.0)
+        else:
+            furthest = increment.norm(PETSc.NormType.INFINITY)
+            length_to_least_energy(work, -min(1.0, first / furthest))
         start.destroy()
         increment.destroy()
-        return length
+        return before
 
     def _increment(self, step: StepMode) -> tuple[PETSc.Vec, PETSc.Vec]:
         """The trial, and what a Newton step subtracts from it; both to be destroyed; collective."""

@@ -126,6 +126,14 @@ def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reas
     assert given.newton.inside.last is after
 
 
+def test_metal_that_flows_is_not_predicted_twice(monkeypatch):
+    seen, given = Scripted(monkeypatch, [-6, -6, 2]), attempt(near=False, flows=True)
+    given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None
+    given.start, given.newton.trial = np.zeros(1), SimpleNamespace(array=np.zeros(1))
+    assert solve(given) == (3, 2)
+    assert seen.ran == [PredictedStart(if_near=True), FromInside("last"), FromInside("others")]
+
+
 def test_a_body_that_floats_is_not_pushed_away_from_inside(monkeypatch):
     seen, given = Scripted(monkeypatch, [2]), attempt(near=False)
     given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None
@@ -269,8 +277,15 @@ class Along:
 def test_a_step_on_a_tangent_without_stiffness_goes_the_other_way(pair, monkeypatch):
     """The energy falls towards −0.125, and the Newton step leads uphill."""
     along = Along(made(pair), monkeypatch, lambda x: x + 0.125)
-    along.newton.step_to_least_energy(StepMode(), 1e-3)
+    assert along.newton.step_to_least_energy(StepMode(), 1e-3, near=0.12) == 0.125
     assert along.way == pytest.approx(-0.125, abs=0.125 * ENOUGH)
+
+
+def test_a_step_near_a_solution_is_not_turned_round(pair, monkeypatch):
+    """There friction makes the work of its forces negative."""
+    along = Along(made(pair), monkeypatch, lambda x: x + 0.125)
+    assert along.newton.step_to_least_energy(StepMode(), 1e-3, near=0.13) == 0.125
+    assert along.way == 1.0
 
 
 @pytest.mark.parametrize("none", [np.nan, np.inf])
