@@ -119,5 +119,6 @@ def test_a_drawing_keeps_its_points(tmp_path):
     mesh_drawing(drawing, tmp_path / "pad.msh", Meshing(size=0.5))
 
     named = read(tmp_path / "pad.msh", MPI.COMM_SELF)
+    named.mesh.topology.create_connectivity(0, 2)
     tips = dolfinx.mesh.compute_midpoints(named.mesh, 0, named.nodes("tips"))
     assert sorted(map(tuple, tips[:, :2])) == [(0.0, 1.0), (2.0, 0.0)]
