@@ -83,9 +83,9 @@ class Case(Model):
         description="rigid shapes that bodies are pressed on, [tools.NAME]",
     )
     boundary: tuple[Boundary, ...] = Field(
-        min_length=1,
+        default=(),
         max_length=MOST_ENTRIES,
-        description="supports, motions and loads of surfaces, [[boundary]]",
+        description="supports, motions and loads of surfaces, [[boundary]]; needed without tools",
     )
     gravity: Gravity | None = Field(
         default=None, description="acceleration of gravity, which acts on the mass of all bodies"
@@ -228,6 +228,8 @@ class Case(Model):
             if same != index and first == index:
                 reason = f"is what contact.{same} is called already"
                 yield Problem(("contact", index, "name"), reason, contact.label)
+        if not self.boundary and not self.tools:
+            yield Problem(("boundary",), "missing; nothing holds, moves or loads the bodies")
         yield from boundary_problems(self.boundary, ("boundary",), self.geometry.built_section)
         section = self.geometry.built_section
         yield from probe_problems(self.probe, self.bodies, self.contact, ("probe",), section)

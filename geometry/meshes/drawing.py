@@ -109,6 +109,8 @@ def write_mesh_of(drawing: Path, task: str) -> dict[str, int]:
             gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
             gmsh.option.setNumber("Mesh.SaveAll", 0)
             named = named_groups(gmsh, str(drawing))
+            for name, (low, entities) in named.groups.items():  # which it took away
+                gmsh.model.addPhysicalGroup(low, entities, name=name)
             cells = {name: _count(gmsh, named.dim, tag) for name, tag in named.bodies.items()}
             gmsh.write(path)
     except MeshError:

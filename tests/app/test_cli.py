@@ -339,7 +339,7 @@ def test_schema_is_json_with_all_tables(tribox):
     tables = {"title", "geometry", "bodies", "contact", "boundary", "stage"}
     more = {"tools", "gravity", "probe", "solver", "output", "sweep"}
     assert tables | more == set(schema["properties"])
-    assert set(schema["required"]) == tables - {"title", "contact"}
+    assert set(schema["required"]) == tables - {"title", "contact", "boundary"}
 
 
 def test_mesh_writes_file_and_picture_and_keeps_what_is_there(tribox, case_file, block, tmp_path):

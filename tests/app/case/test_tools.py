@@ -231,6 +231,19 @@ def test_with_axial_symmetry_a_tool_moves_along_the_axis(tmp_path):
     assert "tools.punch.rotation: does not go with axial symmetry" in lines[1]
 
 
+def test_what_tools_alone_hold_needs_no_boundary(tmp_path):
+    data = block_case(block_mesh(tmp_path / "block.msh"), tools={"punch": ROUND})
+    del data["boundary"]
+    case = case_of(data)
+    assert case.boundary == ()
+    assert Case.model_validate(tomllib.loads(resolved_toml(case))) == case
+    del data["tools"], data["contact"]
+    with pytest.raises(ValidationError) as caught:
+        case_of(data)
+    lines = [format_problem(p) for p in problems_of(caught.value, Case, data)]
+    assert lines == ["boundary: missing; nothing holds, moves or loads the bodies"]
+
+
 def test_the_resolved_case_reads_back_to_the_same(tmp_path):
     mesh = block_mesh(tmp_path / "block.msh")
     tools = {

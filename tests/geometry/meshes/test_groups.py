@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tribox.geometry.meshes.drawing import Meshing, mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError
-from tribox.geometry.meshes.mesh import NamedMesh, generate, group_dofs
+from tribox.geometry.meshes.mesh import NamedMesh, generate, group_dofs, read
 
 
 class Cube:
@@ -103,3 +104,20 @@ def test_a_name_that_is_missing_offers_the_nearest():
         named.nodes("edgy")
     with pytest.raises(MeshError, match="no surface named 'corner'"):
         named.heed_place("corner")
+
+
+def test_a_drawing_keeps_its_points(tmp_path):
+    drawing = tmp_path / "pad.geo"
+    drawing.write_text(
+        "Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {0, 1, 0};\n"
+        "Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};\n"
+        "Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1};\n"
+        'Physical Surface("pad") = {1}; Physical Curve("foot") = {1};\n'
+        'Physical Point("tips") = {2, 3};\n'
+    )
+    mesh_drawing(drawing, tmp_path / "pad.msh", Meshing(size=0.5))
+
+    named = read(tmp_path / "pad.msh", MPI.COMM_SELF)
+    named.mesh.topology.create_connectivity(0, 2)
+    tips = dolfinx.mesh.compute_midpoints(named.mesh, 0, named.nodes("tips"))
+    assert sorted(map(tuple, tips[:, :2])) == [(0.0, 1.0), (2.0, 0.0)]
