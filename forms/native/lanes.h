@@ -9,12 +9,7 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* One library for every x86 processor: the loader of the system picks the clone at run time. */
-#if defined(__x86_64__) && defined(__linux__)
-#define EXPORT __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define EXPORT
-#endif
+#define EXPORT /* seen from outside */
 
 /* What adds the matrices of points that remember to those of a block's cells before these go to
  * their places, which takes as long as computing them: symmetric blocks (a, b) of the nodes with

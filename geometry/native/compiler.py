@@ -1,11 +1,15 @@
 """Compiles the packages' C sources on first use and keeps the libraries in FFCx's cache.
 
-FFCx needs a C compiler too, so that one is there wherever a case runs.
+FFCx needs a C compiler too, so that one is there wherever a case runs. A library is made for the
+level of the processor's instructions, which its name tells by its key: code for all levels at once
+takes three times as long to compile. Of processes that want one library, the first makes it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import fcntl
 import functools
 import hashlib
 import os
@@ -13,11 +17,18 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from tribox.geometry.compat import compiler_cache
 
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
+_THIRD = frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe xsave".split())
+LEVELS = {
+    "x86-64-v4": _THIRD | frozenset("avx512f avx512bw avx512cd avx512dq avx512vl".split()),
+    "x86-64-v3": _THIRD,
+}
+"""What a processor must have for a level of the x86-64 instructions, as Linux names it."""
 MORE_FLAGS = "TRIBOX_CFLAGS"
 """Variable of the environment: further options of the compiler, of sanitizers, say."""
 
@@ -50,7 +61,28 @@ def compiled(source: Path) -> ctypes.CDLL:
 
 
 def _flags() -> tuple[str, ...]:
-    return (*FLAGS, *os.environ.get(MORE_FLAGS, "").split())
+    return (*FLAGS, *_level(), *os.environ.get(MORE_FLAGS, "").split())
+
+
+@functools.cache
+def _level() -> tuple[str, ...]:
+    """The option for the instructions of this processor; none where they are not known."""
+    if platform.machine() != "x86_64":
+        return ()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+    except OSError:
+        return ()
+    return level_of(next((line for line in lines if line.startswith("flags")), ""))
+
+
+def level_of(flags: str) -> tuple[str, ...]:
+    """The compiler's option for an x86 processor, from its line ``flags`` of /proc/cpuinfo."""
+    has = set(flags.split())
+    for level, needed in LEVELS.items():
+        if needed <= has:
+            return (f"-march={level}",)
+    return ()
 
 
 def _trusted(directory: Path) -> bool:
@@ -78,6 +110,19 @@ def _caches() -> tuple[Path, Path]:
     return compiler_cache(), ours
 
 
+@contextlib.contextmanager
+def _alone(target: Path) -> Iterator[None]:
+    """Waits until no other process makes ``target``; where files know no locks, both make it."""
+    lock = target.with_suffix(".lock")
+    with lock.open("w") as file:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+
+
 def _made(source: Path, target: Path) -> ctypes.CDLL:
     """Compile ``source`` into ``target``, complete or not at all, and load it.
 
@@ -89,7 +134,9 @@ def _made(source: Path, target: Path) -> ctypes.CDLL:
         raise KernelError("there is no C compiler on the PATH (gcc, or what CC names)")
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        with _alone(target), tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+            if (loaded := _load(target)) is not None:  # made by whom this one waited for
+                return loaded
             made = Path(scratch) / target.name
             done = subprocess.run(
                 [compiler, *_flags(), "-o", str(made), str(source), "-lm"],

@@ -6,6 +6,10 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+from tribox.geometry.native.compiler import LEVELS, level_of
+
 SOURCE = "int twice(int n) { return 2 * n; }\nint far(int n) { return n + 2147483647; }\n"
 SCRIPT = (
     "import sys; from pathlib import Path; from tribox.geometry.native.compiler import compiled\n"
@@ -41,3 +45,34 @@ def test_what_the_compiler_says_ends_the_program(tmp_path):
     )
     assert done.returncode == 1 and "source.c cannot be compiled: " in done.stderr
     assert "undeclared" in done.stderr
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_processor_must_have_all_instructions_of_its_level(level):
+    """One that lacks any would end the program, so that it gets the level below."""
+    assert level_of("flags : fpu " + " ".join(LEVELS[level])) == (f"-march={level}",)
+    for missing in LEVELS[level]:
+        has = " ".join(LEVELS[level] - {missing})
+        assert level_of("flags : fpu " + has) != (f"-march={level}",)
+    assert level_of("") == ()
+
+
+def test_processes_that_start_together_compile_once(tmp_path):
+    """The others wait for the first, and find its library; nothing else stays behind."""
+    (tmp_path / "source.c").write_text(SOURCE)
+    compiler = tmp_path / "cc"
+    compiler.write_text('#!/bin/sh\necho called >> "$0.log"\nsleep 0.5\nexec gcc "$@"\n')
+    compiler.chmod(0o755)
+    environment = {"XDG_CACHE_HOME": str(tmp_path), "CC": str(compiler)}
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(tmp_path / "source.c")],
+            env=os.environ | environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    assert [process.communicate()[0] for process in started] == ["8\n"] * 3
+    assert (tmp_path / "cc.log").read_text() == "called\n"
+    assert [file.suffix for file in (tmp_path / "fenics").iterdir()] == [".so"]
