@@ -254,7 +254,8 @@ def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp
     less |= {"stage__2__steps": "4", "tools__middle__displacement": f"{{ x = {way}, y = {down} }}"}
     for tool in ("left", "right"):
         less[f"tools__{tool}__displacement"] = f"{{ x = {way}, y = {up} }}"
-    reduced("bend-unbend", tmp_path, **less)
+    # Forces of rolls balance each other: what is left is that of the solver's tolerance.
+    reduced("bend-unbend", tmp_path, **less, solver__tolerance="1e-9")
     rows = read(tmp_path / "bend-unbend").surface_probes
     worked = rows[(rows["arc_length"] > 15e-3) & (rows["arc_length"] < 18e-3)]
     history = worked.groupby("step")["curvature"].mean().to_numpy()
