@@ -59,7 +59,6 @@ MISTAKES = [
     ("title=3", "title = 3: must be text, in quotes"),
     ('stage.0.name=""', 'stage.0.name = "": must not be empty'),
     ("contact={}", "contact: must be an array of tables: write [[contact]]"),
-    ("boundary=[]", "boundary = []: must have at least 1 entry"),
     ("solver=3", "solver = 3: must be a table"),
     ("solver.petsc.mat=[1]", "solver.petsc.mat = [1]: must be text, a number, true or false"),
     ("solver.kind=explicit;bodies.elastomer.density=1e3",

@@ -203,6 +203,8 @@ def test_a_strip_springs_back_from_tools_as_from_tools_that_leave_it(tmp_path):
         data |= {"tools": {"punch": punch}, "contact": [contact], "boundary": [clamped]}
         data["stage"][1]["release"] = release
         data["stage"][0]["steps"] = 6
+        # What is left of the forces bends a strip of this length more than they are compared to.
+        data["solver"] = data.get("solver", {}) | {"tolerance": 1e-9}
         simulation = run_data(data)
         shapes.append(simulation.stepper.x.array_r[body_dofs(simulation.model, "strip").ravel()])
         assert simulation.rows[5].plastic_dissipation > 0.0
