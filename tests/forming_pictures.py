@@ -31,6 +31,7 @@ PICTURES = {
     "roller": Picture("deformed.png"),
     "strip-draw": Picture("stribeck.png"),
     "tube-bulge": Picture("deformed-2-press.png"),
+    "u-bend": Picture(f"deformed-{_FLOWN}-1-press.png", _FLOWN),
 }
 
 
