@@ -212,14 +212,13 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     """Solve a step by the phases in turn; iterations and PETSc's converged reason; collective.
 
     After a step that was found from inside the next one begins there, unless its prediction is
-    near. Of metal that flows a prediction that is not leads nowhere then.
+    near.
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
     # A body that floats stays where it is: pressures from inside would push it away.
     began_inside = attempt.newton.inside.last and attempt.step.holding is None
     if began_inside:
-        again = () if attempt.newton.problem.flows else first
-        first = (PredictedStart(if_near=True), FromInside("last"), *again)
+        first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0:
         inside = FromInside("others" if began_inside else "all")

@@ -54,7 +54,6 @@ OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
 # Metal flows where linear laws pull at what wants to open: laws that never pull come first, and of
 # the linear ones those with the lowest barrier. A first contact may take a higher one.
 OPENINGS_FLOWING = (Opening(1e-6, central=True), OPENINGS[2], OPENINGS[0])
-PRESSED_FLOWING = 2  # that many of them are tried where something pressed already
 SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
@@ -122,9 +121,7 @@ def order(attempt: Attempt) -> list[int]:
     nothing of a first contact.
     """
     if attempt.newton.problem.flows:
-        pressed = attempt.pressed
-        numbers = range(PRESSED_FLOWING) if pressed else range(1, len(OPENINGS_FLOWING))
-        return list(numbers)
+        return list(range(0 if attempt.pressed else 1, len(OPENINGS_FLOWING)))
     last = attempt.newton.inside.opening
     return sorted(range(len(OPENINGS)), key=lambda number: number != last)
 
