@@ -126,14 +126,6 @@ def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reas
     assert given.newton.inside.last is after
 
 
-def test_metal_that_flows_is_not_predicted_twice(monkeypatch):
-    seen, given = Scripted(monkeypatch, [-6, -6, 2]), attempt(near=False, flows=True)
-    given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None
-    given.start, given.newton.trial = np.zeros(1), SimpleNamespace(array=np.zeros(1))
-    assert solve(given) == (3, 2)
-    assert seen.ran == [PredictedStart(if_near=True), FromInside("last"), FromInside("others")]
-
-
 def test_a_body_that_floats_is_not_pushed_away_from_inside(monkeypatch):
     seen, given = Scripted(monkeypatch, [2]), attempt(near=False)
     given.newton.inside, given.newton.begin = Inside(last=True), lambda x: None

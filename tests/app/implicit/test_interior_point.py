@@ -301,8 +301,8 @@ def test_a_central_path_that_bodies_do_not_come_to_is_left(monkeypatch, left, it
     ("flows", "pressed", "last", "tried"),
     [
         (False, True, 1, [OPENINGS[1], OPENINGS[0], OPENINGS[2]]),
-        (True, True, 0, [CENTRAL, OPENINGS[2]]),
-        (True, True, 1, [CENTRAL, OPENINGS[2]]),
+        (True, True, 0, [*OPENINGS_FLOWING]),
+        (True, True, 1, [*OPENINGS_FLOWING]),
         (True, False, 0, [OPENINGS[2], OPENINGS[0]]),
     ],
 )
