@@ -290,9 +290,7 @@ class Case(Model):
             )
             yield Problem(place, reason)
         elif contact.interference == DRAWN and not self.acts_in(contact, self.stage[0].name):
-            reason = (
-                f'"{DRAWN}" is the overlap at the start: the pair has to act in the first stage'
-            )
+            reason = f'"{DRAWN}" is the overlap at the start: let it act in the first stage'
             yield Problem(place, reason)
 
     def fit_time(self, contact: Contact) -> tuple[float, float] | None:

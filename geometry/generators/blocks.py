@@ -140,8 +140,8 @@ class Blocks:
         for one, other in itertools.combinations(self.blocks, 2):
             if _overlap(one, other):
                 raise ValueError(
-                    f"{one.name} and {other.name} overlap; they may touch, or for a press fit overlap "
-                    f"by {FIT:g} of their extent"
+                    f"{one.name} and {other.name} overlap; they may touch, or for a press fit "
+                    f"overlap by {FIT:g} of their extent"
                 )
         for name in self.groups:
             self._corners(name)

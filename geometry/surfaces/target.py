@@ -63,7 +63,7 @@ class Projection:
         return self.gap if self.offset is None else self.gap - self.offset
 
     def shift(self, offset: Floats) -> None:
-        """Let the contact feel gaps that are wider by ``offset`` (q,), m: the master is set back."""
+        """Let contact feel gaps that are wider by ``offset`` (q,), m: the master is set back."""
         self.gap, self.offset = self.gap + offset, offset
 
     def of(self, take: Longs) -> Projection:
