@@ -28,6 +28,7 @@ from tribox.app.build.contact_notes import (
     slides,
     stiffer_slave,
 )
+from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
@@ -124,7 +125,7 @@ class ContactBuilder:
         if asked.tied:
             return self._tie(index, asked, surface, softer)
         length = surface.facet_length
-        at = surface.project(surface.slave.position, surface.master.position)
+        at = surface.project(surface.slave.position, self._at_start(asked, surface))
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
         if at_once and faces_away(surface, at):
             tool = self.case.tools.get(asked.master)
@@ -275,6 +276,17 @@ class ContactBuilder:
         except ValueError as error:
             pair = f"slave {contact.slave}, master {contact.master}"
             raise InputError(f"contact.{index}: {error} ({pair})") from None
+
+    def _at_start(self, contact: Contact, surface: ContactSurface) -> Floats:
+        """Nodes (n, i), m, of the master at time 0, to which a program may have moved a tool."""
+        tool, table = self.tools.get(contact.master), self.case.tools.get(contact.master)
+        if tool is None or table is None or table.displacement is None:
+            return surface.master.position
+        if table.displacement_stages and self.case.stage[0].name not in table.displacement_stages:
+            return surface.master.position
+        programs = (getattr(table.displacement, axis) for axis in COMPONENTS[: surface.dim])
+        moved = [p(0.0) if isinstance(p, TimeTable) else 0.0 for p in programs]
+        return tool.motion.control_points(np.array(moved), 0.0)
 
     def _master_length(self, contact: Contact) -> float:
         """Length of the master's facets, m; infinite of a tool, which has none; collective."""
