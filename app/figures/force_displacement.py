@@ -50,10 +50,17 @@ class Curve:
 
 
 def moved_parts(results: Results) -> Table:
-    """Rows of the surfaces, and of tools with what drives them as the force on them."""
+    """Rows of the surfaces, and of tools with what drives them as the force on them.
+
+    A tool that is released has no more to do with the body from there on: its curve ends.
+    """
     tools = results.table("tools")
     if not len(tools):
         return results.table("surfaces")
+    stages = [stage.name for stage in results.case.stage]
+    for number, stage in enumerate(results.case.stage):
+        for tool in results.case.tools.keys() & set(stage.release):
+            tools = tools.rows((tools["tool"] != tool) | ~np.isin(tools["stage"], stages[number:]))
     driving = {f"driving_force_{i}": f"force_{i}" for i in "xyz" if f"force_{i}" in tools}
     names = driving | {"tool": "surface"}
     kept = {k: v for k, v in tools.columns.items() if k not in driving.values()}

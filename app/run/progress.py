@@ -66,7 +66,8 @@ class Reporter(Observer):
         self._quiet = quiet
         self._pace = _Pace()
         self._progress = StagesProgress(case)
-        self._touching = bool(case.contact)
+        self._touching = any(not contact.tied for contact in case.contact)
+        self._tied = {contact.label for contact in case.contact if contact.tied}
         self._once = SaidOnce()
         self._bars: StageBars | None = None
         if self._console is None or ranks_around() > 1 or quiet:
@@ -170,12 +171,16 @@ class Reporter(Observer):
         pairs = state.last_of_pairs()
         at_end = _at_end if self._touching else _work
         several = len(pairs) > 1
-        whose = " all pairs together:" if several else ""
+        loose = len(pairs) - len(self._tied)
+        together = " what is not tied:" if self._tied else " all pairs together:"
+        whose = together if several and loose else ""
         viscosity = 0.0 if several else row.effective_viscosity
         line = f"{load_step.label}:{how}{whose} {at_end(asdict(row))}"
         self.say(line + _viscosity(viscosity), always=not self._quiet)
-        for pair in pairs if several else ():
-            line = f"  {pair['pair']}: {_at_end(pair)}{_viscosity(pair['effective_viscosity'])}"
+        for pair in pairs if several or not loose else ():
+            bonded = pair["pair"] in self._tied
+            forces = _bond(pair) if bonded else _at_end(pair)
+            line = f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}"
             self.say(line, always=not self._quiet)
         self._progress.end_load_step()
         if self._progress.here.ended is not None:
@@ -219,6 +224,12 @@ def _at_end(values: Mapping[str, Any]) -> str:
         f"N {values['normal_force']:.5g} N, F_T {values['friction_force']:.5g} N, "
         f"F_T/N {values['friction_coefficient']:.4g}"
     )
+
+
+def _bond(values: Mapping[str, Any]) -> str:
+    """What a tied pair carries: the force on its slave."""
+    parts = (f"{values[f'force_{i}']:.5g}" for i in "xyz" if f"force_{i}" in values)
+    return f"tied, force on the slave ({', '.join(parts)}) N"
 
 
 def _viscosity(value: float) -> str:

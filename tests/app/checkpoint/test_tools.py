@@ -10,6 +10,8 @@ import pytest
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, unlike
 from tests.app.simulation.test_tools import rolled
 from tests.tool_cases import WIDTH, block_case, block_mesh, plane
+from tribox.app.figures.force_displacement import moved_parts
+from tribox.app.results import read
 from tribox.app.results.directory import read_table
 from tribox.app.simulation import explicit_stage
 
@@ -56,6 +58,9 @@ def test_tools_go_on_as_if_nothing_had_been(tmp_path, monkeypatch, explicit):
     run(case, directory, resume=True)
     assert unlike(reference, directory) == []
     assert {row["tool"] for row in read_table(directory / "tools.csv")} == {"punch", "wall"}
+    # In the picture the curve of a tool ends where it is released.
+    moved = moved_parts(read(directory))
+    assert set(moved.where("surface", "wall")["stage"]) == {one.name for one in case.stage[:2]}
 
 
 def gone_on(comm, directory):

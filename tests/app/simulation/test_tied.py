@@ -333,3 +333,14 @@ def test_a_bar_that_only_a_grip_holds_is_held():
     model = build_model(Case.model_validate(data), MPI.COMM_SELF)
     assert [body.name for body in free_bodies(model.problem)] == ["bar"]
     assert [note for note in model.notes if "only contact holds" in note]
+
+
+def test_what_a_bond_carries_is_said(block, tmp_path):
+    case = Case.model_validate(tied(block) | {"output": {"figures": False}})
+    simulation = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    [pair] = simulation.state.last_of_pairs()
+    log = (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
+    assert f"tied, force on the slave (0, {pair['force_y']:.5g}) N" in log or (
+        f", {pair['force_y']:.5g}) N" in log
+    )
+    assert "N 0 N" not in log

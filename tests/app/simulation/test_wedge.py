@@ -1,0 +1,103 @@
+"""A wedge in metal: sharp, it is told that its force is turned; rounded, it is Hill's."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.tool_cases import run
+from tribox.app.simulation.contact_warnings import ContactWarnings
+from tribox.app.simulation.run_state import Observer
+
+YIELD, DEEP, THICK = 100e6, 0.6e-3, 1e-3
+
+
+def case(cells, **tool):
+    """Half of a block that a frictionless wedge of 45 degrees to either side goes into."""
+    return {
+        "geometry": {
+            "kind": "blocks",
+            "thickness": THICK,
+            "blocks": {
+                "metal": {
+                    "x": [0, "4 mm"],
+                    "y": ["-4 mm", 0],
+                    "elements": cells,
+                    "grading": [3, 1 / 3],
+                }
+            },
+        },
+        "bodies": {
+            "metal": {
+                "material": "elastoplastic",
+                "E": "70 GPa",
+                "nu": 0.33,
+                "hardening": {"law": "linear", "yield_stress": YIELD, "modulus": "1 MPa"},
+            }
+        },
+        "tools": {
+            "wedge": {
+                "shape": "polyline",
+                "points": [["9 mm", "9 mm"], [0, 0], ["-9 mm", "9 mm"]],
+                "displacement": {"y": [[0.0, 0.0], [1.0, -DEEP]]},
+            }
+            | tool
+        },
+        "contact": [{"slave": "metal_top", "master": "wedge", "friction": {"law": "frictionless"}}],
+        "boundary": [
+            {"surface": "metal_left", "symmetry": True},
+            {"surface": "metal_bottom", "displacement": {"x": 0, "y": 0}},
+        ],
+        "stage": [{"name": "press", "duration": 1.0, "steps": 24}],
+    }
+
+
+class Watch(Observer):
+    """Looks at every step, as the recorder does."""
+
+    def __init__(self):
+        self.warnings = None
+
+    def step(self, state, row, result):
+        self.warnings = self.warnings or ContactWarnings(state.model.problem)
+        self.warnings.step(row, state.model.thickness)
+
+
+def pressed(data):
+    """Force on the tool, N, and the warnings."""
+    watch = Watch()
+    tools = run(data, observer=watch).state.tools
+    last = dict(zip(tools.columns, tools.rows[-1], strict=True))
+    return last["force_x"], last["force_y"], list(watch.warnings.warnings())
+
+
+def hill():
+    r"""Force on one face, N, in x as in y (Hill, Lee & Tupper 1947).
+
+    With :math:`\\cos(2\\beta - \\theta) = \\cos\\theta/(1 + \\sin\\theta)` the pressure is
+    :math:`2k(1 + \\theta)` over the length l, :math:`l(\\cos\\beta - \\sin(\\beta - \\theta))`
+    being the depth; here :math:`\beta = 45°`.
+    """
+    low, high = 0.0, math.pi / 4
+    for _ in range(60):
+        theta = 0.5 * (low + high)
+        turned = math.cos(math.pi / 2 - theta) - math.cos(theta) / (1 + math.sin(theta))
+        low, high = (theta, high) if turned < 0.0 else (low, theta)
+    length = DEEP / (math.cos(math.pi / 4) - math.sin(math.pi / 4 - theta))
+    return 2 / math.sqrt(3) * YIELD * (1 + theta) * length * math.cos(math.pi / 4) * THICK
+
+
+def test_a_rounded_wedge_presses_as_hills_does():
+    across, up, warnings = pressed(case([24, 20], fillet_radius=["10 um"]))
+    assert up == pytest.approx(-across, rel=0.01)  # no friction: along the normal of its face
+    assert up == pytest.approx(hill(), rel=0.06)
+    assert not any("sharp corners" in line for line in warnings)
+
+
+def test_a_sharp_wedge_on_few_facets_is_told_of():
+    data = case([8, 8])
+    data["bodies"]["metal"]["formulation"] = "q2"
+    across, up, warnings = pressed(data)
+    assert abs(up + across) > 0.03 * up
+    assert any("off what the master's faces can be pressed with" in line for line in warnings)
