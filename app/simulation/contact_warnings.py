@@ -534,7 +534,7 @@ def _astray_text(index: int, state: PairState) -> str:
 def _stretched_text(index: int, state: PairState) -> str:
     return (
         f"contact.{index}: at the largest force a facet of the slave that presses is stretched to "
-        f"{state.stretched:.2g} times its area: pressure and flow over it are those of few cells, so "
+        f"{state.stretched:.2g} times its area: pressure and flow there are those of few cells, so "
         "that forces may be off by tens of per cent, and a finer mesh does not help where a sharp "
         "tool draws it out without bound (a wedge of 45 degrees in metal: 17 % too much); round "
         "the tool over several facets, or take less depth"
