@@ -155,7 +155,7 @@ class KeptTangent:
             local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
             nodes = dofmap.index_map.local_to_global(local)
             surfaces = [term.surface for term in self._contacts]
-            on = [np.isin(nodes, s.slave.nodes) | np.isin(nodes, s.master.nodes) for s in surfaces]
+            on = [np.isin(nodes, s.slave.nodes) | np.isin(nodes, s.own_master) for s in surfaces]
             found[index] = any(bool(some.any()) for some in on)
         if len(self._solids):
             self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.LOR)

@@ -43,8 +43,8 @@ def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:
         return problem.solids[int(np.argmax(problem.comm.allreduce(counts)))]
 
     slave = owner(np.unique(surface.slave.nodes))
-    tools = [t for t in problem.tools if np.array_equal(t.nodes, surface.master.nodes)]
-    return PairBodies(slave, tools[0] if tools else owner(surface.master.nodes))
+    tools = [t for t in problem.tools if np.array_equal(t.nodes, surface.own_master)]
+    return PairBodies(slave, tools[0] if tools else owner(np.unique(surface.own_master)))
 
 
 def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:

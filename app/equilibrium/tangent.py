@@ -258,7 +258,7 @@ class Tangent:
         """Widen the pattern when a contact has left its window; collective."""
         missing = False
         for term, trial, window in zip(self.contacts, trials, self.windows, strict=True):
-            missing |= window is None or not window.holds(term, trial)
+            missing |= window is None or not window.fitted(term.surface).holds(term, trial)
         if self.constraints.unknowns.comm.allreduce(missing, op=MPI.LOR):
             with timer("pattern"):
                 self._widen(A, trials)
@@ -301,7 +301,7 @@ class Tangent:
         pairs = []
         for term, window in zip(self.contacts, self.windows, strict=True):
             assert window is not None, "windows come first"
-            pairs.append(coupled_nodes(term, window))
+            pairs.append(coupled_nodes(term, window.fitted(term.surface)))
         return pairs
 
     def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:
@@ -355,10 +355,21 @@ class ContactWindow:
         """The same neighbours, with the tables that :meth:`arrays` gave."""
         tables = {}
         for name in ("touching", "together"):
-            columns = arrays[f"{name}_columns"]
-            parts = (np.ones(len(columns), dtype=np.int32), columns, arrays[f"{name}_ends"])
-            tables[name] = scipy.sparse.csr_matrix(parts, shape=getattr(self, name).shape)
+            columns, ends = arrays[f"{name}_columns"], arrays[f"{name}_ends"]
+            width = max(int(columns.max(initial=-1)) + 1, self.rings.shape[0])
+            parts = (np.ones(len(columns), dtype=np.int32), columns, ends)
+            tables[name] = scipy.sparse.csr_matrix(parts, shape=(len(ends) - 1, width))
         return replace(self, **tables)
+
+    def fitted(self, surface: ContactSurface) -> ContactWindow:
+        """The same over all facets of the master that are known by now."""
+        facets = len(_movers(surface))
+        if self.rings.shape[0] == self.together.shape[0] == facets:
+            return self
+        touching, together = self.touching.copy(), self.together.copy()
+        touching.resize(touching.shape[0], facets)
+        together.resize(facets, facets)
+        return ContactWindow(touching, together, _rings_of(surface))
 
     def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
         """Whether the tangent of a trial fits in."""
@@ -410,11 +421,8 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     current, before = _pieces(term, trial, near)
     facets = len(_movers(surface))
     count = int(surface.slave.facet.max(initial=-1)) + 1
-    if window is None:
-        neighbours = np.ones((1, 1)) if _is_tool(surface) else surface.target.neighbours
-        rings = _rings(_present(neighbours), MARGIN[surface.shape.directions])
-    else:
-        rings = window.rings
+    window = None if window is None else window.fitted(surface)
+    rings = _rings_of(surface) if window is None else window.rings
     used = _table(np.tile(slave, 2), np.concatenate([current, before]), (count, facets))
     touching = _present(used @ rings)
     pairs = _table(current, before, (facets, facets))
@@ -425,6 +433,12 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     inside = np.bincount(touching.indices, minlength=facets) > 0
     keep = scipy.sparse.diags(inside.astype(np.int32), dtype=np.int32)
     return ContactWindow(touching, _present(keep @ pairs @ keep), rings)
+
+
+def _rings_of(surface: ContactSurface) -> scipy.sparse.csr_matrix:
+    """The neighbours of each facet that room is made for."""
+    neighbours = np.ones((1, 1)) if _is_tool(surface) else surface.target.neighbours
+    return _rings(_present(neighbours), MARGIN[surface.shape.directions])
 
 
 def _rings(neighbours: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:

@@ -22,11 +22,13 @@ from tribox.app.equilibrium.snapshot import (
     Snapshot,
     of_contacts,
     of_origin,
+    of_parts,
     of_searches,
     of_step,
     repeat_searches,
     to_contacts,
     to_origin,
+    to_parts,
     to_step,
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
@@ -244,6 +246,7 @@ class LinearSolver:
             "first_room": None if first is None else self._first_room,
             "last": None if self._last is None else self._last.snapshot(self.problem),
             "room": self._room(),
+            "known": of_parts(self.problem.contacts),
             "assembled": self.assembled,
             "way": self.way.snapshot(),
         }
@@ -268,6 +271,7 @@ class LinearSolver:
         the rest to the last one. Contacts and loads are left as they were; collective.
         """
         self.way.renew()
+        to_parts(self.problem.contacts, kept["known"])
         self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
         self._pattern = self.problem.pattern_changes
         self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
@@ -350,8 +354,8 @@ class Assembly:
             "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
             "x": Nodal(self.x),
             "before": None if self.before is None else Nodal(self.before),
-            "step": of_step(self.step),
-            "states": of_contacts(self.states),
+            "step": of_step(problem.contacts, self.step),
+            "states": of_contacts(problem.contacts, self.states),
             "searches": self.searches,
             "loads": list(self.loads),
             "platens": list(self.platens),
@@ -364,7 +368,7 @@ class Assembly:
         return cls(
             kept["x"],
             kept["before"],
-            to_step(kept["step"]),
+            to_step(problem.contacts, kept["step"]),
             tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
             Local(kept["searches"] or {}),

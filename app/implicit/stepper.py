@@ -223,8 +223,8 @@ class ImplicitStepper:
         contacts = self.problem.contacts
         return {
             "x": Nodal(self.x.array_r.copy()),
-            "mode": of_step(self._mode),
-            "from": of_contacts(self._from),
+            "mode": of_step(contacts, self._mode),
+            "from": of_contacts(contacts, self._from),
             "bodies": of_bodies(self.problem.solids),
             "searches": of_searches(contacts),
             "pressed": self._pressed,
@@ -249,7 +249,8 @@ class ImplicitStepper:
         ):
             term.adopt(state)
         self.x.array[:] = kept["x"]
-        self._mode, self._from = to_step(kept["mode"]), [t.state for t in problem.contacts]
+        self._mode = to_step(problem.contacts, kept["mode"])
+        self._from = [term.state for term in problem.contacts]
         residual = problem.new_vector()
         problem.residual(None, self.x, residual, self._mode)
         residual.destroy()

@@ -318,6 +318,7 @@ class Recorder(Observer):
             "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
             "cells": sum(len(solid.cells) for solid in problem.solids),
             "contact_points": sum(len(term.surface.slave.weight) for term in problem.contacts),
+            "contact_nodes": sum(len(term.surface.nodes) for term in problem.contacts),
         }
 
     def _known(self, status: str) -> dict[str, Any]:

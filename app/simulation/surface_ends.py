@@ -28,8 +28,9 @@ from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import OuterFacets
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.rigid import RigidSurface
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 from tribox.geometry.surfaces.target import Projection
 
 FEW = 0.05  # share of the area above the master that may leave it without a word
@@ -49,8 +50,10 @@ def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
         off: (q,) those of this rank that are past an end.
     """
     places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
+    master = surface.master
+    extent = master.extent if isinstance(master, MasterFacets) else _extent(master.position)
     found = np.concatenate(surface.space.mesh.comm.allgather(places))
-    return _places_text(found, float(np.ptp(surface.master.position, axis=0).max()))
+    return _places_text(found, extent)
 
 
 def _places_text(found: Floats, extent: float) -> str:
@@ -125,10 +128,17 @@ class SmoothEnds:
         np.maximum.at(nearest, facet, share)
         # (q,) the points of each facet that are nearest to an end.
         self._last: Bools = (share > 0.0) & (share > nearest[facet] - ON_END)
-        nodes = _master_facets(surface)
+        self._master, self._parts = master, surface.parts
+        self._sides = self._find_sides()
+
+    def _find_sides(self) -> list[Bools]:
+        """(s, f) whether a side of the master's facets that are known is an end."""
+        surface, master = self._surface, self._surface.master
+        if not isinstance(master, MasterFacets):
+            return []
+        nodes = master.nodes[master.facets]
         sides = [np.sort(nodes[:, side.nodes[:2]], axis=1) for side in surface.shape.sides]
-        # (s, f) whether a side of the master's facets is an end.
-        self._sides = [(of[:, None] == master[None]).all(axis=2).any(axis=1) for of in sides]
+        return [(of[:, None] == self._master[None]).all(axis=2).any(axis=1) for of in sides]
 
     def pressed(self, trial: ContactTrial) -> tuple[PressedEnd, PressedEnd]:
         """Contact at the ends of the slave and of the master; collective.
@@ -173,6 +183,8 @@ class SmoothEnds:
         if isinstance(surface.target, RigidSurface):
             return off & surface.target.cut_off(at.facet, at.xi)
         past = np.zeros_like(off)
+        if self._parts != surface.parts:
+            self._parts, self._sides = surface.parts, self._find_sides()
         for side, is_end in zip(surface.shape.sides, self._sides, strict=True):
             if is_end.any():
                 on_side = corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END
@@ -197,13 +209,10 @@ def _extent(places: Floats) -> float:
     return float(np.ptp(places, axis=0).max())
 
 
-def _master_facets(surface: ContactSurface) -> Longs:
-    """Global nodes (f, a) of the master's facets; none of a tool."""
-    master = surface.master
-    if not isinstance(master, MasterFacets):
-        return surface.slave.nodes[:0]
-    nodes: Longs = master.nodes[master.facets]
-    return nodes
+def _own_master(surface: ContactSurface) -> Longs:
+    """Global nodes (f, a) of this rank's facets of the master; none of a tool."""
+    meshed = isinstance(surface.master, MasterFacets)
+    return surface.own_master if meshed else surface.slave.nodes[:0]
 
 
 def _is_tool(problem: Equilibrium, index: int) -> bool:
@@ -220,7 +229,7 @@ def smooth_ends(problem: Equilibrium) -> list[SmoothEnds]:
     pairs = [(term.surface, bodies_of(problem, term)) for term in terms]
     # Of each pair: facets of slave and master, each with the body that it meets.
     both = [
-        ((surface.slave.nodes, of.master), (_master_facets(surface), of.slave))
+        ((surface.slave.nodes, of.master), (_own_master(surface), of.slave))
         for surface, of in pairs
     ]
     out = []

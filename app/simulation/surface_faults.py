@@ -17,9 +17,10 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import outward_facets
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import shared_sides
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 
 Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
 
@@ -95,12 +96,12 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
 
 
 def _is_on(surface: ContactSurface, place: Floats) -> bool:
-    """Whether an undeformed place is a vertex of the slave or a node of a master of facets."""
+    """Whether a place is a vertex of the slave or a node of a master of facets; collective."""
     if not isinstance(surface.master, MasterFacets):
         return False
     nodes = np.concatenate([surface.vertices.position, surface.master.position])
-    near = SAME * float(np.ptp(nodes, axis=0).max())
-    return bool(np.linalg.norm(nodes - place, axis=1).min() <= near)
+    here = bool(np.linalg.norm(nodes - place, axis=1).min() <= SAME * surface.master.extent)
+    return bool(surface.space.mesh.comm.allreduce(here, op=MPI.LOR))
 
 
 def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:

@@ -108,8 +108,7 @@ class ContactTerm:
         self.law, self.active, self.modulus = law, True, modulus
         self.neighbours: list[Neighbour] = []
         self.rule = normal_rule(pressure, surface, penalty)
-        self.linearised = PairTangent(surface, self.rule)
-        self.compiled = compiled_tangent(surface)
+        self._prepare_tangent()
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -120,6 +119,12 @@ class ContactTerm:
         history = law.initial_state(q, surface.dim)
         self.state = ContactState.undeformed(at, ahead, way, history)
         self._last: _Evaluation | None = None
+
+    def _prepare_tangent(self) -> None:
+        """Lay out the tangent over the master's facets that are known."""
+        surface, self._parts = self.surface, self.surface.parts
+        self.linearised = PairTangent(surface, self.rule)
+        self.compiled = compiled_tangent(surface)
 
     @classmethod
     def between(
@@ -162,6 +167,8 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         values = self.surface.gather(x)
+        if self._parts != self.surface.parts:
+            self._prepare_tangent()
         last = self._last
         # An averaged pressure is summed over the ranks: they must all evaluate, or none.
         known = last is not None and last.answers(dt, mode, values)
