@@ -84,6 +84,9 @@ class ContactSurface:
             chain_rows: (q, s) rows of the vertices that they take.
     """
 
+    master: MasterFacets | RigidMaster
+    target: Target
+
     def __init__(
         self,
         space: dolfinx.fem.FunctionSpace,
@@ -119,21 +122,10 @@ class ContactSurface:
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self.follows, self.parts = True, 0
-        self._source: MasterSource | None = None  # None: the whole master is known
-        self._ends = smoothing_angle, fade_length
-        self._part: SurfacePart | None = None
-        self.master: MasterFacets | RigidMaster
-        self.target: Target
-        self.first_master, self.nodes = 0, np.empty(0, dtype=np.int64)
-        self._find_master(master)
+        self._find_master(master, (smoothing_angle, fade_length))
+        slave = self.slave
         self.vertices = slave_vertices(
-            space,
-            self.shape,
-            self.slave.nodes,
-            self.slave.xi,
-            self.slave.weight,
-            self.slave.facet_length,
+            space, self.shape, slave.nodes, slave.xi, slave.weight, slave.facet_length
         )
         self.normals = self._find_normals() if self.target.has_kinks else None
         self._number_nodes()
@@ -164,8 +156,14 @@ class ContactSurface:
         master = RigidMaster(np.asarray(reference_nodes, dtype=np.int64), surface, motion)
         return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
 
-    def _find_master(self, master: NDArray[np.int32] | RigidMaster) -> None:
+    def _find_master(
+        self, master: NDArray[np.int32] | RigidMaster, ends: tuple[float | None, float | None]
+    ) -> None:
         """Find the master, on several ranks in space what is within reach of it; collective."""
+        self.follows, self.parts, self._ends = True, 0, ends
+        self._source: MasterSource | None = None  # None: the whole master is known
+        self._part: SurfacePart | None = None
+        self.first_master, self.nodes = 0, np.empty(0, dtype=np.int64)
         if isinstance(master, RigidMaster):
             if master.surface.dim != self.dim:
                 raise ValueError(
