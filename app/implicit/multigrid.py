@@ -245,7 +245,7 @@ class BlockSweeps:
     def __init__(self) -> None:
         """Begin without a matrix."""
         self._code = library(SOURCE)
-        self._code.tribox_round_blocks.restype = ctypes.c_int64
+        self._code.tribox_split_blocks.restype = ctypes.c_int64
         self._arrays: tuple[NDArray[Any], ...] = ()
 
     def take(self, matrix: PETSc.Mat) -> bool:
@@ -254,17 +254,13 @@ class BlockSweeps:
             return False
         with blocks_in_place(matrix) as (start, column, values):
             n, more = len(start) - 1, 4  # a block is read by fours
-            if not self._arrays or not np.array_equal(column, self._arrays[1]):
-                diagonal, scratch = np.empty(n, np.int32), np.empty(4 * n, np.float32)
-                blocks, inverse = (
-                    np.zeros(9 * count + more, np.float32) for count in (len(column), n)
-                )
-                pattern = start.copy(), column.copy()
-                self._arrays = *pattern, diagonal, blocks, inverse, scratch
-            start, column, diagonal, blocks, inverse, _ = self._arrays
-            arrays = start, column, values, diagonal, blocks, inverse
-            self._count = ctypes.c_int64(n)
-            return bool(self._code.tribox_round_blocks(self._count, *map(_at, arrays)) < 0)
+            if not self._arrays or len(self._arrays[1]) != len(column):
+                ends, columns = np.empty((2, n + 1), np.int32), np.empty(len(column), np.int32)
+                sizes = 9 * len(column) + more, 9 * n + more, 4 * n
+                self._arrays = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
+            self._count, given = ctypes.c_int64(n), (start, column, values)
+            arrays = map(_at, (*given, *self._arrays[:-1]))
+            return bool(self._code.tribox_split_blocks(self._count, *arrays) < 0)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Sweep from zero to ``x`` with the right-hand side ``b``."""

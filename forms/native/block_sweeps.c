@@ -5,8 +5,9 @@
  *
  *     (D + L) y = b,   x = y - D^-1 U x,
  *
- * which is (D + U) x = b - L y. Blocks lie by columns, so that a column times a number is one
- * operation on four lanes, the last of which is not used; arrays of blocks have room for it.
+ * which is (D + U) x = b - L y. L and U lie apart, U from its last row to its first, so that memory
+ * is read without gaps. Blocks lie by columns: a column times a number is one operation on four
+ * lanes, the last of which is not used; arrays of blocks have room for it.
  */
 
 #include <stdint.h>
@@ -55,43 +56,57 @@ static void invert(const double *a, float *out)
             out[r + B * c] = (float)(cofactors[B * c + r] / determinant);
 }
 
-/* Blocks in single precision.
+/* The parts of a matrix in single precision.
  *
- * n: nodes; start (n + 1), column, values: blocks of a matrix by rows, columns ascending, each by
- * columns. diagonal (n): which block of a row is that; inverse (n): of these blocks. Returns the
- * first row without one, or -1.
+ * n: nodes; start (n + 1), column, values: blocks by rows, columns ascending, each by columns.
+ * Made: ends (2, n + 1), columns and parts of L and then of U, inverse (n) of the diagonal's blocks.
+ * Returns the first row without a block there, or -1.
  */
-int64_t tribox_round_blocks(
+int64_t tribox_split_blocks(
     int64_t n, const int32_t *start, const int32_t *column, const double *values,
-    int32_t *diagonal, float *blocks, float *inverse)
+    int32_t *ends, int32_t *columns, float *parts, float *inverse)
 {
-    for (int64_t k = 0; k < BLOCK * (int64_t)start[n]; ++k)
-        blocks[k] = (float)values[k];
-    for (int64_t i = 0; i < n; ++i) {
-        int32_t k = start[i];
-        while (k < start[i + 1] && column[k] < i)
-            ++k;
-        if (k == start[i + 1] || column[k] > i)
-            return i;
-        diagonal[i] = k;
-        invert(values + BLOCK * (int64_t)k, inverse + BLOCK * i);
+    int32_t made = 0;
+    for (int upper = 0; upper < 2; ++upper) {
+        ends[upper * (n + 1)] = made;
+        for (int64_t row = 0; row < n; ++row) {
+            int64_t i = upper ? n - 1 - row : row;
+            int whole = 0;
+            for (int32_t k = start[i]; k < start[i + 1]; ++k) {
+                const double *block = values + BLOCK * (int64_t)k;
+                if (column[k] == i) {
+                    whole = 1;
+                    invert(block, inverse + BLOCK * i);
+                } else if ((column[k] > i) == upper) {
+                    columns[made] = column[k];
+                    for (int e = 0; e < BLOCK; ++e)
+                        parts[BLOCK * (int64_t)made + e] = (float)block[e];
+                    ++made;
+                }
+            }
+            if (!whole)
+                return i;
+            ends[upper * (n + 1) + row + 1] = made;
+        }
     }
     return -1;
 }
 
 /* x (n, 3) from b (n, 3); y (n, 4) is overwritten. */
 void tribox_sweep(
-    int64_t n, const int32_t *start, const int32_t *column, const int32_t *diagonal,
-    const float *blocks, const float *inverse, const double *b, double *x, float *y)
+    int64_t n, const int32_t *ends, const int32_t *columns, const float *parts,
+    const float *inverse, const double *b, double *x, float *y)
 {
     for (int64_t i = 0; i < n; ++i) {
         lanes right = {(float)b[B * i], (float)b[B * i + 1], (float)b[B * i + 2], 0.0f};
-        right -= summed(blocks, column, start[i], diagonal[i], y);
+        right -= summed(parts, columns, ends[i], ends[i + 1], y);
         lanes found = times(inverse + BLOCK * i, right);
         memcpy(y + 4 * i, &found, sizeof found);
     }
-    for (int64_t i = n; i-- > 0;) {
-        lanes above = summed(blocks, column, diagonal[i] + 1, start[i + 1], y);
+    ends += n + 1;
+    for (int64_t row = 0; row < n; ++row) {
+        int64_t i = n - 1 - row;
+        lanes above = summed(parts, columns, ends[row], ends[row + 1], y);
         lanes found = load(y + 4 * i) - times(inverse + BLOCK * i, above);
         memcpy(y + 4 * i, &found, sizeof found);
         for (int c = 0; c < B; ++c)
