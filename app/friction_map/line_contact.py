@@ -28,7 +28,8 @@ from tribox.app.case.friction import Coulomb, Frictionless
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
 from tribox.app.results.directory import write_json, write_table
-from tribox.forms.film.reynolds import FilmCells, FilmError, FilmStep, ReynoldsFilm
+from tribox.forms.film.places import FilmCells
+from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 
@@ -189,7 +190,8 @@ class LineContact:
         area = self._cells().area
         rate: Floats = np.asarray(speed / film, dtype=np.float64)
         eta = self.rheology.viscosity(rate, wet).value
-        gradient = 0.25 * (film[1:] + film[:-1]) @ np.diff(wet)
+        faces = wedge_film(np.stack([film[1:], film[:-1]], axis=1))[0]
+        gradient = 0.5 * faces @ np.diff(wet)
         return float(area @ (self.mu * dry + filled * eta * rate) - gradient)
 
 

@@ -295,7 +295,8 @@ class PairTangent:
             fades[:] = True
         plain, other = every[~fades], every[fades]
         along = trial.kinematics.normal[plain][:, None, :]
-        shape = self.surface.vertices.shape[plain][:, :, None]
+        assert isinstance(self.rule, AveragedPressure)
+        shape = self.rule.shape[plain][:, :, None]
         out = self._vertex_rows(trial, plain, shape * along, needs)
         return out + self._varied_gap_rows(state, trial, other, needs) if len(other) else out
 
@@ -316,7 +317,8 @@ class PairTangent:
             change = at.share[take][:, None] * v.d_gap
             change += at.gap[take][:, None] * _share_variation(trial, take, v)
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
-        share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
+        assert isinstance(self.rule, AveragedPressure)
+        share = self.surface.slave.weight[take][:, None] * self.rule.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
         normal = trial.normal_contact
         if normal.grows is not None and normal.gap is not None and at.share_slope is not None:
