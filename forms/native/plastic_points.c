@@ -523,7 +523,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
                 moduli[p * count + q] = moduli[q * count + p];
     }
     *good = at.good & is_finite(f.step) & is_finite(sum);
-    if (!end)
+    if (!energies)
         return;
     energies[0] = m->shear * f.theta * f.theta * dot(f.strain, f.strain) +
                   0.5 * m->bulk * volume * volume;
@@ -1063,7 +1063,7 @@ INLINE void update_turning(int space, const Material *m, const vec *F, const vec
         probe(moduli, count * count, &sum);
     }
     *good = at.good & t.good & is_finite(t.step) & is_finite(sum);
-    if (!end)
+    if (!energies)
         return;
     for (int k = 0; k < m->branches; ++k)
         stored += 0.5 / 3.0 * t.k[k].modulus * (t.k[k].size * trace(t.k[k].bare) - 3.0);

@@ -12,18 +12,65 @@
 
 #include "point_lanes.h"
 
-/* Columns of `count` from rows of `width`, those of the lanes from `row` on. */
+/* Rows for columns. */
+INLINE void transpose(vec *a)
+{
+    vec b[LANES], c[LANES];
+    for (int i = 0; i < LANES; i += 2) {
+        b[i] = __builtin_shuffle(a[i], a[i + 1], (ivec){0, 8, 2, 10, 4, 12, 6, 14});
+        b[i + 1] = __builtin_shuffle(a[i], a[i + 1], (ivec){1, 9, 3, 11, 5, 13, 7, 15});
+    }
+    for (int i = 0; i < LANES; i += 4)
+        for (int j = i; j < i + 2; ++j) {
+            c[j] = __builtin_shuffle(b[j], b[j + 2], (ivec){0, 1, 8, 9, 4, 5, 12, 13});
+            c[j + 2] = __builtin_shuffle(b[j], b[j + 2], (ivec){2, 3, 10, 11, 6, 7, 14, 15});
+        }
+    for (int i = 0; i < LANES / 2; ++i) {
+        a[i] = __builtin_shuffle(c[i], c[i + 4], (ivec){0, 1, 2, 3, 8, 9, 10, 11});
+        a[i + 4] = __builtin_shuffle(c[i], c[i + 4], (ivec){4, 5, 6, 7, 12, 13, 14, 15});
+    }
+}
+
+/* The column at `from` of the lanes' rows. */
+INLINE vec column(const double *from, const int64_t *row, int64_t width)
+{
+    vec x;
+    for (int l = 0; l < LANES; ++l)
+        x[l] = from[width * row[l]];
+    return x;
+}
+
+/* Columns of `count` from rows of `width`, those of the lanes from `row` on: eight at a time, the
+ * last eight of them twice where they overlap others. */
 INLINE void load(const double *from, const int64_t *row, int64_t width, int count, vec *to)
 {
+    for (int k = 0; count < LANES && k < count; ++k)
+        to[k] = column(from + k, row, width);
 #pragma GCC unroll 1
-    for (int l = 0; l < LANES; ++l)
-        for (int k = 0; k < count; ++k)
-            ((double *)(to + k))[l] = from[width * row[l] + k];
+    for (int k = 0; count >= LANES && k < count; k += LANES) {
+        const int first = k + LANES <= count ? k : count - LANES;
+        vec rows[LANES];
+        for (int l = 0; l < LANES; ++l)
+            __builtin_memcpy(&rows[l], from + width * row[l] + first, sizeof(vec));
+        transpose(rows);
+        __builtin_memcpy(to + first, rows, sizeof rows);
+    }
 }
 
 /* The other way round. */
 INLINE void store(const vec *from, const int64_t *row, int lanes, int count, double *to)
 {
+#pragma GCC unroll 1
+    for (int k = 0; lanes == LANES && count >= LANES && k < count; k += LANES) {
+        const int first = k + LANES <= count ? k : count - LANES;
+        vec rows[LANES];
+        __builtin_memcpy(rows, from + first, sizeof rows);
+        transpose(rows);
+        for (int l = 0; l < LANES; ++l)
+            __builtin_memcpy(to + count * row[l] + first, &rows[l], sizeof(vec));
+    }
+    if (lanes == LANES && count >= LANES)
+        return;
 #pragma GCC unroll 1
     for (int l = 0; l < lanes; ++l)
         for (int k = 0; k < count; ++k)
@@ -79,11 +126,12 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * last block repeats its last cell where there are fewer than LANES, and counts `lanes_of_last`.
  *
  * With `update` the points are evaluated from `state` (k, width). What is not null is written, F
- * (k, p), P (k, p), end (k, width), energies (ENERGIES, k), or added to, forces and values, with
- * `start` (cells, a, i, b) as in compiled_cells.py. Without it P (k, p) and A (k, p, p) are read
- * where forces and values are wanted. `symmetric`: whether A is. */
+ * (k, p), P (k, p), end (k, width), or added to, energies (ENERGIES) of all cells, forces and values,
+ * with `start` (cells, a, i, b) as in compiled_cells.py; without energies `end` is read, see Update.
+ * Without `update` P (k, p) and A (k, p, p) are read where forces and values are wanted.
+ * `symmetric`: whether A is. */
 typedef struct {
-    int64_t blocks, lanes_of_last, points, nodes, width, symmetric, all;
+    int64_t blocks, lanes_of_last, points, nodes, width, symmetric;
     const double *shape, *table;
     const int32_t *node, *cell;
     const double *u;
@@ -201,7 +249,7 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
 INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
-                     vec (*force)[3])
+                     vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
     const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
@@ -209,10 +257,14 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
     const double *table = w->table + n * points * size * LANES;
     vec B[nodes][3], at[nodes][3], s[w->width + 1], next[w->width + 1];
     ivec bad = {};
-    for (int a = 0; a < nodes; ++a)
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a) {
+        int64_t row[LANES];
         for (int l = 0; l < LANES; ++l)
-            for (int i = 0; i < dim; ++i)
-                ((double *)&at[a][i])[l] = w->u[dim * (int64_t)node[a * LANES + l] + i];
+            row[l] = node[a * LANES + l];
+        for (int i = 0; i < dim; ++i)
+            at[a][i] = column(w->u + i, row, dim);
+    }
     for (int q = 0; q < points; ++q, table += size * LANES) {
         vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
         ivec good = ~(ivec){};
@@ -225,18 +277,20 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
         deformation(section, nodes, B, at, F);
         if (w->update) {
             load(w->state, row, w->width, (int)w->width, s);
-            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, energy, &good);
+            if (w->end && !w->energies)
+                load(w->end, row, w->width, (int)w->width, next);
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0,
+                      w->energies ? energy : 0, &good);
             bad |= ~good;
             weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
             if (w->P) {
                 spoil(count, good, P);
                 store(P, row, lanes, count, w->P);
             }
-            if (w->end) {
-                spoil(ENERGIES, good, energy);
+            if (w->energies) {
                 store(next, row, lanes, (int)w->width, w->end);
                 for (int k = 0; k < ENERGIES; ++k)
-                    store(energy + k, row, lanes, 1, w->energies + k * w->all);
+                    sums[k] += weight * energy[k];
             }
         } else if (force) {
             load(w->P, row, count, count, P);
@@ -270,7 +324,11 @@ INLINE int64_t over_cells(enum section section, const Work *w)
             __builtin_memset(force, 0, sizeof force);
         if (w->values)
             __builtin_memset(matrix, 0, sizeof matrix);
-        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0);
+        vec sums[ENERGIES] = {};
+        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0, sums);
+        for (int k = 0; w->energies && k < ENERGIES; ++k)
+            for (int l = 0; l < lanes; ++l)
+                w->energies[k] += sums[k][l];
         for (int a = 0; w->forces && a < nodes; ++a)
             for (int l = 0; l < lanes; ++l)
                 for (int i = 0; i < dim; ++i)
@@ -292,7 +350,7 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     }                                                                                              \
     EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
     {                                                                                              \
-        at_block(section, cells, block, 0, matrix, 0);                                             \
+        at_block(section, cells, block, 0, matrix, 0, 0);                                             \
     }
 LOOPS(strain, STRAIN)
 LOOPS(ring, RING)

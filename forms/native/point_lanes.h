@@ -7,6 +7,8 @@
  * state at the end (s), energies (ENERGIES), and moduli A = dP/dF (p, p), row by row; in plane
  * strain, where the last component does not change, its row and column are not read. `end` and
  * `energies` may be null together, `moduli` alone: nothing of what is not asked for is computed.
+ * `energies` may be null alone where there are moduli: `end` is then read, what an update without
+ * moduli has led to, so that these need not be found anew.
  * `good` marks the points that could be evaluated; of the others the state is that of the begin,
  * and the rest is anything. */
 typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end,
