@@ -72,7 +72,7 @@ class _Work(ctypes.Structure):
         ),
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
         *((name, ctypes.c_void_p) for name in ("update", "material", "state")),
-        *((name, ctypes.c_void_p) for name in ("F", "P", "end", "energies", "A")),
+        *((name, ctypes.c_void_p) for name in ("P", "A", "F", "end", "energies")),
         *((name, ctypes.c_void_p) for name in ("forces", "values", "start")),
     )
 

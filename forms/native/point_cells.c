@@ -31,50 +31,57 @@ INLINE void transpose(vec *a)
     }
 }
 
-/* The column at `from` of the lanes' rows. */
-INLINE vec column(const double *from, const int64_t *row, int64_t width)
+/* The columns k of the lanes' rows. */
+INLINE vec column(double *const *row, int64_t k)
 {
     vec x;
     for (int l = 0; l < LANES; ++l)
-        x[l] = from[width * row[l]];
+        x[l] = row[l][k];
     return x;
 }
 
-/* Columns of `count` from rows of `width`, those of the lanes from `row` on: eight at a time, the
- * last eight of them twice where they overlap others. */
-INLINE void load(const double *from, const int64_t *row, int64_t width, int count, vec *to)
+/* The lanes' rows of a table, each `width` times a number. */
+INLINE void find_rows(const double *table, int64_t width, const int64_t *number, double **row)
+{
+    for (int l = 0; l < LANES; ++l)
+        row[l] = (double *)table + width * number[l];
+}
+
+/* `count` columns of the lanes' rows from the column `from` on: eight at a time, the last eight of
+ * them twice where they overlap others. */
+INLINE void load(double *const *row, int64_t from, int count, vec *to)
 {
     for (int k = 0; count < LANES && k < count; ++k)
-        to[k] = column(from + k, row, width);
+        to[k] = column(row, from + k);
 #pragma GCC unroll 1
     for (int k = 0; count >= LANES && k < count; k += LANES) {
         const int first = k + LANES <= count ? k : count - LANES;
         vec rows[LANES];
         for (int l = 0; l < LANES; ++l)
-            __builtin_memcpy(&rows[l], from + width * row[l] + first, sizeof(vec));
+            __builtin_memcpy(&rows[l], row[l] + from + first, sizeof(vec));
         transpose(rows);
         __builtin_memcpy(to + first, rows, sizeof rows);
     }
 }
 
 /* The other way round. */
-INLINE void store(const vec *from, const int64_t *row, int lanes, int count, double *to)
+INLINE void store(const vec *values, int lanes, int count, double *const *row, int64_t to)
 {
 #pragma GCC unroll 1
     for (int k = 0; lanes == LANES && count >= LANES && k < count; k += LANES) {
         const int first = k + LANES <= count ? k : count - LANES;
         vec rows[LANES];
-        __builtin_memcpy(rows, from + first, sizeof rows);
+        __builtin_memcpy(rows, values + first, sizeof rows);
         transpose(rows);
         for (int l = 0; l < LANES; ++l)
-            __builtin_memcpy(to + count * row[l] + first, &rows[l], sizeof(vec));
+            __builtin_memcpy(row[l] + to + first, &rows[l], sizeof(vec));
     }
     if (lanes == LANES && count >= LANES)
         return;
 #pragma GCC unroll 1
     for (int l = 0; l < lanes; ++l)
         for (int k = 0; k < count; ++k)
-            to[count * row[l] + k] = ((const double *)(from + k))[l];
+            row[l][to + k] = ((const double *)(values + k))[l];
 }
 
 /* Makes values no numbers where `good` is not set. */
@@ -95,24 +102,31 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
     vec s[width], next[width];
     ivec bad = {};
     for (int64_t first = 0; first < n; first += LANES) {
-        const int lanes = n - first < LANES ? (int)(n - first) : LANES;
+        const int lanes = n - first < LANES ? (int)(n - first) : LANES, values = (int)count;
         vec f[9], stress[9], moduli[81], energy[ENERGIES];
-        int64_t row[LANES];
+        int64_t number[LANES];
+        double *row[LANES];
         ivec good;
         for (int l = 0; l < LANES; ++l)
-            row[l] = first + (l < lanes ? l : lanes - 1);
-        load(F, row, count, (int)count, f);
-        load(state, row, width, (int)width, s);
+            number[l] = first + (l < lanes ? l : lanes - 1);
+        find_rows(F, count, number, row);
+        load(row, 0, values, f);
+        find_rows(state, width, number, row);
+        load(row, 0, (int)width, s);
         update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
-        spoil((int)count, good, stress);
+        spoil(values, good, stress);
         spoil(ENERGIES, good, energy);
-        store(stress, row, lanes, (int)count, P);
-        store(next, row, lanes, (int)width, end);
+        find_rows(P, count, number, row);
+        store(stress, lanes, values, row, 0);
+        find_rows(end, width, number, row);
+        store(next, lanes, (int)width, row, 0);
+        find_rows(energies, 1, number, row);
         for (int k = 0; k < ENERGIES; ++k)
-            store(energy + k, row, lanes, 1, energies + k * n);
+            store(energy + k, lanes, 1, row, k * n);
         if (A) {
-            spoil((int)(count * count), good, moduli);
-            store(moduli, row, lanes, (int)(count * count), A);
+            spoil(values * values, good, moduli);
+            find_rows(A, count * count, number, row);
+            store(moduli, lanes, values * values, row, 0);
         }
         bad |= ~good;
     }
@@ -125,11 +139,11 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * LANES) the number of a cell in the body, whose points are `points` cell and those that follow; the
  * last block repeats its last cell where there are fewer than LANES, and counts `lanes_of_last`.
  *
- * With `update` the points are evaluated from `state` (k, width). What is not null is written, F
- * (k, p), P (k, p), end (k, width), or added to, energies (ENERGIES) of all cells, forces and values,
- * with `start` (cells, a, i, b) as in compiled_cells.py; without energies `end` is read, see Update.
- * Without `update` P (k, p) and A (k, p, p) are read where forces and values are wanted.
- * `symmetric`: whether A is. */
+ * With `update` the points are evaluated from `state` (k, width), and `end` (k, width) is written if
+ * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
+ * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to,
+ * with `start` (cells, a, i, b) as in compiled_cells.py; F (k, p) is written. `symmetric`: whether A
+ * is. */
 typedef struct {
     int64_t blocks, lanes_of_last, points, nodes, width, symmetric;
     const double *shape, *table;
@@ -138,7 +152,8 @@ typedef struct {
     Update *update;
     const void *material;
     const double *state;
-    double *F, *P, *end, *energies, *A, *forces, *values;
+    const double *P, *A;
+    double *F, *end, *energies, *forces, *values;
     const int32_t *start;
 } Work;
 
@@ -255,50 +270,52 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
     const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
-    vec B[nodes][3], at[nodes][3], s[w->width + 1], next[w->width + 1];
+    const int width = (int)w->width, fresh = w->energies != 0, known = w->end && !fresh;
+    vec B[nodes][3], at[nodes][3], s[width + 1], next[width + 1];
+    double *of_u[LANES], *of_state[LANES], *of_end[LANES], *of_F[LANES], *of_P[LANES], *of_A[LANES];
+    int64_t number[LANES];
     ivec bad = {};
 #pragma GCC unroll 1
     for (int a = 0; a < nodes; ++a) {
-        int64_t row[LANES];
         for (int l = 0; l < LANES; ++l)
-            row[l] = node[a * LANES + l];
+            number[l] = node[a * LANES + l];
+        find_rows(w->u, dim, number, of_u);
         for (int i = 0; i < dim; ++i)
-            at[a][i] = column(w->u + i, row, dim);
+            at[a][i] = column(of_u, i);
     }
+    for (int l = 0; l < LANES; ++l)
+        number[l] = w->cell[n * LANES + l] * (int64_t)points;
+    find_rows(w->state, width, number, of_state);
+    find_rows(w->end, width, number, of_end);
+    find_rows(w->F, count, number, of_F);
+    find_rows(w->P, count, number, of_P);
+    find_rows(w->A, count * count, number, of_A);
     for (int q = 0; q < points; ++q, table += size * LANES) {
         vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
         ivec good = ~(ivec){};
-        int64_t row[LANES];
-        for (int l = 0; l < LANES; ++l)
-            row[l] = w->cell[n * LANES + l] * (int64_t)points + q;
         __builtin_memcpy(tabled, table, size * sizeof(vec));
         weight = tabled[dim * dim];
         gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
         deformation(section, nodes, B, at, F);
         if (w->update) {
-            load(w->state, row, w->width, (int)w->width, s);
-            if (w->end && !w->energies)
-                load(w->end, row, w->width, (int)w->width, next);
-            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0,
-                      w->energies ? energy : 0, &good);
+            load(of_state, q * width, width, s);
+            if (known)
+                load(of_end, q * width, width, next);
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
+                      &good);
             bad |= ~good;
             weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
-            if (w->P) {
-                spoil(count, good, P);
-                store(P, row, lanes, count, w->P);
-            }
-            if (w->energies) {
-                store(next, row, lanes, (int)w->width, w->end);
-                for (int k = 0; k < ENERGIES; ++k)
-                    sums[k] += weight * energy[k];
-            }
+            if (fresh)
+                store(next, lanes, width, of_end, q * width);
+            for (int k = 0; fresh && k < ENERGIES; ++k)
+                sums[k] += weight * energy[k];
         } else if (force) {
-            load(w->P, row, count, count, P);
+            load(of_P, q * count, count, P);
         } else if (matrix) {
-            load(w->A, row, count * count, count * count, A);
+            load(of_A, q * count * count, count * count, A);
         }
         if (w->F)
-            store(F, row, lanes, count, w->F);
+            store(F, lanes, count, of_F, q * count);
         if (force)
             add_forces(section, nodes, B, P, weight, force);
         if (matrix && w->symmetric)
