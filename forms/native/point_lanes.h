@@ -72,6 +72,36 @@ INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
     }
 }
 
+/* Upper half of a symmetric tensor, and the lower one from it. */
+#define UPPER(space, a, b)                                                                         \
+    for (int a = 0; a < 3; ++a)                                                                    \
+        for (int b = a; b < 3; ++b)                                                                \
+            if (COUPLED(space, a, b))
+
+INLINE void mirror(int space, tensor a)
+{
+    UPPER(space, i, j) a[j][i] = a[i][j];
+}
+
+/* Cofactors of a symmetric tensor; returns its determinant. */
+INLINE vec cofactors(int space, const tensor a, tensor cof)
+{
+    if (!space) {
+        cof[0][0] = a[1][1] * a[2][2];
+        cof[1][1] = a[0][0] * a[2][2];
+        cof[0][1] = cof[1][0] = -a[0][1] * a[2][2];
+        cof[2][2] = a[0][0] * a[1][1] - a[0][1] * a[0][1];
+        return cof[2][2] * a[2][2];
+    }
+    UPPER(1, i, j)
+    {
+        const int p = (i + 1) % 3, q = (i + 2) % 3, r = (j + 1) % 3, s = (j + 2) % 3;
+        cof[i][j] = a[p][r] * a[q][s] - a[p][s] * a[q][r];
+    }
+    mirror(1, cof);
+    return dot(a[0], cof[0]);
+}
+
 /* The tensor of components that stand as in the state. */
 INLINE void symmetric_of(int space, const vec *from, tensor a)
 {
