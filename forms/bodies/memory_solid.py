@@ -133,16 +133,17 @@ class MemorySolid(Solid):
         """Let the loop know how to come to the moduli from ``origin``, or give it those."""
         law, moduli = self._frozen if origin.elastic else self.law, self.point_cells.moduli
         moduli.kernel, moduli.state = self._kernel(law, origin.dt), origin.values
-        moduli.end = None
         if moduli.kernel is None:
             F = self._gradients()
             update = law.update(F, origin.values, origin.dt, True, volumetric=not self._reduced)
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
             return
-        for found in (self.points.trial, self.points.last):
-            if found is not None and found.led_from(origin, self._u.x.array):
-                moduli.end = found.values
+        known = (self.points.trial, self.points.last)
+        u = self._u.x.array
+        same = (one for one in known if one is not None and one.led_from(origin, u))
+        found = next(same, None) or self._evaluated(origin)
+        moduli.end = found.values if found.valid else None
 
     def _gradients(self) -> Floats:
         """Deformation gradients (k, p) at the present displacement."""

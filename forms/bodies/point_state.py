@@ -229,7 +229,7 @@ class Evaluation:
         """Whether this is where ``origin`` leads at the displacements ``u`` (n,), m."""
         own = self.origin
         same = own.values is origin.values and (own.dt, own.elastic) == (origin.dt, origin.elastic)
-        return same and self.valid and np.array_equal(self.u, u)
+        return same and np.array_equal(self.u, u)
 
     def dissipation(self, before: Evaluation | None) -> Floats:
         """Energy (2,), J, dissipated since the origin, and the part that the step's length makes.
