@@ -354,13 +354,14 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
 INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, vec rise, ivec done,
                        vec known, double close)
 {
-    vec trial = p->aim, first = all(0.0);
+    vec trial = p->aim, first = all(0.0), most = square_root(p->aim);
     for (int k = 0; k < m->branches; ++k) {
         vec others = all(0.0);
         for (int j = 0; j < m->branches; ++j)
             others += p->among[k][j];
         trial += others - 2.0 * p->with[k];
         first += 1.5 * m->backstress[2 * k + 1] * (p->with[k] - others);
+        most += square_root(p->among[k][k]);
     }
     p->trial = trial = square_root(1.5 * choose((ivec)(trial > 0.0), trial, all(0.0)));
     if (m->branches > 0)
@@ -369,7 +370,8 @@ INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, ve
         rise += m->backstress[2 * k];
     rise = choose((ivec)(rise > 0.0), rise, all(0.0));
     vec over = choose((ivec)(trial > (1.0 + STILL) * begin), trial - begin, all(0.0));
-    vec low = all(0.0), high = over / (3.0 * m->shear), x = starts(m, over, begin, rise);
+    vec low = all(0.0), high = (1.2247448713915890 * most - begin) / (3.0 * m->shear);
+    vec x = starts(m, over, begin, rise);
     x = choose((ivec)(known > 0.0) & (ivec)(known < high), known, x);
     x = choose(done, known, x);
     done |= ~(ivec)(x > 0.0);
