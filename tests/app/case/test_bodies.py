@@ -135,6 +135,7 @@ def test_a_mistake_gives_one_clear_line(body, expected, case_file):
 
 METALS = [n for n, entry in entries().items() if entry.keys["material"] == "elastoplastic"]
 MEASURED = ["AA6016-T4"]
+REVERSED = ["AA5754-O-reversed"]
 POLYURETHANES = [name for name in entries() if name.startswith("PU-")]
 
 
@@ -182,7 +183,7 @@ def test_a_measured_curve_is_that_of_its_source():
     assert "10.1007/s12289-022-01672-w" in entry.sources["hardening.K"]
 
 
-@pytest.mark.parametrize("name", [name for name in METALS if name not in MEASURED])
+@pytest.mark.parametrize("name", [n for n in METALS if n not in MEASURED + REVERSED])
 def test_hardening_is_made_from_the_strengths(name):
     """It yields at the proof stress; the nominal stress of a bar is largest at the strength."""
     entry = entries()[name]
@@ -206,6 +207,23 @@ def test_moduli_by_hardness(name):
     young = 0.75 * force / (2.0 * 0.395e-3 * depth) * (2.6 - 0.02 * shore)
     body = read(case_with(material=name)).bodies["aluminium"]
     assert body.shear_modulus == pytest.approx(young / 3.0, rel=2e-3)
+
+
+def test_a_metal_measured_in_reversed_shear_has_the_constants_of_its_source():
+    """Shutov's table in this program's terms, and its tensile curve beside a measured one."""
+    [name] = REVERSED
+    metal = material_of(read(case_with(material=name)).bodies["aluminium"])
+    bulk, shear = 68.63e9, 26.31e9
+    assert (metal.bulk_modulus, metal.shear_modulus) == pytest.approx((bulk, shear), rel=1e-3)
+    voce = metal.hardening
+    assert voce.saturation_stress == pytest.approx(31.5e6 + 1963e6 / 13.33, rel=1e-4)
+    for own, (c, kappa) in zip(metal.kinematic, ((115.5, 0.0885), (11500, 0.01676)), strict=True):
+        assert own.modulus == pytest.approx(1.5e6 * c, rel=1e-4)
+        assert own.recovery == pytest.approx(math.sqrt(1.5) * c * kappa, rel=1e-4)
+    for alpha in (0.05, 0.1, 0.2):
+        back = sum(k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in metal.kinematic)
+        tension = 292.14e6 - (292.14e6 - 102.75e6) * math.exp(-13.5 * alpha)
+        assert 0.065 < 1.0 - (voce.stress(alpha) + back) / tension < 0.095
 
 
 # Long-term modulus and branches, kPa, as the sources print them.
