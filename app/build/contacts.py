@@ -29,7 +29,7 @@ from tribox.app.build.contact_notes import (
     stiffer_slave,
 )
 from tribox.app.case.case import Case
-from tribox.app.case.contact import Contact
+from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
@@ -77,8 +77,8 @@ class BuiltContact:
         table: of the case, with every default resolved.
         term: its residual, tangent and history.
         notes: what the user should know, one line each.
-        program: gives the term its friction at (time, driven displacement), s and m; None where it
-            does not change.
+        program: gives the term its friction and fit at (time, driven displacement), s and m; None
+            where they do not change.
     """
 
     table: Contact
@@ -130,6 +130,9 @@ class ContactBuilder:
             tool = self.case.tools.get(asked.master)
             problem = facing_problem(asked.slave, asked.master, tool)
             raise InputError(f"contact.{index}: {problem}")
+        fit = fit_program(self.case, asked, at)
+        if fit is not None:
+            at.shift(fit(0.0))
         distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, lengths = self._law(index, table), (length, self._master_length(asked))
@@ -158,7 +161,7 @@ class ContactBuilder:
             term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
-        return BuiltContact(table, term, notes, friction_program(table, term))
+        return BuiltContact(table, term, notes, contact_program(table, term, fit))
 
     def _lubricated(
         self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
@@ -418,16 +421,50 @@ def _factored(law: FrictionLaw, factor: float | TimeTable, time: float) -> Facto
     return FactoredLaw(law, value_at(factor, time), largest)
 
 
-def friction_program(table: Contact, term: ContactTerm) -> Callable[[float, float], None] | None:
-    """What gives a term its friction at (time, driven displacement); None where it stays the same.
+def fit_program(case: Case, contact: Contact, at: Projection) -> Callable[[float], Floats] | None:
+    """Of a press fit the offset (q,), m, of the gaps at a time, s; None without one.
+
+    Surfaces that are larger by δ(t) than they are drawn feel the gap g − δ(t). Those that are drawn
+    with an overlap o = ⟨−g⟩ at the start feel g + o (1 − s), s being the share of the stage that is
+    over: none of it at first, and at last all.
+
+    Args:
+        case: what was asked for; contact: of it.
+        contact: see case.
+        at: the slave's points on the master, undeformed.
+    """
+    fit = contact.interference
+    if fit is None:
+        return None
+    drawn = np.where(at.on_surface, np.maximum(-at.gap, 0.0), 0.0)
+    if contact.comes_on:
+        when = case.fit_time(contact)
+        assert when is not None, "checked with the case"
+        full = 1.0 if not isinstance(fit, TimeTable) else fit.values[0]
+        ramp = TimeTable(when, (0.0, full))
+        if fit == DRAWN:
+            return lambda time: drawn * (1.0 - ramp(time))
+        fit = ramp
+    assert isinstance(fit, TimeTable)
+    size = fit
+    return lambda time: np.full(len(drawn), -size(time))
+
+
+def contact_program(
+    table: Contact, term: ContactTerm, fit: Callable[[float], Floats] | None = None
+) -> Callable[[float, float], None] | None:
+    """What gives a term its friction and fit at (time, driven displacement), s and m.
+
+    None where they stay the same.
 
     Args:
         table: of the case, resolved.
         term: the contact.
+        fit: its offset at a time.
     """
     friction, factor = table.friction, table.friction_factor
     changes = isinstance(friction, Coulomb) and isinstance(friction.mu, TimeTable)
-    if not changes and not isinstance(factor, TimeTable):
+    if not changes and not isinstance(factor, TimeTable) and fit is None:
         return None
 
     def program(time: float, driven: float) -> None:
@@ -436,7 +473,8 @@ def friction_program(table: Contact, term: ContactTerm) -> Callable[[float, floa
         if changes and isinstance(friction, Coulomb):
             plain = _coulomb_law(friction, time)
         factored = isinstance(law, FactoredLaw)
-        term.renew(law=_factored(plain, factor, time) if factored else plain)
+        new = _factored(plain, factor, time) if factored else plain
+        term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program
 
@@ -507,8 +545,8 @@ def _checked_distance(
         )
         raise InputError(
             f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "
-            "may touch at the start, not overlap"
-            + (smooth if contact.smoothing_angle is not None else "")
+            "may touch at the start, not overlap (but as a press fit: "
+            f'interference = "{DRAWN}")' + (smooth if contact.smoothing_angle is not None else "")
         )
     nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
     return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))

@@ -12,16 +12,18 @@ from tribox.app.case.film import Film
 from tribox.app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap, OwnLaw
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
-from tribox.app.case.time_tables import NumberOrProgram, TimeTable
+from tribox.app.case.time_tables import NumberOrProgram, Program, TimeTable
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
 _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
+DRAWN = "drawn"
+"""The overlap of a fit is that of the mesh."""
 _MISSING: Any = None  # refused by Contact.problems
 # Keys that do not go with tied.
-_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length")
+_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length", "interference")
 
 
 class Contact(Model):
@@ -76,6 +78,13 @@ class Contact(Model):
         max_length=MOST_ENTRIES,
         description="names of the stages in which the surfaces feel each other; default: all",
     )
+    interference: Annotated[TimeTable | Literal["drawn"], Program("m", word=DRAWN)] | None = Field(
+        default=None,
+        description="press or shrink fit: how much larger the surfaces are across the contact than "
+        "they are drawn; a number comes on over the first stage in which they touch, a program as "
+        'it says; less than 0 is a clearance, there from the start; "drawn": the surfaces overlap '
+        "as they are drawn, and what overlaps is pushed apart over that stage",
+    )
     friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
         default=1.0,
         description="factor of the friction law's traction and stiffness, a number or a program "
@@ -107,6 +116,14 @@ class Contact(Model):
     def label(self) -> str:
         """What results call the pair."""
         return f"{self.slave}-{self.master}" if self.name is None else self.name
+
+    @property
+    def comes_on(self) -> bool:
+        """Whether a fit comes on over a stage: one as it is drawn, or of a number above 0."""
+        fit = self.interference
+        return fit == DRAWN or (
+            isinstance(fit, TimeTable) and len(fit.values) == 1 and fit.values[0] > 0.0
+        )
 
     @property
     def acting_film(self) -> Film | None:
@@ -210,9 +227,10 @@ class Contact(Model):
         if self.pressure == "pointwise":
             reason = 'film.model = "reynolds" needs "averaged"'
             yield Problem((*place, "pressure"), reason, self.pressure)
-        if self.fade_length is not None:
-            reason = 'does not go with film.model = "reynolds"'
-            yield Problem((*place, "fade_length"), reason, self.fade_length)
+        for key in ("fade_length", "interference"):
+            if getattr(self, key) is not None:
+                reason = 'does not go with film.model = "reynolds"'
+                yield Problem((*place, key), reason)
 
     @property
     def given_film(self) -> Film | None:

@@ -204,7 +204,7 @@ class CompiledTangent:
             "xi": at.xi,
             "normal": at.normal,
             "tangents": at.tangents,
-            "gap": at.gap,
+            "gap": at.distance,
             "curvature": at.curvature,
             "clamped": at.clamped,
             "along": at.along,

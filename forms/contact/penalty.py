@@ -68,6 +68,8 @@ class ContactTerm:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         surface, law, film: of the pair; modulus: Pa, E*, or None.
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
+        offset: (q,), m, by which the gap that is felt is wider than that between the surfaces:
+            less than 0 where one is to be larger than it is drawn; None: nowhere.
         rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
             it, None without.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
@@ -106,6 +108,7 @@ class ContactTerm:
         """
         self.surface = surface
         self.law, self.active, self.modulus = law, True, modulus
+        self.offset: Floats | None = None
         self.neighbours: list[Neighbour] = []
         self.rule = normal_rule(pressure, surface, penalty)
         self._prepare_tangent()
@@ -187,6 +190,8 @@ class ContactTerm:
         normals = surface.slave_normals(values) if averaged else None
         self.leave_to_others()
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
+        if self.offset is not None:
+            current.shift(self.offset)
         anchor = self.anchor(nodes)
         # Friction under the pressure of a rounded gap would tell at random where points stick.
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
@@ -387,15 +392,22 @@ class ContactTerm:
         )
         self._last = None
 
-    def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
+    def renew(
+        self,
+        active: bool | None = None,
+        law: FrictionLaw | None = None,
+        offset: Floats | None = None,
+    ) -> None:
         """Take what a stage or a program of time has changed, from the next evaluation on.
 
         Args:
             active: whether the surfaces feel each other; None: as before.
             law: friction law with the same kind of state; None: as before.
+            offset: (q,), m, see above; None: as before.
         """
         self.active = self.active if active is None else active
         self.law = self.law if law is None else law
+        self.offset = self.offset if offset is None else offset
         self._last = None
 
     def adopt(self, state: ContactState) -> None:
