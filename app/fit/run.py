@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.friction import FrictionMap
+from tribox.app.case.friction import MAP, TABLES
 from tribox.app.case.toml_writer import toml_text
 from tribox.app.errors import tell
 from tribox.app.figures.steady_points import film_numbers
@@ -124,7 +124,7 @@ IDLE = ("switch", "reentry", "reset_slip_on_opening", "zeta", "eta_inf", "barus"
 def _is_default(key: str, value: Any) -> bool:
     if key not in IDLE:
         return False
-    default = FrictionMap.model_fields[key].default
+    default = TABLES[MAP].model_fields[key].default
     return bool(_number(value) == default) if isinstance(default, float) else value == default
 
 

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,6 @@ from numpy.typing import NDArray
 
 from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.film import Film
-from tribox.app.case.friction import Coulomb, Frictionless
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
 from tribox.app.results.directory import write_json, write_table
@@ -283,7 +283,7 @@ def film_map(case: Case) -> FilmMap:
         raise InputError(f'contact.0.master = "{pair.master}": {where} takes a circle as tool')
     if film.share != "contact" or film.sigma == 0.0:
         raise InputError(f'contact.0.film: {where} takes share = "contact" and sigma > 0')
-    if not isinstance(pair.friction, (Coulomb, Frictionless)):
+    if pair.friction.law not in ("coulomb", "frictionless"):
         raise InputError(
             f'contact.0.friction.law = "{pair.friction.law}": {where} takes "coulomb", of the '
             'asperities, or "frictionless"'
@@ -342,9 +342,9 @@ def _load(case: Case, tool: CircleTool) -> float:
     return largest
 
 
-def _coefficient(friction: Coulomb | Frictionless) -> float:
+def _coefficient(friction: Any) -> float:
     """μ of the asperities; of a program its largest."""
-    if isinstance(friction, Frictionless):
+    if friction.law == "frictionless":
         return 0.0
     return friction.mu if isinstance(friction.mu, float) else max(friction.mu.values)
 

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tribox.app.build.model import Model
 from tribox.app.case.case import Case
-from tribox.app.case.friction import Coulomb
+from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
-from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.point_probes import PointProbes
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
@@ -108,7 +107,8 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     row, thickness = simulation.rows[-1], case.geometry.slab
     load = row.normal_force / thickness
     friction = case.contact[0].friction
-    mu = value_at(friction.mu, 0.0) if isinstance(friction, Coulomb) else 0.0
+    assert isinstance(friction, LawTable)
+    mu = friction.parameters().mu if friction.law == "coulomb" else 0.0
     shares = [r.tangential_force / (mu * r.normal_force) if mu else 0.0 for r in simulation.rows]
     x, p = arrays["position"][closed, 0], arrays["pressure"][closed]
     return Profile(

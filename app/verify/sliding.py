@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tribox.app.case.friction import FrictionMap
 from tribox.app.friction_map.material_tests import Curve, compute_map
 from tribox.app.friction_map.setup import map_setup
 from tribox.app.simulation.history import Row
@@ -70,15 +69,15 @@ def _curves(curve: Curve) -> tuple[Line, Line]:
 def film_sliding(overrides: Sequence[str] = ()) -> Verification:
     """A layer sliding on a film, its effective viscosity against the closed form."""
     case, simulation = solve("sfa", [*QUICK_LAYER, *overrides])
-    friction, film = case.contact[0].friction, case.contact[0].film
-    assert isinstance(friction, FrictionMap) and film is not None
+    law, film = case.contact[0].map, case.contact[0].film
+    assert law is not None and film is not None
     thickness = film.thicknesses[0]
     # The last step at each velocity is its steady state.
     steady = {row.velocity: row for row in simulation.rows if row.velocity != 0.0}
     checks = []
     for speed, row in steady.items():
         pressure = row.normal_force / row.contact_area
-        exact = effective_viscosity(speed, thickness, pressure, row.mu, friction.parameters())
+        exact = effective_viscosity(speed, thickness, pressure, row.mu, law)
         name = f"effective viscosity at {speed:g} m/s"
         checks.append(compare(name, row.effective_viscosity, float(exact), 5e-3, "Pa s"))
     return Verification(

@@ -99,7 +99,7 @@ class FrictionMap:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_friction", self.parameters.friction)
-        object.__setattr__(self, "_rheology", self.parameters.rheology)
+        object.__setattr__(self, "_rheology", self.parameters)
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""

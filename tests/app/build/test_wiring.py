@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from tests.own_law import documented_law, documented_material
 from tests.tool_cases import block_mesh
-from tribox.app.build.contacts import friction_law, resolved_contact
+from tribox.app.build.contacts import resolved_contact
 from tribox.app.build.solids import material_of
 from tribox.app.build.tools import tool_surface
 from tribox.app.case.bodies import Body
@@ -82,7 +82,7 @@ SPACE = {"cylinder", "sphere"}
 
 def law_of(friction: Any) -> object:
     contact = Contact.model_construct(friction=friction, slave="a", master="b", name=None)
-    return friction_law(resolved_contact(contact, SOFT, 1e-4, 0.0).friction)
+    return resolved_contact(contact, SOFT, 1e-4, 0.0).friction.friction_law()
 
 
 def surface_of(tool: Any) -> object:
