@@ -284,7 +284,7 @@ class ReynoldsFilm:
         return out
 
     def _mobility(self, step: FilmStep) -> tuple[Floats, Floats]:
-        """k of the faces (f,), m³, and its derivatives (f, 2) for the h of both ends."""
+        """K of the faces (f,), m³, and its derivatives (f, 2) for the h of both ends."""
         h, ends = step.film, self.cells.ends
         if step.before is None or not np.isfinite(step.dt):
             mean, d_mean = h, np.ones_like(h)

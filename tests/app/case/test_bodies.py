@@ -221,7 +221,9 @@ def test_a_metal_measured_in_reversed_shear_has_the_constants_of_its_source():
         assert own.modulus == pytest.approx(1.5e6 * c, rel=1e-4)
         assert own.recovery == pytest.approx(math.sqrt(1.5) * c * kappa, rel=1e-4)
     for alpha in (0.05, 0.1, 0.2):
-        back = sum(k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in metal.kinematic)
+        back = sum(
+            k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in metal.kinematic
+        )
         tension = 292.14e6 - (292.14e6 - 102.75e6) * math.exp(-13.5 * alpha)
         assert 0.065 < 1.0 - (voce.stress(alpha) + back) / tension < 0.095
 
