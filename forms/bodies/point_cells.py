@@ -209,8 +209,8 @@ class PointCells:
             kernel: what updates them.
             u: m.
             state: (k, s).
-            out: what is written: end (k, s); or added to: energies (3,), J (J/m), stored, dissipated
-                and the part of that due to the step's length; forces (n,), N (N/m).
+            out: what is written: end (k, s); or added to: energies (3,), J (J/m), stored,
+                dissipated and the part of that due to the step's length; forces (n,), N (N/m).
 
         Returns:
             Whether all could be evaluated; where not, energies and forces are NaN.

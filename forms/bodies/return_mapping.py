@@ -6,11 +6,11 @@ and the rate Δα/Δt
     g(Δα) = q̂ − 3G Δα − σ_Y(α + Δα) R(Δα/Δt) = 0.
 
 g falls (σ_Y and R do not), so its root lies in [0, (q̂ − σ_Y(α))/3G] and is the only one; where a
-backstress fades, which may leave more stress than there was, q̂ gives way to what it can be at most. Newton's
-method from the left is monotone where σ_Y and R are concave; a step that leaves the bracket of
-the root is replaced by one to its middle, so that tables and kinks converge as well. Where the
-law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less is asked
-of it there.
+backstress fades, which may leave more stress than there was, q̂ there is the most that can be left.
+Newton's method from the left is monotone where σ_Y and R are concave; a step that leaves the
+bracket of the root is replaced by one to its middle, so that tables and kinks converge as well.
+Where the law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less
+is asked of it there.
 
 **Backstress** has axes of its own, and the flow turns with it. Fᵖ = Fᵖᵉ Fᵖⁱ (Lion, Int. J.
 Plasticity 16 (2000) 469; Dettmer & Reese, Comput. Methods Appl. Mech. Engng 193 (2004) 87;

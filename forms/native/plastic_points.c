@@ -719,7 +719,8 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     }
     vec change = all(0.0), bound = SETTLED * (25.0 * square_root(1.5 * t->of.aim) + moduli);
     EACH(space, a, b) change += (sum[a][b] - rest[a][b]) * (sum[a][b] - rest[a][b]);
-    done |= (ivec)(change <= bound * bound) & (ivec)(absolute(t->step - last) <= SMALL_STEP * t->step);
+    vec still = SMALL_STEP * t->step + bound / (3.0 * m->shear);
+    done |= (ivec)(change <= bound * bound) & (ivec)(absolute(t->step - last) <= still);
     EACH(space, a, b) rest[a][b] = choose(done, rest[a][b], sum[a][b]);
     return done;
 }

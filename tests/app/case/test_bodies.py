@@ -215,15 +215,13 @@ def test_a_metal_measured_in_reversed_shear_has_the_constants_of_its_source():
     metal = material_of(read(case_with(material=name)).bodies["aluminium"])
     bulk, shear = 68.63e9, 26.31e9
     assert (metal.bulk_modulus, metal.shear_modulus) == pytest.approx((bulk, shear), rel=1e-3)
-    voce = metal.hardening
+    voce, branches = metal.hardening, metal.kinematic
     assert voce.saturation_stress == pytest.approx(31.5e6 + 1963e6 / 13.33, rel=1e-4)
-    for own, (c, kappa) in zip(metal.kinematic, ((115.5, 0.0885), (11500, 0.01676)), strict=True):
+    for own, (c, kappa) in zip(branches, ((115.5, 0.0885), (11500, 0.01676)), strict=True):
         assert own.modulus == pytest.approx(1.5e6 * c, rel=1e-4)
         assert own.recovery == pytest.approx(math.sqrt(1.5) * c * kappa, rel=1e-4)
     for alpha in (0.05, 0.1, 0.2):
-        back = sum(
-            k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in metal.kinematic
-        )
+        back = sum(k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in branches)
         tension = 292.14e6 - (292.14e6 - 102.75e6) * math.exp(-13.5 * alpha)
         assert 0.065 < 1.0 - (voce.stress(alpha) + back) / tension < 0.095
 
