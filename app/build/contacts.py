@@ -17,6 +17,7 @@ from tribox.app.build.contact_notes import (
     STIFFER,
     Corners,
     note_on_corners,
+    note_on_fit,
     note_on_idle_film,
     note_on_radius,
     note_on_sliding,
@@ -27,6 +28,7 @@ from tribox.app.build.contact_notes import (
     slides,
     stiffer_slave,
 )
+from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import Friction, OwnLaw
@@ -115,16 +117,7 @@ class ContactBuilder:
         if asked.tied:
             return self._tie(index, asked, surface, softer)
         length = surface.facet_length
-        at = surface.project(surface.slave.position, surface.master.position)
-        at_once = self.case.acts_in(asked, self.case.stage[0].name)
-        if at_once and faces_away(surface, at):
-            tool = self.case.tools.get(asked.master)
-            problem = facing_problem(asked.slave, asked.master, tool)
-            raise InputError(f"contact.{index}: {problem}")
-        fit = fit_program(self.case, asked, at)
-        if fit is not None:
-            at.shift(fit(0.0))
-        distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
+        at, fit, distance = self._start(index, asked, surface)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, lengths = self._law(index, table), (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
@@ -135,6 +128,7 @@ class ContactBuilder:
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
+            *note_on_fit(f"contact.{index}", asked, surface, at),
             *note_on_idle_film(f"contact.{index}", asked),
             *self._notes_on_corners(index, asked, surface, at, distance),
             *(
@@ -153,6 +147,25 @@ class ContactBuilder:
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
         return BuiltContact(table, term, notes, contact_program(table, term, fit))
+
+    def _start(
+        self, index: int, asked: Contact, surface: ContactSurface
+    ) -> tuple[Projection, Callable[[float], Floats] | None, float]:
+        """Slave points on the master at time 0, the fit, and how far they are apart, m; collective.
+
+        Raises:
+            InputError: the surfaces look the same way, or overlap.
+        """
+        place = f"contact.{index}"
+        at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
+        at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        if at_once and faces_away(surface, at):
+            tool = self.case.tools.get(asked.master)
+            raise InputError(f"{place}: {facing_problem(asked.slave, asked.master, tool)}")
+        fit = fit_program(self.case, asked, at)
+        if fit is not None:
+            at.shift(fit(0.0))
+        return at, fit, _checked_distance(place, asked, surface, at, at_once)
 
     def _lubricated(
         self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
@@ -262,6 +275,17 @@ class ContactBuilder:
         except ValueError as error:
             pair = f"slave {contact.slave}, master {contact.master}"
             raise InputError(f"contact.{index}: {error} ({pair})") from None
+
+    def _nodes_at_start(self, contact: Contact, surface: ContactSurface) -> Floats:
+        """Nodes (n, i), m, of the master at time 0, to which a program may have moved a tool."""
+        tool, table = self.tools.get(contact.master), self.case.tools.get(contact.master)
+        if tool is None or table is None or table.displacement is None:
+            return surface.master.position
+        if table.displacement_stages and self.case.stage[0].name not in table.displacement_stages:
+            return surface.master.position
+        programs = (getattr(table.displacement, axis) for axis in COMPONENTS[: surface.dim])
+        moved = [p(0.0) if isinstance(p, TimeTable) else 0.0 for p in programs]
+        return tool.motion.control_points(np.array(moved), 0.0)
 
     def _master_length(self, contact: Contact) -> float:
         """Length of the master's facets, m; infinite of a tool, which has none; collective."""
