@@ -8,10 +8,10 @@ A law or material is a frozen dataclass that derives from :class:`Declared`, its
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 SAME_PLACE = "parameter"  # of the declaration in a field's metadata
 
@@ -93,6 +93,7 @@ class Parameter:
     program: bool = False
     same_as: str | None = None
     follows: Callable[[Scales], float] | None = None
+    otherwise: float | None = None
     key: str | None = None
     most: int | None = None
 
@@ -106,6 +107,7 @@ def parameter(
     program: bool = False,
     same_as: str | None = None,
     follows: Callable[[Scales], float] | None = None,
+    otherwise: float | None = None,
     key: str | None = None,
     most: int | None = None,
     **bounds: Any,
@@ -119,13 +121,14 @@ def parameter(
         over: it may be a table over this quantity.
         program: whether a case may have it change with time.
         same_as: a case that does not give it takes the value of this other parameter.
+        otherwise: what a case takes that does not give it, where the class has no default.
         follows: a case that does not give it takes what this makes of bodies and mesh.
         key: in the case file, if not the name of the field.
         most: entries of a list.
         bounds: see :class:`Bounds`.
     """
     declared = Parameter(
-        meaning, Bounds(unit, **bounds), over, program, same_as, follows, key, most
+        meaning, Bounds(unit, **bounds), over, program, same_as, follows, otherwise, key, most
     )
     return field(default=default, metadata={SAME_PLACE: declared})
 
@@ -134,7 +137,8 @@ class Refused(ValueError):
     """A value that is not allowed; the message names it and says what is.
 
     Attributes:
-        key: of the parameter, "" if it is about several.
+        key: of the parameter, with row and column of a table as in "points.0.1"; "" if it is about
+            several.
         reason: what is allowed.
         value: that was found.
     """
@@ -173,9 +177,16 @@ class Declared:
         return iter(())
 
 
-@cache
-def declarations(kind: Any) -> tuple[tuple[str, Parameter, tuple[Any, ...]], ...]:
+Declarations = tuple[tuple[str, Parameter, tuple[Any, ...]], ...]
+
+
+def declarations(kind: type[Declared]) -> Declarations:
     """(name, declaration, words to choose from if it is a word) of a class's parameters."""
+    return _declarations(cast(Hashable, kind))
+
+
+@cache
+def _declarations(kind: Any) -> Declarations:
     hints = get_type_hints(kind)
     return tuple(
         (

@@ -207,7 +207,7 @@ def _yield_strains(case: Case) -> Iterator[str]:
     for name, body in case.bodies.items():
         if not isinstance(body, ElastoPlasticBody):
             continue
-        stress = float(body.hardening.law_of().stress(np.zeros(1))[0])
+        stress = float(body.hardening.parameters().stress(np.zeros(1))[0])
         shear, bulk = body.shear_modulus, body.bulk_modulus
         modulus = 9.0 * bulk * shear / (3.0 * bulk + shear)
         if not least <= stress / modulus <= most:

@@ -47,7 +47,8 @@ class DeclaredTable(Model):
 
 
 def _problem(place: Place, refused: Refused) -> Problem:
-    where = (*place, refused.key) if refused.key else place
+    parts = refused.key.split(".") if refused.key else []
+    where = (*place, *(int(part) if part.isdigit() else part for part in parts))
     if refused.value is MISSING:
         return Problem(where, refused.reason)
     return Problem(where, refused.reason, refused.value)
@@ -106,11 +107,14 @@ def _field(hint: Any, declared: Parameter, default: Any) -> tuple[Any, Any]:
         )
     if many:
         return annotation | None, Field(default=None, description=declared.meaning)
+    if default is MISSING and declared.otherwise is not None:
+        default = declared.otherwise
     if default is MISSING:
-        return annotation, Field(max_length=declared.most, description=declared.meaning)
-    return annotation, Field(
-        default=default, max_length=declared.most, description=declared.meaning
-    )
+        least = 1 if declared.most is not None else None
+        return annotation, Field(
+            min_length=least, max_length=declared.most, description=declared.meaning
+        )
+    return annotation, Field(default=default, description=declared.meaning)
 
 
 def _annotation(hint: Any, declared: Parameter) -> Any:

@@ -9,7 +9,7 @@ import tomllib
 import pytest
 
 from tests.app.case.test_case import FILM_CASE
-from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.build.solids import notes_on_materials
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import description, entries, listing
 from tribox.app.case.quantities import parse_quantity
@@ -161,7 +161,7 @@ def leaves(table, before=""):
 def test_an_entry_is_a_stable_material_whose_numbers_have_sources(name):
     entry = entries()[name]
     body = read(case_with(material=name)).bodies["aluminium"]
-    material = material_of(body)
+    material = body.material_of()
     assert material.shear_modulus > 0.0 and material.bulk_modulus > material.shear_modulus
     assert notes_on_materials({"aluminium": body}, {"aluminium": material}) == []
     assert set(entry.sources) == set(leaves(entry.keys))
@@ -175,7 +175,7 @@ def test_a_measured_curve_is_that_of_its_source():
     """Yields at K ε₀ⁿ = 129.9 MPa; the load maximum is at n − ε₀, as its range says."""
     [name] = MEASURED
     entry = entries()[name]
-    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    law = read(case_with(material=name)).bodies["aluminium"].material_of().hardening
     assert law.stress(0.0) == pytest.approx(129.87e6, rel=1e-3)
     slope = (law.stress(0.2762) - law.stress(0.2760)) / 2e-4
     assert slope == pytest.approx(law.stress(0.2761), rel=1e-3)
@@ -190,7 +190,7 @@ def test_hardening_is_made_from_the_strengths(name):
     proof, tensile = (
         parse_quantity(entry.strengths[key], "Pa") for key in ("proof_stress", "tensile_strength")
     )
-    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    law = read(case_with(material=name)).bodies["aluminium"].material_of().hardening
     assert law.stress(0.0) == pytest.approx(proof, rel=2e-3)
     strains = [i * 1e-4 for i in range(5000)]
     nominal = [float(law.stress(a)) * math.exp(-a) for a in strains]
