@@ -28,6 +28,7 @@ from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 # -- Forces that a solution is judged by: round-off, reference of the residual, worst place --------
@@ -112,7 +113,7 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
     """Where the largest out-of-balance force (n,) of a free unknown is, m; collective."""
     unknowns = constraints.unknowns
     free = np.abs(unbalanced)
-    free[constraints.dofs] = 0.0
+    free[constraints.dofs] = free[unknowns.beside] = 0.0
     for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
     free = np.where(np.isfinite(free), free, np.inf)
@@ -168,13 +169,15 @@ class Equilibrium:
         loads: Sequence[Load] = (),
         nodal_loads: Sequence[NodalLoad] = (),
         tools: Sequence[RigidTool] = (),
+        blocks: Sequence[Block] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
         self.loads, self.nodal_loads = list(loads), list(nodal_loads)
         self.tools = list(tools)
-        self.unknowns = Unknowns(u.function_space)
+        blocks = [*(tool.block for tool in self.tools), *blocks]
+        self.unknowns = Unknowns(u.function_space, blocks)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.bodies = Bodies(u, self.solids)
         self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)

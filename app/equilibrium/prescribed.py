@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 
@@ -138,17 +140,19 @@ class Unknowns:
     """The numbering of the unknowns: displacement components of nodes, rank by rank.
 
     Attributes:
-        space: displacement space; comm: of its mesh; dim: unknowns per node.
+        space: displacement space, with room for the blocks; comm: of its mesh; dim: unknowns per
+            node.
+        blocks: the unknowns beside the displacement.
         owned: number of unknowns on this rank; size: on all ranks.
         first: global number of this rank's first unknown.
     """
 
-    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Read the numbering of a space."""
+    def __init__(self, space: dolfinx.fem.FunctionSpace, blocks: Sequence[Block] = ()) -> None:
+        """Read the numbering of a space that was made with these blocks."""
         _fix_rounding()
         index_map = space.dofmap.index_map
         self.space, self.comm = space, space.mesh.comm
-        self.dim = space.dofmap.index_map_bs
+        self.dim, self.blocks = space.dofmap.index_map_bs, list(blocks)
         self.owned = index_map.size_local * self.dim
         self.first = index_map.local_range[0] * self.dim
         self.size = index_map.size_global * self.dim
@@ -158,6 +162,17 @@ class Unknowns:
         vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
         vec.set(0.0)
         return vec
+
+    @property
+    def beside(self) -> Ints:
+        """Owned local unknowns of the blocks' nodes, what is left over in them included."""
+        parts = [part for block in self.blocks for part in (block.dofs, block.padding)]
+        return np.concatenate([np.empty(0, dtype=np.int32), *parts]).astype(np.int32)
+
+    @property
+    def beside_nodes(self) -> Longs:
+        """Global nodes of the blocks that this rank owns."""
+        return (self.beside[:: self.dim].astype(np.int64) + self.first) // self.dim
 
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""

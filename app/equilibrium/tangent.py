@@ -278,6 +278,8 @@ class Tangent:
         self.keeper.forget()
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
+        beside = self.constraints.unknowns.beside_nodes
+        self._add_blocks(extra, beside[:, None], None, [])  # no cell gives them a diagonal
         for acting in self.seen or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]

@@ -79,7 +79,7 @@ DAMAGES = {
     "manifest binary": ("manifest.json", lambda path: path.write_bytes(b"\xff\x00")),
     "manifest deep": ("manifest.json", lambda path: path.write_text("[" * 100_000)),
     "manifest of another": ("manifest.json", _other),
-    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 2, "files": []}')),
+    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 3, "files": []}')),
 }  # fmt: skip
 
 
