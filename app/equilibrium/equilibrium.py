@@ -153,6 +153,7 @@ class Equilibrium:
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
         solids, contacts, loads, nodal_loads, tools: the parts; bodies: the solids' equations.
+        fields: the blocks of unknowns beside the displacement whose residuals have sizes of their own.
         turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
@@ -178,6 +179,7 @@ class Equilibrium:
         self.tools = list(tools)
         blocks = [*(tool.block for tool in self.tools), *blocks]
         self.unknowns = Unknowns(u.function_space, blocks)
+        self.fields = [block for block in blocks if block.reference is not None]
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.bodies = Bodies(u, self.solids)
         self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)
@@ -341,9 +343,42 @@ class Equilibrium:
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
-            self.unbalanced, outside, contact_squared, self.constraints
+            self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
         )
         self.constraints.constrain_residual(f.array, x.array_r)
+
+    def _on_bodies(self, values: Floats) -> Floats:
+        """Residuals (n,) without those of fields, which are no forces."""
+        if not self.fields:
+            return values
+        out = values.copy()
+        for field in self.fields:
+            out[field.dofs] = 0.0
+        return out
+
+    def judged(self, f: PETSc.Vec, force: float) -> tuple[float, float]:
+        """Norm of a residual, and what it is compared with; collective.
+
+        With fields it is the largest of that of the forces and, for each field, that of its rows in
+        the measure of its own reference:
+
+            max(|f_u|, F |f_b| / r_b),    F > 0.
+
+        Args:
+            f: (n,), N, the residual.
+            force: N, what forces are compared with; 0: none are known.
+        """
+        if not self.fields:
+            return float(f.norm()), force
+        parts = [self._on_bodies(f.array_r), *(f.array_r[field.dofs] for field in self.fields)]
+        squares = np.array([float(part @ part) for part in parts])
+        self.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
+        scale, norms = force or 1.0, np.sqrt(squares)
+        shares = [
+            scale * norm / (field.reference or 1.0)
+            for field, norm in zip(self.fields, norms[1:], strict=True)
+        ]
+        return float(max(norms[0], *shares)), scale
 
     def _gathered(self, add: Callable[[Floats], None]) -> Floats:
         """What all ranks ``add`` at the owned unknowns; collective."""

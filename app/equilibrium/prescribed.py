@@ -136,13 +136,17 @@ def _fix_rounding() -> None:
             options.getBool(name)  # or PETSc says at the end that nobody has asked for it
 
 
+_NONE: Ints = np.empty(0, dtype=np.int32)
+
+
 class Unknowns:
     """The numbering of the unknowns: displacement components of nodes, rank by rank.
 
     Attributes:
         space: displacement space, with room for the blocks; comm: of its mesh; dim: unknowns per
             node.
-        blocks: the unknowns beside the displacement.
+        blocks: the unknowns beside the displacement; beside: (b,) owned local unknowns of their
+            nodes, of which padding: (p,) are left over; beside_nodes: the global nodes.
         owned: number of unknowns on this rank; size: on all ranks.
         first: global number of this rank's first unknown.
     """
@@ -156,23 +160,18 @@ class Unknowns:
         self.owned = index_map.size_local * self.dim
         self.first = index_map.local_range[0] * self.dim
         self.size = index_map.size_global * self.dim
+        self.padding: Ints = np.concatenate([_NONE, *(block.padding for block in self.blocks)])
+        beside = [part for block in self.blocks for part in (block.dofs, block.padding)]
+        self.beside: Ints = np.concatenate([_NONE, *beside])
+        self.beside_nodes: Longs = (self.beside[:: self.dim].astype(np.int64) + self.first) // (
+            self.dim
+        )
 
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
         vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
         vec.set(0.0)
         return vec
-
-    @property
-    def beside(self) -> Ints:
-        """Owned local unknowns of the blocks' nodes, what is left over in them included."""
-        parts = [part for block in self.blocks for part in (block.dofs, block.padding)]
-        return np.concatenate([np.empty(0, dtype=np.int32), *parts]).astype(np.int32)
-
-    @property
-    def beside_nodes(self) -> Longs:
-        """Global nodes of the blocks that this rank owns."""
-        return (self.beside[:: self.dim].astype(np.int64) + self.first) // self.dim
 
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""
