@@ -153,7 +153,7 @@ class Equilibrium:
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
         solids, contacts, loads, nodal_loads, tools: the parts; bodies: the solids' equations.
-        fields: the blocks of unknowns beside the displacement whose residuals have sizes of their own.
+        fields: the blocks beside the displacement whose residuals have sizes of their own.
         turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.

@@ -71,8 +71,8 @@ class ContactTerm:
         rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
             it, None without.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
-        beside: (v, b) global nodes of the entries of blocks that belong to the slave's vertices, and
-            are coupled with what these are; None without any.
+        beside: (v, b) global nodes of the entries of blocks that belong to the slave's vertices,
+            and couple with all that these do; None without any.
         tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
         bounds_steps: whether :meth:`bearable` may be less than 1.
         forgets: whether the way of the last steps says nothing of the next, as where each is the

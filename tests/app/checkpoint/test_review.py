@@ -172,7 +172,7 @@ def test_compressed_arrays_are_not_unpacked(done, tmp_path):
         (lambda tree: tree["simulation"].update(state=None), "NoneType"),
         (lambda tree: tree.update(case="["), "Invalid"),
         (lambda tree: tree["simulation"]["runner"].update(x={"$": ["nodal", "999"]}), "'999'"),
-        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["array", "2"]}), "broadcast"),
+        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["array", "2"]}), "(96,)"),
         (lambda tree: tree["recorder"].update(left={"$": ["points", "0", 7]}), "range"),
     ],
     ids=["no runner", "no state", "no case", "no array", "fewer rows", "no pair"],
