@@ -17,6 +17,7 @@ from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.forms.bodies.stability import stability_limits
+from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import NamedMesh
 
 Bodies = Mapping[str, Body]
@@ -39,11 +40,20 @@ def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
     }
 
 
-def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
-    """The displacement (m) of all bodies, of the degree that their formulations ask for."""
+def displacement_on(
+    named: NamedMesh, bodies: Bodies, blocks: Sequence[Block] = ()
+) -> dolfinx.fem.Function:
+    """The displacement (m) of all bodies, of the degree that formulations ask for; collective.
+
+    Args:
+        named: the mesh.
+        bodies: of the case.
+        blocks: of other unknowns, for which there is room then.
+    """
     degree = max(DEGREE[body.formulation] for body in bodies.values() if body.formulation)
     element = ("Lagrange", degree, (named.mesh.geometry.dim,))
-    return dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, element), name="displacement")
+    space = with_blocks(dolfinx.fem.functionspace(named.mesh, element), blocks)
+    return dolfinx.fem.Function(space, name="displacement")
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:

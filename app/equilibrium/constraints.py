@@ -38,7 +38,8 @@ class Constraints:
     ) -> None:
         """Gather the platens' unknowns of all ranks; collective."""
         self.unknowns = unknowns
-        self.prescribed, self.platens = list(prescribed), list(platens)
+        padding = [Prescribed(block.padding) for block in unknowns.blocks]
+        self.prescribed, self.platens = [*prescribed, *padding], list(platens)
         for platen in self.platens:
             platen.gather(unknowns.space)
         self.slanted = [p for p in self.platens if isinstance(p, SlantedPlaten)]

@@ -28,6 +28,7 @@ from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 # -- Forces that a solution is judged by: round-off, reference of the residual, worst place --------
@@ -112,7 +113,7 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
     """Where the largest out-of-balance force (n,) of a free unknown is, m; collective."""
     unknowns = constraints.unknowns
     free = np.abs(unbalanced)
-    free[constraints.dofs] = 0.0
+    free[constraints.dofs] = free[unknowns.beside] = 0.0
     for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
     free = np.where(np.isfinite(free), free, np.inf)
@@ -152,6 +153,7 @@ class Equilibrium:
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
         solids, contacts, loads, nodal_loads, tools: the parts; bodies: the solids' equations.
+        fields: the blocks beside the displacement whose residuals have sizes of their own.
         turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
@@ -168,13 +170,16 @@ class Equilibrium:
         loads: Sequence[Load] = (),
         nodal_loads: Sequence[NodalLoad] = (),
         tools: Sequence[RigidTool] = (),
+        blocks: Sequence[Block] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
         self.loads, self.nodal_loads = list(loads), list(nodal_loads)
         self.tools = list(tools)
-        self.unknowns = Unknowns(u.function_space)
+        blocks = [*(tool.block for tool in self.tools), *blocks]
+        self.unknowns = Unknowns(u.function_space, blocks)
+        self.fields = [block for block in blocks if block.reference is not None]
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.bodies = Bodies(u, self.solids)
         self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)
@@ -338,9 +343,42 @@ class Equilibrium:
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
-            self.unbalanced, outside, contact_squared, self.constraints
+            self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
         )
         self.constraints.constrain_residual(f.array, x.array_r)
+
+    def _on_bodies(self, values: Floats) -> Floats:
+        """Residuals (n,) without those of fields, which are no forces."""
+        if not self.fields:
+            return values
+        out = values.copy()
+        for field in self.fields:
+            out[field.dofs] = 0.0
+        return out
+
+    def judged(self, f: PETSc.Vec, force: float) -> tuple[float, float]:
+        """Norm of a residual, and what it is compared with; collective.
+
+        With fields it is the largest of that of the forces and, for each field, that of its rows in
+        the measure of its own reference:
+
+            max(|f_u|, F |f_b| / r_b),    F > 0.
+
+        Args:
+            f: (n,), N, the residual.
+            force: N, what forces are compared with; 0: none are known.
+        """
+        if not self.fields:
+            return float(f.norm()), force
+        parts = [self._on_bodies(f.array_r), *(f.array_r[field.dofs] for field in self.fields)]
+        squares = np.array([float(part @ part) for part in parts])
+        self.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
+        scale, norms = force or 1.0, np.sqrt(squares)
+        shares = [
+            scale * norm / (field.reference or 1.0)
+            for field, norm in zip(self.fields, norms[1:], strict=True)
+        ]
+        return float(max(norms[0], *shares)), scale
 
     def _gathered(self, add: Callable[[Floats], None]) -> Floats:
         """What all ranks ``add`` at the owned unknowns; collective."""

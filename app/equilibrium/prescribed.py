@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 
@@ -134,24 +136,36 @@ def _fix_rounding() -> None:
             options.getBool(name)  # or PETSc says at the end that nobody has asked for it
 
 
+_NONE: Ints = np.empty(0, dtype=np.int32)
+
+
 class Unknowns:
     """The numbering of the unknowns: displacement components of nodes, rank by rank.
 
     Attributes:
-        space: displacement space; comm: of its mesh; dim: unknowns per node.
+        space: displacement space, with room for the blocks; comm: of its mesh; dim: unknowns per
+            node.
+        blocks: the unknowns beside the displacement; beside: (b,) owned local unknowns of their
+            nodes, of which padding: (p,) are left over; beside_nodes: the global nodes.
         owned: number of unknowns on this rank; size: on all ranks.
         first: global number of this rank's first unknown.
     """
 
-    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Read the numbering of a space."""
+    def __init__(self, space: dolfinx.fem.FunctionSpace, blocks: Sequence[Block] = ()) -> None:
+        """Read the numbering of a space that was made with these blocks."""
         _fix_rounding()
         index_map = space.dofmap.index_map
         self.space, self.comm = space, space.mesh.comm
-        self.dim = space.dofmap.index_map_bs
+        self.dim, self.blocks = space.dofmap.index_map_bs, list(blocks)
         self.owned = index_map.size_local * self.dim
         self.first = index_map.local_range[0] * self.dim
         self.size = index_map.size_global * self.dim
+        self.padding: Ints = np.concatenate([_NONE, *(block.padding for block in self.blocks)])
+        beside = [part for block in self.blocks for part in (block.dofs, block.padding)]
+        self.beside: Ints = np.concatenate([_NONE, *beside])
+        self.beside_nodes: Longs = (self.beside[:: self.dim].astype(np.int64) + self.first) // (
+            self.dim
+        )
 
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""

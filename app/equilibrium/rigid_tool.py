@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
@@ -19,8 +19,7 @@ class RigidTool:
 
     Attributes:
         name: of the tool; surface: its shape; motion: of its control points.
-        nodes: (2,) global numbers of its reference nodes.
-        dofs: (k,) local unknowns of the slots; here: (k,) whether this rank owns them.
+        block: of the slots.
         free: (k,) whether a force or a moment moves the slot, in some stage at least.
         idle: whether no moment drives the angle, so that nothing may hold it.
         mass: (k,) kg per unit thickness: the mass, and the moment of inertia over L².
@@ -29,9 +28,7 @@ class RigidTool:
     name: str
     surface: RigidSurface
     motion: RigidMotion
-    nodes: Longs
-    dofs: Ints
-    here: Bools
+    block: Block
     free: Bools
     idle: bool
     mass: Floats
@@ -39,7 +36,22 @@ class RigidTool:
     @property
     def slots(self) -> int:
         """Number of its unknowns."""
-        return len(self.dofs)
+        return len(self.block.nodes)
+
+    @property
+    def nodes(self) -> Longs:
+        """Global numbers (2,) of the nodes that hold c and θL."""
+        return self.block.nodes[[0, -1]]
+
+    @property
+    def here(self) -> Bools:
+        """Whether this rank owns the slots (k,)."""
+        return np.full(self.slots, len(self.block.dofs) > 0)
+
+    @property
+    def dofs(self) -> Ints:
+        """Local unknowns (k,) of the slots, on the rank that owns them."""
+        return self.block.dofs if len(self.block.dofs) else np.zeros(self.slots, dtype=np.int32)
 
     @property
     def reach(self) -> float:
@@ -61,39 +73,8 @@ class RigidTool:
 
     def at(self, values: Floats, comm: MPI.Comm) -> Floats:
         """Its part (k,) of values (n,) of the owned unknowns, on all ranks; collective."""
-        mine = np.where(self.here, values[np.where(self.here, self.dofs, 0)], 0.0)
-        total = np.empty_like(mine)
-        comm.Allreduce(mine, total, op=MPI.SUM)
-        return total
+        return self.block.on_all_ranks(values, comm)
 
     def control_points(self, slots: Floats) -> Floats:
         """Control points (a, i), m, at the values (k,), m, of its slots."""
         return self.motion.control_points(slots[:-1], float(slots[-1]) / self.motion.length)
-
-
-def reference_dofs(space: dolfinx.fem.FunctionSpace, cell: Ints) -> tuple[Longs, Ints, Bools, Ints]:
-    """The unknowns of a carrier cell that a tool takes, and the others; collective.
-
-    Args:
-        space: of the displacement.
-        cell: (1,) local number of the carrier cell; none on ranks without it.
-
-    Returns:
-        Global numbers (2,) of the reference nodes; local unknowns (k,) of the slots and whether
-        this rank owns them; owned local unknowns of the cell's nodes that are no slots.
-    """
-    index, dim = space.dofmap.index_map, space.dofmap.index_map_bs
-    local = np.asarray(space.dofmap.list[cell], dtype=np.int32).reshape(-1)
-    mine = None
-    if len(local):
-        mine = index.local_to_global(local[:2]).astype(np.int64)
-    nodes: Longs = next(n for n in space.mesh.comm.allgather(mine) if n is not None)
-    slots = np.zeros(dim + 1, dtype=np.int32)
-    here = np.zeros(dim + 1, dtype=bool)
-    rest = np.empty(0, dtype=np.int32)
-    if len(local):
-        every = (local[:, None] * dim + np.arange(dim)).reshape(-1).astype(np.int32)
-        slots, rest = every[: dim + 1], every[dim + 1 :]
-        here = slots < index.size_local * dim
-        rest = rest[rest < index.size_local * dim]
-    return nodes, slots, here, rest

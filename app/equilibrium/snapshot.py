@@ -19,7 +19,7 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.forms.bodies.point_state import Origin, PointHistory
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import ContactMode, ContactState, FilmHistory
+from tribox.forms.contact.state import ContactMode, ContactState
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.master import MasterFacets
 
@@ -89,7 +89,7 @@ def to_contact(term: ContactTerm, kept: Snapshot) -> ContactState:
     """The history of a pair that :func:`of_contact` kept; collective."""
     law = type(term.state.friction).from_arrays(kept["law"])
     film = kept.get("film")
-    film = None if film is None else FilmHistory(**film)
+    film = None if film is None else type(term.state.film)(**film)
     points = kept["points"] | {"facet": term.surface.numbered(kept["points"]["facet"])}
     return ContactState(**points, friction=law, film=film)
 

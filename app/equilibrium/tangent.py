@@ -278,6 +278,8 @@ class Tangent:
         self.keeper.forget()
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
+        beside = self.constraints.unknowns.beside_nodes
+        self._add_blocks(extra, beside[:, None], None, [])  # no cell gives them a diagonal
         for acting in self.seen or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
@@ -525,6 +527,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]
     others = _movers(surface)
+    of_blocks = _beside(term, first)
+    mine = np.concatenate([mine, of_blocks], axis=1)
     nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
     active = np.diff(window.touching.indptr) > 0
     slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
@@ -533,6 +537,9 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     touched = slaves + window.touching @ masters
     pattern = slaves.T @ touched + touched.T @ slaves + masters.T @ (window.together @ masters)
     pairs = _upper(pattern, nodes)
+    if of_blocks.size:  # coupled along the surface, touched or not
+        linked = _incidence(np.searchsorted(nodes, of_blocks), len(nodes))
+        pairs = _distinct(np.concatenate([pairs, _upper(linked.T @ linked, nodes)]))
     if not isinstance(term.rule, AveragedPressure):
         return pairs
     if surface.normals is not None:  # those take the vertices of the next facets too
@@ -543,6 +550,14 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
         around = scipy.sparse.csr_matrix(np.ones((1, around.shape[0]), dtype=np.int32)) @ around
     patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
     return _distinct(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]))
+
+
+def _beside(term: ContactTerm, first: Longs) -> Longs:
+    """Nodes (f, b) of blocks that belong to the vertices of the facets of points ``first`` (f,)."""
+    if term.beside is None:
+        return np.empty((len(first), 0), dtype=np.int64)
+    nodes: Longs = term.beside[term.surface.vertices.of_point[first]]
+    return nodes.reshape(len(first), nodes.shape[1] * nodes.shape[2])
 
 
 def _distinct(pairs: Longs) -> Longs:

@@ -60,7 +60,8 @@ def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
     """The linear solver that a case asks for, "auto" by what each would cost."""
     if kind != "auto":
         return kind
-    return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
+    few = problem.size <= DIRECT_LIMIT[problem.dim]
+    return "direct" if few or problem.fields else "krylov"
 
 
 class LinearSolver:
@@ -98,8 +99,9 @@ class LinearSolver:
         self._ksp = ksp
         ksp.setOperators(self.matrix)
         iterative = ksp.getType() != PETSc.KSP.Type.PREONLY
-        stiff = [] if as_it_is else stiff_solids(self.problem)
-        if stiff or (iterative and not as_it_is):
+        whole = as_it_is or bool(self.problem.fields)  # fields belong to no body
+        stiff = [] if whole else stiff_solids(self.problem)
+        if stiff or (iterative and not whole):
             self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff, self._count)
         elif iterative:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))

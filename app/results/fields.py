@@ -13,6 +13,7 @@ from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import interpolation_points
+from tribox.geometry.meshes.blocks import like
 from tribox.geometry.meshes.places import centre
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs, facet_shape
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -227,7 +228,7 @@ class ContactPressureField:
         """Find the nodes; collective."""
         space = u.function_space
         degree = space.element.basix_element.degree
-        scalars = dolfinx.fem.functionspace(space.mesh, ("Lagrange", degree))
+        scalars = like(space, dolfinx.fem.functionspace(space.mesh, ("Lagrange", degree)))
         # Files hold one set of nodes, so both numberings must be the same; DOLFINx makes them so.
         assert np.array_equal(scalars.dofmap.list, space.dofmap.list)
         self.pressure = dolfinx.fem.Function(scalars, name="contact_pressure")

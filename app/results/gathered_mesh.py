@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Floats, Longs
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -60,7 +60,7 @@ def vtk_order(element: basix.finite_element.FiniteElement) -> Longs:
 
 
 class GatheredMesh:
-    """The mesh of a displacement, or a part of it, whole on the first rank.
+    """The mesh of a displacement, whole on the first rank.
 
     Attributes:
         cells: (c, a) nodes of each cell, in VTK's order; kind: VTK's number of the cells.
@@ -69,20 +69,15 @@ class GatheredMesh:
             All are empty on the other ranks.
     """
 
-    def __init__(self, space: dolfinx.fem.FunctionSpace, cells: Ints | None = None) -> None:
+    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
         """Gather cells and reference places; collective.
 
         Args:
             space: of the displacement, blocked Lagrange of degree 1 or 2.
-            cells: (c,) the part: local cells that this rank owns; None: all.
         """
         mesh = space.mesh
         self._comm: MPI.Comm = mesh.comm
         owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
-        chosen = np.ones(owned_cells, dtype=np.bool_)
-        if cells is not None:
-            chosen[:] = False
-            chosen[cells] = True
         index = space.dofmap.index_map
         element = space.element.basix_element
         self.kind = _KINDS[element.degree][element.cell_type.name]
@@ -92,12 +87,11 @@ class GatheredMesh:
         shape = nodes.shape
         nodes = index.local_to_global(np.ascontiguousarray(nodes).reshape(-1)).reshape(shape)
         original = mesh.topology.original_cell_index[:owned_cells]
-        everything = self._comm.gather((nodes, original, chosen))
+        everything = self._comm.gather((nodes, original))
         self.cells = np.empty((0, shape[1]), dtype=np.int64)
         if everything is not None:
-            rows, numbers, among = (np.concatenate(p) for p in zip(*everything, strict=True))
-            order = np.argsort(numbers, kind="stable")
-            self._cell_order = order[among[order]]
+            rows, numbers = (np.concatenate(p) for p in zip(*everything, strict=True))
+            self._cell_order = np.argsort(numbers, kind="stable")
             self.cells, self.node_order = _numbered(rows[self._cell_order])
         places = space.tabulate_dof_coordinates()[: index.size_local, : mesh.geometry.dim]
         self.reference = self.nodal(places)

@@ -73,6 +73,8 @@ class ContactTerm:
         rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
             it, None without.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
+        beside: (v, b) global nodes of the entries of blocks that belong to the slave's vertices,
+            and couple with all that these do; None without any.
         tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
         bounds_steps: whether :meth:`bearable` may be less than 1.
         forgets: whether the way of the last steps says nothing of the next, as where each is the
@@ -80,6 +82,7 @@ class ContactTerm:
     """
 
     tied = bounds_steps = forgets = False
+    beside: Longs | None = None
 
     def __init__(
         self,
@@ -125,7 +128,7 @@ class ContactTerm:
 
     def _prepare_tangent(self) -> None:
         """Lay out the tangent over the master's facets that are known."""
-        surface, self._parts = self.surface, self.surface.parts
+        surface, self._known_parts = self.surface, self.surface.parts
         self.linearised = PairTangent(surface, self.rule)
         self.compiled = compiled_tangent(surface)
 
@@ -170,7 +173,7 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         values = self.surface.gather(x)
-        if self._parts != self.surface.parts:
+        if self._known_parts != self.surface.parts:
             self._prepare_tangent()
         last = self._last
         # An averaged pressure is summed over the ranks: they must all evaluate, or none.
