@@ -180,7 +180,8 @@ class ImplicitStepper:
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)
-            held = not newton.strayed and not self._weak.floating(largest)
+            sure = reason > 0 or not newton.strayed
+            held = sure and not self._weak.floating(largest)
             if not may_float or held or self._weak.is_loaded(largest):
                 return iterations, reason, 0.0
         springs = self._weak.springs(self.x.array_r, largest)

@@ -231,6 +231,7 @@ FAILED, FOUND = -6, 2
     ("reason", "strayed", "floating", "tries"),
     [
         (FOUND, False, [], 1),
+        (FOUND, True, [], 1),
         (FOUND, False, ["strip"], 2),
         (FAILED, False, [], 1),  # pressed: springs that weak change nothing
         (FAILED, False, ["strip"], 2),
