@@ -167,6 +167,9 @@ class ImplicitStepper:
     def _solve(self, step: StepMode) -> tuple[int, int, float]:
         """Solve a step, with weak springs if a body floats; collective.
 
+        An attempt that fails while contacts press on all bodies fails for another reason, which no
+        springs as weak as these would change.
+
         Returns:
             Iterations, PETSc's converged reason, force of the springs over the largest of the run.
         """
@@ -177,9 +180,9 @@ class ImplicitStepper:
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)
-            if not may_float or (reason > 0 and not self._weak.floating(largest)):
-                return iterations, reason, 0.0
-            if self._weak.is_loaded(largest):
+            sure = reason > 0 or not newton.strayed
+            held = sure and not self._weak.floating(largest)
+            if not may_float or held or self._weak.is_loaded(largest):
                 return iterations, reason, 0.0
         springs = self._weak.springs(self.x.array_r, largest)
         more, reason = self._tried(step.held(springs), True)
