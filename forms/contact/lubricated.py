@@ -103,6 +103,8 @@ class LubricatedTerm(ContactTerm):
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
+        # The next slip begins at the place below, pressed or not: a film feels it through open gaps.
+        self.state.ahead[:] = 0.0
 
     # -- film ---------------------------------------------------------------------------------
 
@@ -415,8 +417,7 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
-        # Where a film is, the next slip begins at the place below, pressed or not.
-        self.state.ahead[trial.kinematics.closed] = 0.0
+        self.state.ahead[:] = 0.0  # see __init__
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
