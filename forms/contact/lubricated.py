@@ -115,7 +115,7 @@ class LubricatedTerm(ContactTerm):
         gap = self.rule.gaps(at)
         part = places.part(np.isfinite(gap))
         film = np.full(places.count, self.model.reach)
-        film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside])[0])[0]
+        film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside]))[0]
         film = np.minimum(film, self.model.reach)
         content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
         parts = self._parts(np.ones(len(self._face)))
@@ -228,7 +228,7 @@ class LubricatedTerm(ContactTerm):
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
         fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
         length = history.length[part.inside]
-        thickness = model.rough.film(part.gaps(gap, length)[0])[0]
+        thickness = model.rough.film(part.gaps(gap, length))[0]
         before = history.film[part.here]
         before = np.where(np.isfinite(before), before, thickness)
         felt = felt_speeds(model.steady, part.inside, self._weight)
@@ -434,7 +434,7 @@ class LubricatedTerm(ContactTerm):
         area = self.places.cells(length, parts).area
         thickness = np.full(self.places.count, self.model.reach)
         before = history.length[film.part.inside]
-        thickness[here] = self.model.rough.film(film.part.gaps(gap, before)[0])[0]
+        thickness[here] = self.model.rough.film(film.part.gaps(gap, before))[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:

@@ -113,8 +113,8 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
         length = history.length[part.inside]
-        at_places, d_gap = part.gaps(gap, length)
-        d_film = scipy.sparse.diags(self.rule.model.rough.film(at_places)[1]) @ d_gap
+        d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
+        d_film = scipy.sparse.diags(d_film) @ part.gap_slopes(gap, length)
         slopes = film.solver.slopes(film.step, film.solution)
         faces = np.arange(slopes.by_speed.shape[1])
         feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
