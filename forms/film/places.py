@@ -145,10 +145,11 @@ class FilmPart:
     def gaps(self, gap: Floats, length: Floats) -> Floats:
         """Gaps (m,), m, at the places from those at vertices (v,).
 
-        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is the
-        harmonic mean of those of the facets beside it, 0 where these differ in sign, so that no
-        gap lies beyond those of the facet's ends (F. Fritsch, J. Butland, SIAM J. Sci. Stat.
-        Comput. 5, 1984). Before the edge of a contact the gap grows as the distance to 3/2: linear
+        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is a mean of
+        those of the facets beside it, in which the smaller counts more (G. van Albada et al.,
+        Astron. Astrophys. 108, 1982): where the gap begins to grow none lies beyond those of the
+        facet's ends by more than .004 of their difference, and Newton's method meets no kinks but
+        in a gap that is the same at three vertices. Before the edge of a contact the gap grows as the distance to 3/2: linear
         between vertices it would be half as large again in the middle of a facet, and friction in
         the mixed regime 5 % too high at 35 facets in the contact.
 
@@ -240,17 +241,19 @@ def _vertex_slopes(
 ) -> tuple[Floats, Floats, Floats]:
     """Slopes (f, 2) at the ends of facets, and their derivatives for their own secants and others'.
 
-    1/d = (w/s + w'/s')/(w + w') with w = 2 l' + l, w' = 2 l + l' of facets l and l' long.
+    d = s s' (l s + l' s')/(l s² + l' s'²) of secants s and s' of facets l and l' long.
     """
-    own, other = secant[:, None], turned * secant[beside]
+    s, far = secant[:, None], turned * secant[beside]
     mine, theirs = length[:, None], length[beside]
-    alike = own * other > 0.0
-    s, far = np.where(alike, own, 1.0), np.where(alike, other, 1.0)
-    weight, of_other = 2.0 * theirs + mine, 2.0 * mine + theirs
-    total = weight + of_other
-    slope = np.where(alike, total / (weight / s + of_other / far), 0.0)
-    by_own = slope**2 * weight / (total * s**2)
-    return slope, by_own, turned * slope**2 * of_other / (total * far**2)
+    size = mine * s**2 + theirs * far**2
+    flat = size == 0.0
+    over = 1.0 / np.where(flat, 1.0, size)
+    slope = s * far * (mine * s + theirs * far) * over
+    by_own = (theirs * far**2 + 2.0 * mine * s * (far - slope)) * over
+    by_other = (mine * s**2 + 2.0 * theirs * far * (s - slope)) * over
+    total = mine + theirs
+    by_own = np.where(flat, theirs / total, by_own)
+    return slope, by_own, turned * np.where(flat, mine / total, by_other)
 
 
 def _beside(facets: Longs) -> tuple[Longs, Floats]:
