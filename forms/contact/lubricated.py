@@ -60,7 +60,7 @@ class LubricatedTerm(ContactTerm):
     """A contact pair whose film is an unknown.
 
     Attributes:
-        model: of the film; faces: (f, 2) vertices of the slave's facets.
+        model: of the film; asperities: the rule; faces: (f, 2) vertices of the slave's facets.
     """
 
     bounds_steps = True
@@ -88,7 +88,7 @@ class LubricatedTerm(ContactTerm):
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.forgets = model.steady
-        self.rule = AsperityPressure(surface, model)
+        self.rule = self.asperities = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
@@ -103,7 +103,7 @@ class LubricatedTerm(ContactTerm):
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
-        # The next slip begins at the place below, pressed or not: a film feels it through open gaps.
+        # The next slip begins at the place below, pressed or not: films feel it in open gaps.
         self.state.ahead[:] = 0.0
 
     # -- film ---------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ class LubricatedTerm(ContactTerm):
         """Before the first step."""
         vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
-        gap = self.rule.gaps(at)
+        gap = self.asperities.gaps(at)
         part = places.part(np.isfinite(gap))
         film = np.full(places.count, self.model.reach)
         film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside]))[0]
@@ -283,7 +283,7 @@ class LubricatedTerm(ContactTerm):
         vertices = self.surface.vertices
         nodal = np.where(film.members, film.ratio * (film.asperity + film.pressure), 0.0)
         normal.nodal_pressure, normal.lubrication = nodal, film
-        spread = vertices.at_points(nodal, self.rule.shape)
+        spread = vertices.at_points(nodal, self.asperities.shape)
         normal.spring = np.where(normal.closed, spread, 0.0)
         at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
         normal.pressure = at_points
@@ -303,7 +303,7 @@ class LubricatedTerm(ContactTerm):
         points = surface.slave_positions(values[surface.slave_rows])
         normals = surface.slave_normals(values)
         at = surface.project(points, surface.master_positions(values), None, normals, True)
-        gap = self.rule.gaps(at)
+        gap = self.asperities.gaps(at)
         change = np.where(np.isfinite(gap), gap - trial.nodal_gap, np.inf)
         rough = 4.0 * self.model.rough.sigma
         here = film.members & np.isfinite(change)

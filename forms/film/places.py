@@ -145,13 +145,13 @@ class FilmPart:
     def gaps(self, gap: Floats, length: Floats) -> Floats:
         """Gaps (m,), m, at the places from those at vertices (v,).
 
-        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is a mean of
-        those of the facets beside it, in which the smaller counts more (G. van Albada et al.,
-        Astron. Astrophys. 108, 1982): where the gap begins to grow none lies beyond those of the
-        facet's ends by more than .004 of their difference, and Newton's method meets no kinks but
-        in a gap that is the same at three vertices. Before the edge of a contact the gap grows as the distance to 3/2: linear
-        between vertices it would be half as large again in the middle of a facet, and friction in
-        the mixed regime 5 % too high at 35 facets in the contact.
+        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is a mean
+        of those of the facets beside it, in which the smaller counts more (G. van Albada et al.,
+        Astron. Astrophys. 108, 1982): with equal facets no gap lies beyond those of the ends by
+        more than .004 of their difference, and Newton's method meets no kinks but in a gap that is
+        the same at three vertices. Before the edge of a contact the gap grows as the distance to
+        3/2: linear between vertices it would be half as large again in the middle of a facet, and
+        friction in the mixed regime 4 % too high at 35 facets in the contact.
 
         Args:
             gap: (v,), of the members.
