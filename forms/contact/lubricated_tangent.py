@@ -128,8 +128,9 @@ class LubricatedTangent(PairTangent):
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
         out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
         out += filled.T @ d_filled
-        faces = wedge_film(film.step.film[part.ends])
-        by_film, by_pressure = part.pull_slopes(*faces, film.solution.pressure, length)
+        of_face, d_of_face = wedge_film(film.step.film[part.ends])
+        pulls = part.pull_slopes(of_face, d_of_face, film.solution.pressure, length)
+        by_film, by_pressure = pulls
         out += pulled.T @ (by_pressure @ d_pressure)
         out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
         return out

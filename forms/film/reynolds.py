@@ -342,7 +342,7 @@ class ReynoldsFilm:
     def _entries(self, of_faces: Floats, stored: Floats, free: Floats, diagonal: Floats) -> Floats:
         """Entries (e,) from derivatives (f, 2) of the flow for both ends and (n,) of storage."""
         plain = of_faces.reshape(-1)
-        out = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
+        out: Floats = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
         out[len(out) - len(stored) :] += diagonal
         return out
 
@@ -351,7 +351,8 @@ def wedge_film(film: Floats) -> tuple[Floats, Floats]:
     """h̄ (f,), m, of films linear between ``film`` (f, 2), m, and its derivatives (f, 2)."""
     total = film.sum(axis=1)
     mean: Floats = 2.0 * film.prod(axis=1) / total
-    return mean, 2.0 * (film[:, ::-1] / total[:, None]) ** 2
+    slopes: Floats = 2.0 * (film[:, ::-1] / total[:, None]) ** 2
+    return mean, slopes
 
 
 def _reservoir(step: FilmStep, cells: FilmCells, faces: Floats) -> tuple[Floats, Floats]:
