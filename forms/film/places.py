@@ -173,7 +173,7 @@ class FilmPart:
         if self.per_facet == 1:
             return at_vertices
         up, bent = self._cubic(length)
-        over: Floats = 1.0 / length
+        over = np.asarray(1.0 / length, dtype=np.float64)
         rising = _one_each(over, b, len(gap)) - _one_each(over, a, len(gap))
         secant = (gap[b] - gap[a]) * over
         _, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
