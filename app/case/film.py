@@ -145,8 +145,8 @@ class Film(_Flow):
         default=False, description="each step is the steady state of its speed: nothing is stored"
     )
     cells: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=1,
-        description="cells of the film on each facet of the slave: more resolve its inlet",
+        default=4,
+        description="cells of the film on each facet of the slave, which resolve its inlet",
     )
 
     @property

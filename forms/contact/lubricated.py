@@ -60,7 +60,7 @@ class LubricatedTerm(ContactTerm):
     """A contact pair whose film is an unknown.
 
     Attributes:
-        model: of the film; faces: (f, 2) vertices of the slave's facets.
+        model: of the film; asperities: the rule; faces: (f, 2) vertices of the slave's facets.
     """
 
     bounds_steps = True
@@ -88,7 +88,7 @@ class LubricatedTerm(ContactTerm):
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.forgets = model.steady
-        self.rule = AsperityPressure(surface, model)
+        self.rule = self.asperities = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
@@ -103,6 +103,8 @@ class LubricatedTerm(ContactTerm):
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
+        # The next slip begins at the place below, pressed or not: films feel it in open gaps.
+        self.state.ahead[:] = 0.0
 
     # -- film ---------------------------------------------------------------------------------
 
@@ -110,10 +112,10 @@ class LubricatedTerm(ContactTerm):
         """Before the first step."""
         vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
-        gap = self.rule.gaps(at)
+        gap = self.asperities.gaps(at)
         part = places.part(np.isfinite(gap))
         film = np.full(places.count, self.model.reach)
-        film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside])[0])[0]
+        film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside]))[0]
         film = np.minimum(film, self.model.reach)
         content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
         parts = self._parts(np.ones(len(self._face)))
@@ -226,7 +228,7 @@ class LubricatedTerm(ContactTerm):
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
         fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
         length = history.length[part.inside]
-        thickness = model.rough.film(part.gaps(gap, length)[0])[0]
+        thickness = model.rough.film(part.gaps(gap, length))[0]
         before = history.film[part.here]
         before = np.where(np.isfinite(before), before, thickness)
         felt = felt_speeds(model.steady, part.inside, self._weight)
@@ -281,7 +283,7 @@ class LubricatedTerm(ContactTerm):
         vertices = self.surface.vertices
         nodal = np.where(film.members, film.ratio * (film.asperity + film.pressure), 0.0)
         normal.nodal_pressure, normal.lubrication = nodal, film
-        spread = vertices.at_points(nodal, self.rule.shape)
+        spread = vertices.at_points(nodal, self.asperities.shape)
         normal.spring = np.where(normal.closed, spread, 0.0)
         at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
         normal.pressure = at_points
@@ -301,7 +303,7 @@ class LubricatedTerm(ContactTerm):
         points = surface.slave_positions(values[surface.slave_rows])
         normals = surface.slave_normals(values)
         at = surface.project(points, surface.master_positions(values), None, normals, True)
-        gap = self.rule.gaps(at)
+        gap = self.asperities.gaps(at)
         change = np.where(np.isfinite(gap), gap - trial.nodal_gap, np.inf)
         rough = 4.0 * self.model.rough.sigma
         here = film.members & np.isfinite(change)
@@ -415,8 +417,7 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
-        # Where a film is, the next slip begins at the place below, pressed or not.
-        self.state.ahead[trial.kinematics.closed] = 0.0
+        self.state.ahead[:] = 0.0  # see __init__
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
@@ -433,7 +434,7 @@ class LubricatedTerm(ContactTerm):
         area = self.places.cells(length, parts).area
         thickness = np.full(self.places.count, self.model.reach)
         before = history.length[film.part.inside]
-        thickness[here] = self.model.rough.film(film.part.gaps(gap, before)[0])[0]
+        thickness[here] = self.model.rough.film(film.part.gaps(gap, before))[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:

@@ -113,8 +113,8 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
         length = history.length[part.inside]
-        at_places, d_gap = part.gaps(gap, length)
-        d_film = scipy.sparse.diags(self.rule.model.rough.film(at_places)[1]) @ d_gap
+        d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
+        d_film = scipy.sparse.diags(d_film) @ part.gap_slopes(gap, length)
         slopes = film.solver.slopes(film.step, film.solution)
         faces = np.arange(slopes.by_speed.shape[1])
         feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
@@ -128,8 +128,9 @@ class LubricatedTangent(PairTangent):
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
         out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
         out += filled.T @ d_filled
-        faces = wedge_film(film.step.film[part.ends])
-        by_film, by_pressure = part.pull_slopes(*faces, film.solution.pressure, length)
+        of_face, d_of_face = wedge_film(film.step.film[part.ends])
+        pulls = part.pull_slopes(of_face, d_of_face, film.solution.pressure, length)
+        by_film, by_pressure = pulls
         out += pulled.T @ (by_pressure @ d_pressure)
         out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
         return out

@@ -142,42 +142,53 @@ class FilmPart:
         length, width = cells.length[self.faces], cells.width[self.faces]
         return FilmCells(self.ends, length, width, cells.area[self.here], self.band)
 
-    def gaps(self, gap: Floats, length: Floats) -> tuple[Floats, scipy.sparse.csr_matrix]:
-        """Gaps (m,), m, at the places from those at vertices (v,), and their derivatives (m, v).
+    def gaps(self, gap: Floats, length: Floats) -> Floats:
+        """Gaps (m,), m, at the places from those at vertices (v,).
 
-        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is the
-        harmonic mean of those of the facets beside it, 0 where these differ in sign, so that no
-        gap lies beyond those of the facet's ends (F. Fritsch, J. Butland, SIAM J. Sci. Stat.
-        Comput. 5, 1984). Before the edge of a contact the gap grows as the distance to 3/2: linear
-        between vertices it would be half as large again in the middle of a facet, and friction in
-        the mixed regime 5 % too high at 35 facets in the contact.
+        Within a facet a cubic of the gaps and slopes at its ends; the slope at a vertex is a mean
+        of those of the facets beside it, in which the smaller counts more (G. van Albada et al.,
+        Astron. Astrophys. 108, 1982): with equal facets no gap lies beyond those of the ends by
+        more than .004 of their difference, and Newton's method meets no kinks but in a gap that is
+        the same at three vertices. Before the edge of a contact the gap grows as the distance to
+        3/2: linear between vertices it would be half as large again in the middle of a facet, and
+        friction in the mixed regime 4 % too high at 35 facets in the contact.
 
         Args:
             gap: (v,), of the members.
             length: (f',), m, of the facets inside.
         """
-        k, (a, b) = self.per_facet, self.facets.T
-        members, count = np.nonzero(self.members)[0], len(length)
-        at_vertices = _one_each(np.ones(len(members)), members, len(gap))
-        if k == 1:
-            return gap[members], at_vertices
-        secant = (gap[b] - gap[a]) / length
-        over = 1.0 / length
-        rising = _one_each(over, b, len(gap)) - _one_each(over, a, len(gap))
-        slope, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
-        t = np.arange(1, k) / k
-        near, far = t * (1.0 - t) ** 2, t**2 * (t - 1.0)  # of the slopes
-        up = t**2 * (3.0 - 2.0 * t)
-        bent = length[:, None, None] * np.stack([near, far])  # (f', 2, k − 1)
+        at_vertices, (a, b) = gap[self.members], self.facets.T
+        if self.per_facet == 1:
+            return at_vertices
+        up, bent = self._cubic(length)
+        slope = _vertex_slopes((gap[b] - gap[a]) / length, length, self.beside, self.turned)[0]
         inner = gap[a][:, None] * (1.0 - up) + gap[b][:, None] * up
         inner = inner + np.einsum("fes,fe->fs", bent, slope)
+        return np.concatenate([at_vertices, inner.reshape(-1)])
+
+    def gap_slopes(self, gap: Floats, length: Floats) -> scipy.sparse.csr_matrix:
+        """Derivatives (m, v) of :meth:`gaps`."""
+        members, count, (a, b) = np.nonzero(self.members)[0], len(length), self.facets.T
+        at_vertices = _one_each(np.ones(len(members)), members, len(gap))
+        if self.per_facet == 1:
+            return at_vertices
+        up, bent = self._cubic(length)
+        over = np.asarray(1.0 / length, dtype=np.float64)
+        rising = _one_each(over, b, len(gap)) - _one_each(over, a, len(gap))
+        secant = (gap[b] - gap[a]) * over
+        _, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
         by_own = length[:, None] * up + np.einsum("fes,fe->fs", bent, own)
         through = _one_each(by_own, np.arange(count), count)
         for end in (0, 1):
             through += _one_each(bent[:, end] * other[:, end, None], self.beside[:, end], count)
-        start = _one_each(np.ones_like(inner), a, len(gap))
-        slopes = scipy.sparse.vstack([at_vertices, start + through @ rising], format="csr")
-        return np.concatenate([gap[members], inner.reshape(-1)]), slopes
+        start = _one_each(np.ones_like(by_own), a, len(gap))
+        return scipy.sparse.vstack([at_vertices, start + through @ rising], format="csr")
+
+    def _cubic(self, length: Floats) -> tuple[Floats, Floats]:
+        """Weights at the places inside facets: (k − 1,) of the rise, m (f', 2, k − 1) of slopes."""
+        t = np.arange(1, self.per_facet) / self.per_facet
+        bent = np.stack([t * (1.0 - t) ** 2, t**2 * (t - 1.0)])
+        return t**2 * (3.0 - 2.0 * t), length[:, None, None] * bent
 
     def sums(self, area: Floats, values: Floats) -> Floats:
         """What vertices get (v, …) of values (m, …) per area (m,)."""
@@ -230,17 +241,19 @@ def _vertex_slopes(
 ) -> tuple[Floats, Floats, Floats]:
     """Slopes (f, 2) at the ends of facets, and their derivatives for their own secants and others'.
 
-    1/d = (w/s + w'/s')/(w + w') with w = 2 l' + l, w' = 2 l + l' of facets l and l' long.
+    d = s s' (l s + l' s')/(l s² + l' s'²) of secants s and s' of facets l and l' long.
     """
-    own, other = secant[:, None], turned * secant[beside]
+    s, far = secant[:, None], turned * secant[beside]
     mine, theirs = length[:, None], length[beside]
-    alike = own * other > 0.0
-    s, far = np.where(alike, own, 1.0), np.where(alike, other, 1.0)
-    weight, of_other = 2.0 * theirs + mine, 2.0 * mine + theirs
-    total = weight + of_other
-    slope = np.where(alike, total / (weight / s + of_other / far), 0.0)
-    by_own = slope**2 * weight / (total * s**2)
-    return slope, by_own, turned * slope**2 * of_other / (total * far**2)
+    size = mine * s**2 + theirs * far**2
+    flat = size == 0.0
+    over = 1.0 / np.where(flat, 1.0, size)
+    slope = s * far * (mine * s + theirs * far) * over
+    by_own = (theirs * far**2 + 2.0 * mine * s * (far - slope)) * over
+    by_other = (mine * s**2 + 2.0 * theirs * far * (s - slope)) * over
+    total = mine + theirs
+    by_own = np.where(flat, theirs / total, by_own)
+    return slope, by_own, turned * np.where(flat, mine / total, by_other)
 
 
 def _beside(facets: Longs) -> tuple[Longs, Floats]:

@@ -15,7 +15,8 @@ places themselves is the storage term, which makes the balance objective.
 everywhere between them if p rises by
 :math:`12 \eta \int (u h - q)/h^3\, ds`, which gives
 
-.. math:: k_f = \phi\, \frac{2 h_A^2 h_B^2}{h_A + h_B}, \qquad \bar h_f = \frac{2 h_A h_B}{h_A + h_B}
+.. math:: k_f = \phi\, \frac{2 h_A^2 h_B^2}{h_A + h_B}, \qquad
+   \bar h_f = \frac{2 h_A h_B}{h_A + h_B}
 
 and not the means of h³ and h: before a contact, where the film falls to a quarter from one place to
 the next, these would be four and more times as large (D. Scharfetter and H. Gummel fitted flows to
@@ -284,7 +285,7 @@ class ReynoldsFilm:
         return out
 
     def _mobility(self, step: FilmStep) -> tuple[Floats, Floats]:
-        """K of the faces (f,), m³, and its derivatives (f, 2) for the h of both ends."""
+        """The k of faces (f,), m³, and its derivatives (f, 2) for the h of both ends."""
         h, ends = step.film, self.cells.ends
         if step.before is None or not np.isfinite(step.dt):
             mean, d_mean = h, np.ones_like(h)
@@ -341,16 +342,17 @@ class ReynoldsFilm:
     def _entries(self, of_faces: Floats, stored: Floats, free: Floats, diagonal: Floats) -> Floats:
         """Entries (e,) from derivatives (f, 2) of the flow for both ends and (n,) of storage."""
         plain = of_faces.reshape(-1)
-        out = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
+        out: Floats = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
         out[len(out) - len(stored) :] += diagonal
         return out
 
 
 def wedge_film(film: Floats) -> tuple[Floats, Floats]:
-    """h̄ (f,), m, of a film that is linear between ``film`` (f, 2), m, and its derivatives (f, 2)."""
+    """h̄ (f,), m, of films linear between ``film`` (f, 2), m, and its derivatives (f, 2)."""
     total = film.sum(axis=1)
     mean: Floats = 2.0 * film.prod(axis=1) / total
-    return mean, 2.0 * (film[:, ::-1] / total[:, None]) ** 2
+    slopes: Floats = 2.0 * (film[:, ::-1] / total[:, None]) ** 2
+    return mean, slopes
 
 
 def _reservoir(step: FilmStep, cells: FilmCells, faces: Floats) -> tuple[Floats, Floats]:

@@ -91,6 +91,18 @@ def test_the_tangent_is_that_of_differences(kind, shape):
     assert scene.error(x, step=1e-7) < 1e-6
 
 
+def test_gaps_of_vertices_are_those_at_the_vertices():
+    """Averaged with the dual functions; nothing of a neighbour's is in them."""
+    scene = Lubricated()
+    surface, rule = scene.term.surface, scene.term.rule
+    vertices, weight = surface.vertices, surface.slave.weight
+    assert np.allclose(rule.shape.sum(axis=1), 1.0, rtol=0, atol=1e-13)
+    for vertex in range(vertices.count):
+        hat = np.where(vertices.of_point == vertex, vertices.shape, 0.0).sum(axis=1)
+        expected = np.where(np.arange(vertices.count) == vertex, vertices.area[vertex], 0.0)
+        assert vertices.sums(weight * hat, rule.shape) == pytest.approx(expected, abs=1e-13)
+
+
 @pytest.mark.parametrize("angle", [0.05, 0.2])
 def test_a_turning_tool_rubs_over_its_arc(angle):
     scene = Lubricated()
