@@ -26,12 +26,8 @@ if _rich is not None:
 
 import tribox  # noqa: E402
 from tribox.app.errors import InputError, Interrupted  # noqa: E402
-from tribox.app.run.ending import (  # noqa: E402
-    end_interrupted,
-    end_with,
-    ensure_cache,
-)
 from tribox.app.run.process import lasting_imports, ranks_around, with_sources  # noqa: E402
+from tribox.app.run.ranks import end_interrupted, end_with, ensure_cache  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
@@ -222,7 +218,7 @@ def check(
     trust: Trust = False,
 ) -> None:
     """Check a case file without running it, nor code that it names; every problem is one line."""
-    from tribox.app.run.check import run_check
+    from tribox.app.run.command import run_check
 
     _end(run_check(case_file, overrides or [], law, trust))
 

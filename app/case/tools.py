@@ -28,7 +28,6 @@ from tribox.app.case.quantities import (
     text_schema,
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
-from tribox.app.case.text_files import found_file
 from tribox.app.case.time_tables import (
     COMPONENTS,
     DRIVEN,
@@ -39,6 +38,7 @@ from tribox.app.case.time_tables import (
     Travel,
     Velocity,
 )
+from tribox.app.case.toml_files import found_file
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section

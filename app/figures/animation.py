@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tribox.app.errors import InputError
-from tribox.app.figures.body_shapes import Bodies, read_bodies
-from tribox.app.figures.field_values import ColourScale, common_scale
+from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale, read_bodies
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.rendering import render
-from tribox.app.figures.scenes import facets_seen
-from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
 from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE
 from tribox.app.figures.tool_surfaces import (

@@ -18,12 +18,10 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
-from tribox.app.figures.body_shapes import Bodies
-from tribox.app.figures.field_values import ColourScale, common_scale
+from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale
 from tribox.app.figures.plane_bodies import pair_colour
 from tribox.app.figures.rendering import render
-from tribox.app.figures.scenes import facets_seen
-from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
 from tribox.app.figures.states import State
 from tribox.app.figures.style import CASE_STYLE, Floats, panels_in, save
 from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of

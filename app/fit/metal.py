@@ -27,8 +27,8 @@ from scipy.optimize import least_squares
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
+from tribox.app.fit.model import Slopes
 from tribox.app.fit.prony import MaterialParameter, information
-from tribox.app.fit.slopes import Slopes
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
 Floats = NDArray[np.float64]

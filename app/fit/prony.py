@@ -27,7 +27,7 @@ from scipy.optimize import least_squares, nnls
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
-from tribox.app.fit.slopes import Searched, Slopes
+from tribox.app.fit.model import Searched, Slopes
 
 Floats = NDArray[np.float64]
 Branch = Callable[[Floats], tuple[Floats, Floats]]

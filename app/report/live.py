@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tribox.app.errors import InputError
+from tribox.app.figures.body_shapes import DEFAULT_FIELD
 from tribox.app.figures.deformed import draw_deformed
-from tribox.app.figures.field_values import DEFAULT_FIELD
 from tribox.app.figures.history import energies_figure, forces_figure
 from tribox.app.figures.style import CASE_STYLE, COLOURS, save, thin_log_ticks
 from tribox.app.report.page import NAME, environment

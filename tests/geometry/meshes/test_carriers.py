@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import GatheredMesh
 from tribox.app.results.output_files import BpWriter
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
