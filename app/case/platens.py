@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from tribox.app.case.quantities import Quantity, QuantityError
+from tribox.app.case.quantities import Quantity, QuantityError, Written
 from tribox.app.case.table import Flag, Model, Place, Problem, Text
 from tribox.app.case.time_tables import COMPONENTS, Component, Program, TimeTable, Travel
 
@@ -23,7 +23,7 @@ _MASS = "mass the surface carries beside its own, for the given thickness; expli
 
 
 @dataclass(frozen=True, slots=True)
-class AnyDirection:
+class AnyDirection(Written):
     """Pydantic annotation of a direction: "x", "y" or "z", or its components [x, y] or [x, y, z].
 
     The field is the letter, or the components as given. Components along an axis become its letter.
@@ -50,15 +50,9 @@ class AnyDirection:
             raise _no_direction("must not be zero in all components")
         return along[0] if len(along) == 1 else parts
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                lambda value: value if isinstance(value, str) else list(value), when_used="json"
-            ),
-        )
+    def serialise(self, value: str | tuple[float, ...]) -> object:
+        """The name, or components."""
+        return value if isinstance(value, str) else list(value)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

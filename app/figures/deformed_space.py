@@ -20,7 +20,6 @@ from matplotlib.tri import Triangulation
 
 from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale
 from tribox.app.figures.plane_bodies import pair_colour
-from tribox.app.figures.rendering import render
 from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
 from tribox.app.figures.states import State
 from tribox.app.figures.style import CASE_STYLE, Floats, panels_in, save
@@ -60,12 +59,10 @@ def draw_states_in_space(
         for bodies, triangles in zip(drawn, tools, strict=True)
     ]
     scenes = [scene_of(b, scale, *frame) for b, frame in zip(drawn, frames, strict=True)]
-    pictures = render(scenes)
     files = []
     with rc_context(CASE_STYLE):
         for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
-            picture = None if pictures is None else pictures[number]
-            view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
+            view = View(scene, facets_seen(scene), veil_of(scene, tools[number]))
             figure = _figure(results, state, drawn[number], scale, view)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
@@ -76,7 +73,7 @@ def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
     """The outer facets of the bodies, a colour for each body."""
     scene = scene_of(bodies, scale)
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
-    draw_space(figure.subplots(), View(scene, facets_seen(scene), None), bodies.names)
+    draw_space(figure.subplots(), View(scene, facets_seen(scene)), bodies.names)
     return figure
 
 

@@ -195,25 +195,18 @@ class View:
 
     Attributes:
         scene: what is seen. seen: (h, w) the facet that each pixel shows.
-        picture: (h, w, 3) as pyvista renders it; None: our own renderer.
         veil: (h, w, 4) translucent tools over it; None without any.
     """
 
     scene: Scene
     seen: Ints
-    picture: NDArray[np.uint8] | None
     veil: Floats | None = None
-
-    @property
-    def shown(self) -> NDArray[np.uint8]:
-        """The picture (h, w, 3)."""
-        return rendered(self.scene, self.seen) if self.picture is None else self.picture
 
 
 def scene_of(
     bodies: Bodies, scale: ColourScale, low: Floats | None = None, high: Floats | None = None
 ) -> Scene:
-    """A state as pyvista renders it; in a given frame, m, or one round the bodies."""
+    """A state to render; in a given frame, m, or one round the bodies."""
     return Scene(
         bodies.position,
         bodies.polygons,
@@ -235,7 +228,7 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
     scene = view.scene
     height, width = view.seen.shape
     frame = (0.0, float(width), 0.0, float(height))
-    axes.imshow(view.shown, extent=frame, interpolation="bilinear")
+    axes.imshow(rendered(scene, view.seen), extent=frame, interpolation="bilinear")
     if view.veil is not None:
         axes.imshow(view.veil, extent=frame, interpolation="bilinear")
     axes.set_axis_off()
