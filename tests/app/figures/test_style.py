@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
@@ -25,6 +26,7 @@ from tribox.app.figures.style import (
     MARKERS,
     RED,
     save,
+    write_png,
 )
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
@@ -43,6 +45,12 @@ def drawn(**how) -> Figure:
     axes.plot([0.0, 1.0], [0.0, 3.0])
     axes.set_xlabel("x (mm)")
     return figure
+
+
+def test_png_holds_the_pixels(tmp_path):
+    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3)).astype(np.uint8)
+    write_png(tmp_path / "one.png", pixels, 150.0)
+    np.testing.assert_array_equal(page(tmp_path / "one.png"), pixels)
 
 
 def test_page_is_cut_as_matplotlib_cuts_it(tmp_path):
@@ -80,6 +88,29 @@ def test_shared_axes_keep_the_room_of_their_ticks(tmp_path):
             write(figure, tmp_path / "shared.png")
         shown.append([axes.get_position().bounds for axes in figure.axes])
     np.testing.assert_allclose(shown[0], shown[1], atol=1e-12)
+
+
+def test_ticks_that_are_made_once_are_those_of_matplotlib(tmp_path):
+    """Axes whose size the layout changes, one of them logarithmic, and a colour bar."""
+    pages = []
+    with rc_context(CASE_STYLE):
+        for _ in range(2):
+            figure = Figure(figsize=(8, 4), layout="constrained")
+            left, right = figure.subplots(1, 2)
+            left.loglog([1.0, 2e4], [3e-5, 1.0])
+            right.set_ylabel("a label that\ntakes room")
+            figure.colorbar(right.scatter([0.0, 1.0], [0.0, 3e3], c=[1.0, 2e6]), ax=right)
+            canvas = FigureCanvasAgg(figure)
+            if not pages:
+                canvas.draw()
+                pages.append(np.asarray(canvas.buffer_rgba())[..., :3])
+                continue
+            save(figure, tmp_path / "once.png", tight=False)
+            pages.append(page(tmp_path / "once.png"))
+            right.set_xlim(0.0, 50.0)
+            save(figure, tmp_path / "again.png", tight=False)
+            assert "40" in [text.get_text() for text in right.get_xticklabels()]
+    np.testing.assert_array_equal(*pages)
 
 
 # From linear RGB to what is seen without the long, or the medium, cones (Machado et al. 2009).
