@@ -393,6 +393,20 @@ class Estimate(Generic[Which]):
     warning: str | None
 
 
+def stated(estimates: Sequence[Estimate[Any]]) -> dict[str, dict[str, Any]]:
+    """What ``fit.json`` holds of each parameter."""
+    return {
+        e.coordinate.name: {
+            "value": e.value,
+            "low": e.low,
+            "high": e.high,
+            "unit": e.coordinate.unit,
+            "determined": e.warning is None,
+        }
+        for e in estimates
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class FitResult:
     """What a fit found.

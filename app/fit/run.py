@@ -32,6 +32,7 @@ from tribox.app.fit.model import (
     Which,
     coordinates,
     friction,
+    stated,
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
 from tribox.app.friction_map.run import keep_input, suffixed_directory
@@ -247,16 +248,7 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
         "law": setup.law,
         "rows": len(setup.data),
         "observed": setup.data.observed,
-        "parameters": {
-            e.coordinate.name: {
-                "value": e.value,
-                "low": e.low,
-                "high": e.high,
-                "unit": e.coordinate.unit,
-                "determined": e.warning is None,
-            }
-            for e in result.estimates
-        },
+        "parameters": stated(result.estimates),
         "confidence": CONFIDENCE,
         "scatter": result.scatter,
         "degrees_of_freedom": result.degrees,

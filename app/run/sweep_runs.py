@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from tribox.app.case.case import Case
-from tribox.app.checkpoint.resume import is_whole
+from tribox.app.checkpoint.same_case import is_whole
 from tribox.app.errors import (
     InputError,
     Interrupted,

@@ -22,7 +22,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.checkpoint.checkpointer import _sum, latest
 from tribox.app.checkpoint.layout import _leaves
-from tribox.app.checkpoint.resume import changes
+from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
 from tribox.app.results.directory import check_free, checkpoint_numbers
 from tribox.app.results.inputs import write_case
