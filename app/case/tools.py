@@ -17,8 +17,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from tribox.app.case.boundary import Spring
 from tribox.app.case.geometry import Scale
-from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
     QuantityError,

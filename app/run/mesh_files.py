@@ -12,11 +12,10 @@ from mpi4py import MPI
 
 from tribox.app.build.mesh import make_mesh
 from tribox.app.build.tools import extent, tool_surface
-from tribox.app.case.boundary import COMPONENTS, DRIVEN, Boundary
+from tribox.app.case.boundary import COMPONENTS, DRIVEN, Boundary, direction_components, unit_vector
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
-from tribox.app.case.platens import direction_components, unit_vector
 from tribox.app.case.reading import load_case, load_past_case
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.tools import AnyTool
