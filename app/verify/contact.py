@@ -12,6 +12,7 @@ from tribox.app.build.model import Model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import CylinderOnBlockGeometry, TwoCylindersGeometry
+from tribox.app.case.time_tables import value_at
 from tribox.app.friction_map.material_tests import Curve, compute_map
 from tribox.app.friction_map.setup import map_setup
 from tribox.app.results.contact_points import contact_arrays
@@ -112,7 +113,7 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     load = row.normal_force / thickness
     friction = case.contact[0].friction
     assert isinstance(friction, LawTable)
-    mu = friction.parameters().mu if friction.law == "coulomb" else 0.0
+    mu = value_at(friction.mu, 0.0) if friction.law == "coulomb" else 0.0
     shares = [r.tangential_force / (mu * r.normal_force) if mu else 0.0 for r in simulation.rows]
     x, p = arrays["position"][closed, 0], arrays["pressure"][closed]
     return Profile(
