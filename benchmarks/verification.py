@@ -24,10 +24,9 @@ from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
-from tribox.app.verify.contact import Profile, press, pressure_checks, traction_checks
+from tribox.app.verify.contact import REFERENCE, Profile, press, pressure_checks, traction_checks
 from tribox.app.verify.report import percent
 from tribox.app.verify.result import Check
-from tribox.app.verify.sliding import REFERENCE
 from tribox.forms.closed_forms.homogeneous_sliding import (
     Floats,
     effective_viscosity,

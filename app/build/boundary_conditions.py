@@ -24,7 +24,7 @@ from tribox.app.build.motion_programs import (
     turning,
 )
 from tribox.app.build.surface_loads import LoadsWithForms
-from tribox.app.case import platens as tables
+from tribox.app.case import boundary as tables
 from tribox.app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
 from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import TimeTable

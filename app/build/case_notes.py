@@ -25,8 +25,8 @@ from tribox.forms.friction.checks import (
     threshold_speed_warning,
     uniqueness_warning,
 )
+from tribox.forms.friction.law import SETTLED
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters
-from tribox.forms.friction.settling import SETTLED
 
 Floats = NDArray[np.float64]
 

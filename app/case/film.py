@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from tribox.app.case.declared import DeclaredTable, keys_of, table_of
-from tribox.app.case.quantities import Quantity, QuantityError, format_quantity, text_schema
+from tribox.app.case.quantities import (
+    Quantity,
+    QuantityError,
+    Written,
+    format_quantity,
+    text_schema,
+)
 from tribox.app.case.table import Flag, Place, Problem
 from tribox.app.case.time_tables import NumberOrTable, Row, Rows
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -35,12 +41,13 @@ _REYNOLDS = (
 )
 
 
-class _OilType:
+class _OilType(Written):
     """Pydantic annotation of oil per area, or the word for more than enough."""
 
     quantity = Quantity("kg/m^2", gt=0.0)
 
-    def _parse(self, value: object) -> float | str:
+    def parse(self, value: object) -> float | str:
+        """The word, or the mass per area."""
         if value == FLOODED:
             return FLOODED
         try:
@@ -49,19 +56,9 @@ class _OilType:
             reason = f'"{FLOODED}", or mass per area: {error}'
             raise PydanticCustomError("quantity", "{reason}", {"reason": reason}) from None
 
-    @staticmethod
-    def _serialise(value: float | str) -> object:
+    def serialise(self, value: float | str) -> object:
+        """The word, or text."""
         return value if isinstance(value, str) else format_quantity(value, "kg/m^2")
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self._parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

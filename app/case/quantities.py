@@ -189,8 +189,42 @@ def text_schema(unit: str) -> dict[str, str]:
     return {"type": "string", "x-unit": unit or "1"}
 
 
+class Written:
+    """Base of pydantic annotations: how a value is written in a case file, and read from it."""
+
+    __slots__ = ()
+
+    def parse(self, value: Any) -> Any:
+        """What stands for it in a case.
+
+        Raises:
+            QuantityError, PydanticCustomError: it is not allowed; the message says what is.
+        """
+        raise NotImplementedError
+
+    def serialise(self, value: Any) -> object:
+        """What `parse` reads back to the same."""
+        raise NotImplementedError
+
+    def _validate(self, value: object) -> Any:
+        try:
+            return self.parse(value)
+        except QuantityError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self._validate,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self.serialise, when_used="json"
+            ),
+        )
+
+
 @dataclass(frozen=True, slots=True)
-class Quantity(Bounds):
+class Quantity(Bounds, Written):
     """Pydantic annotation of a float field: `Annotated[float, Quantity("m", gt=0.0)]`."""
 
     def parse(self, value: object) -> float:
@@ -209,21 +243,9 @@ class Quantity(Bounds):
             raise QuantityError(f"must be {self.bounds()}")
         return number
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        def validate(value: object) -> float:
-            try:
-                return self.parse(value)
-            except QuantityError as error:
-                raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
-
-        return core_schema.no_info_plain_validator_function(
-            validate,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                lambda value: format_quantity(value, self.unit), when_used="json"
-            ),
-        )
+    def serialise(self, value: float) -> object:
+        """Text that reads back to the same."""
+        return format_quantity(value, self.unit)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

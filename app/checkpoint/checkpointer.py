@@ -19,10 +19,10 @@ from tribox.app.checkpoint.layout import Layout, copied
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError, OutputError
 from tribox.app.results.directory import CHECKPOINTS, checkpoint_numbers
+from tribox.app.results.inputs import versions
 from tribox.app.results.probes import ProbeRecorder
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import on_first
-from tribox.app.results.versions import versions
 from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import GatheredMesh
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
 from tribox.geometry.surfaces.facets import Floats, Longs, order_by_place

@@ -9,8 +9,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from tribox.app.errors import InputError
+from tribox.app.figures.body_shapes import DEFAULT_FIELD, named_after
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.field_values import DEFAULT_FIELD, named_after
 from tribox.app.figures.force_displacement import draw_phases, force_displacement_figure
 from tribox.app.figures.history import energies_figure, forces_figure
 from tribox.app.figures.steady_points import draw_steady, steady_series

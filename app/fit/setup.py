@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from tribox.app.case.friction import TABLES, LawTable
-from tribox.app.case.overrides import apply_override
 from tribox.app.case.quantities import QuantityError, parse_quantity
+from tribox.app.case.toml_files import apply_override
 from tribox.app.errors import InputError
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
 from tribox.app.fit.model import LAWS, RANGES, RIGID, Parameters

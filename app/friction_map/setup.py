@@ -15,7 +15,7 @@ from tribox.app.build.case_notes import notes_on_choices
 from tribox.app.case.contact import Contact
 from tribox.app.case.film import Film
 from tribox.app.case.friction import LawTable
-from tribox.app.case.overrides import apply_override
+from tribox.app.case.toml_files import apply_override
 from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError
 from tribox.forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed

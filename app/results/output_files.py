@@ -30,8 +30,7 @@ from tribox.app.results.contact_points import (
     slave_facets,
 )
 from tribox.app.results.directory import Place, write_text
-from tribox.app.results.fields import CellStrain, ContactPressureField, StressField
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import CellStrain, ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality

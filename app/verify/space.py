@@ -10,6 +10,7 @@ import numpy as np
 
 from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import SphereGeometry
+from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.fields import StressField
 from tribox.app.simulation.simulation import Simulation
@@ -335,7 +336,7 @@ def sphere_twist(overrides: Sequence[str] = ()) -> Verification:
     assert isinstance(friction, LawTable) and friction.law == "coulomb"
     assert isinstance(geometry, SphereGeometry)
     shear = 1.0 / sum(1.0 / body.shear_modulus for body in case.bodies.values())
-    mu = friction.parameters().mu
+    mu = value_at(friction.mu, 0.0)
     checks, rows = [], [row for row in simulation.rows if row.stage == "twist"]
     for angle, row in zip(np.radians(ANGLES), rows, strict=True):
         contact = PointContact(row.normal_force, geometry.sphere.radius, case_modulus(case))

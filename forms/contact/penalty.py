@@ -38,8 +38,12 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.forms.friction.film import FilmThickness, film_thickness
-from tribox.forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
-from tribox.forms.friction.settling import presliding_length
+from tribox.forms.friction.law import (
+    FrictionLaw,
+    FrictionResponse,
+    FrictionState,
+    presliding_length,
+)
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, solve_small, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 class FactoredLaw:
     """A friction law (a ``FrictionLaw``) times a factor.
 
-    What the law says of where its friction tends (:mod:`tribox.forms.friction.settling`) is passed
+    What the law says of where its friction tends (:mod:`tribox.forms.friction.law`) is passed
     on.
 
     Attributes:

@@ -113,11 +113,12 @@ class FrictionMapParameters(FilmRheology):
             yield Refused("mu_d", f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
         if self.D_max <= self.D_min:
             yield Refused("D_max", f"must be > D_min = {self.D_min:g} m", self.D_max)
-        for first, second in (("alpha", "beta"), ("V_star", "gamma")):
-            if ((a := getattr(self, first)) is None) == (getattr(self, second) is None):
-                found = "neither" if a is None else "both"
-                more = " (with V_star_at)" if first == "V_star" else ""
-                yield Refused("", f"give either {first}{more} or {second}, found {found}")
+        if (self.alpha is None) == (self.beta is None):
+            found = "neither" if self.alpha is None else "both"
+            yield Refused("", f"give either alpha or beta, found {found}")
+        if (self.V_star is None) == (self.gamma is None):
+            found = "neither" if self.gamma is None else "both"
+            yield Refused("", f"give either V_star (with V_star_at) or gamma, found {found}")
         if self.V_star is not None and self.V_star_at is None:
             yield Refused("V_star_at", 'missing; the thickness at which V_star holds, "10 nm" say')
         if self.V_star is None and self.V_star_at is not None:

@@ -13,12 +13,11 @@ from tests.own_law import documented_law, documented_material
 from tests.tool_cases import block_mesh
 from tribox.app.build.contacts import resolved_contact
 from tribox.app.build.tools import tool_surface
-from tribox.app.case.bodies import Body
+from tribox.app.case.bodies import Body, Hardening, Rate
 from tribox.app.case.case import Geometry
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Friction
 from tribox.app.case.geometry import GeneratedGeometry
-from tribox.app.case.hardening import Hardening, Rate
 from tribox.app.case.library import LAWS
 from tribox.app.case.own_code import OwnMaterial
 from tribox.app.case.table import Model

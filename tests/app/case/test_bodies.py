@@ -14,7 +14,7 @@ from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import description, entries, listing
 from tribox.app.case.quantities import parse_quantity
 from tribox.app.case.reading import check_case
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 

@@ -17,9 +17,9 @@ from pydantic import ValidationError
 from tests.app.conftest import BLOCK, BOXES, FILM
 from tribox.app.case.bodies import formulations
 from tribox.app.case.case import Case, given_keys, resolved_toml
-from tribox.app.case.overrides import KeyPathError, set_value
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.time_tables import TimeTable
+from tribox.app.case.toml_files import KeyPathError, set_value
 
 ROOT = Path(__file__).parents[3]
 BLOCK_SLIDE = ROOT / "cases" / "block-slide.toml"

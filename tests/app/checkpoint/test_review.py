@@ -26,9 +26,8 @@ from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
 from tribox.app.results.directory import check_free, checkpoint_numbers
 from tribox.app.results.inputs import write_case
-from tribox.app.run.interruption import Interruption
-from tribox.app.run.run import run_case
-from tribox.app.run.stage_progress import StagesProgress
+from tribox.app.run.progress import StagesProgress
+from tribox.app.run.run import Interruption, run_case
 from tribox.app.run.sweep_runs import SweepOptions, _to_run, collate
 from tribox.app.simulation.simulation import Simulation
 
