@@ -16,10 +16,15 @@ from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import solver_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.joined_bodies import Grip, joined_bodies
-from tribox.app.equilibrium.prescribed import Prescribed
 from tribox.app.equilibrium.slanted import SlantedPlaten
-from tribox.app.equilibrium.supports import body_nodes, loose_directions, sprung_dofs
+from tribox.app.equilibrium.supports import (
+    Grip,
+    body_nodes,
+    joined_bodies,
+    loose_directions,
+    sprung_dofs,
+)
+from tribox.app.equilibrium.unknowns import Prescribed
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes import metis

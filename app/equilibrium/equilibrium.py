@@ -17,17 +17,15 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.prescribed import NodalLoad
 from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepMode
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest
 from tribox.forms.bodies.loads import Foundation, Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.forms.contact.tie import TieTerm
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints
 
@@ -110,20 +108,13 @@ def reference_force(
 
 
 def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ...]:
-    """Where the largest out-of-balance force (n,) of a free unknown is, m; collective."""
+    """Where the largest out-of-balance force (n,) of a free node is, m; collective."""
     unknowns = constraints.unknowns
     free = np.abs(unbalanced)
     free[constraints.dofs] = free[unknowns.beside] = 0.0
     for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
-    free = np.where(np.isfinite(free), free, np.inf)
-    mine: tuple[float, tuple[float, ...]] = (-1.0, ())
-    if unknowns.owned:
-        at = int(np.argmax(free))
-        where = unknowns.space.tabulate_dof_coordinates()[at // unknowns.dim, : unknowns.dim]
-        mine = (float(free[at]), tuple(map(float, where)))
-    place: tuple[float, ...] = max(unknowns.comm.allgather(mine))[1]
-    return place
+    return place_of_largest(np.where(np.isfinite(free), free, np.inf), unknowns.space)
 
 
 def _extent(mesh: dolfinx.mesh.Mesh) -> float:
@@ -153,7 +144,6 @@ class Equilibrium:
         reference_force: N per unit thickness, what residual norms are compared with: the largest of
             contact forces, reactions and loads at the last evaluation.
         solids, contacts, loads, nodal_loads, tools: the parts; bodies: the solids' equations.
-        fields: the blocks beside the displacement whose residuals have sizes of their own.
         turning: holds the angles of tools that no moment drives; None: there are none.
         unknowns: their numbering; constraints: what is prescribed; tangent: the matrix.
         timer: seconds by part.
@@ -179,7 +169,6 @@ class Equilibrium:
         self.tools = list(tools)
         blocks = [*(tool.block for tool in self.tools), *blocks]
         self.unknowns = Unknowns(u.function_space, blocks)
-        self.fields = [block for block in blocks if block.reference is not None]
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.bodies = Bodies(u, self.solids)
         self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)
@@ -227,6 +216,11 @@ class Equilibrium:
         return self.unknowns.size
 
     @property
+    def fields(self) -> list[Block]:
+        """The blocks beside the displacement whose residuals have sizes of their own."""
+        return self.unknowns.fields
+
+    @property
     def prescribed(self) -> list[Prescribed]:
         """Displacement components held at given values."""
         return self.constraints.prescribed
@@ -253,7 +247,7 @@ class Equilibrium:
             force: N/m, that was there before, as of a body that is let go.
         """
         bodies = self.rounding.norm(max(self.reference_force, force))
-        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        ties = [term for term in self.contacts if term.tied]
         if not ties:
             return bodies
         x = self.u.x.petsc_vec

@@ -19,10 +19,10 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen
-from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.app.equilibrium.kept_tangent import KeptTangent
 from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.app.equilibrium.slanted import room_of
+from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
 from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.solid import Solid
@@ -32,7 +32,6 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
-from tribox.forms.contact.tie import TieTerm
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
@@ -507,8 +506,9 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     An averaged pressure couples all nodes of the facets around a vertex, and of those that they
     touch; of a vertex at the seam of two ranks those of both.
     """
-    if isinstance(term, TieTerm):
-        return term.coupled_pairs()
+    pairs = term.coupled_pairs()
+    if pairs is not None:
+        return pairs
     surface = term.surface
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]

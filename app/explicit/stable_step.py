@@ -22,9 +22,9 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_of_largest
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.app.explicit.options import MassScaling
 from tribox.forms.bodies.element_frequency import element_frequencies

@@ -18,8 +18,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import (
     AtPoints,
     Local,
@@ -28,6 +26,8 @@ from tribox.app.equilibrium.snapshot import (
     of_bodies,
     of_contacts,
 )
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog, LumpedDynamics
 from tribox.app.explicit.options import ExplicitOptions, MassScaling

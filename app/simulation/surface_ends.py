@@ -16,9 +16,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval

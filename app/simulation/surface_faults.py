@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import outward_facets

@@ -230,6 +230,7 @@ class TieTerm(ContactTerm):
             ValueError: on every rank, if nothing of the slave lies beside the master.
         """
         super().__init__(surface, FrictionlessLaw(), penalty)
+        self.compiled = None  # its tangent is its own
         self._points = tie_points(surface)
         self.tied_area = self._vertex_sums(self._points.weight)
         if not np.any(self.tied_area > 0.0):
