@@ -317,7 +317,7 @@ class RigidMotions:
         """Find the motions about the middle of the mesh; collective."""
         self._problem, dim = problem, problem.dim
         count = problem.owned // dim
-        place = problem.space.tabulate_dof_coordinates()[:count, :dim]
+        place = problem.unknowns.node_places()
         sums = problem.comm.allreduce(np.array([*place.sum(axis=0), len(place)]))
         arm = place - sums[:-1] / sums[-1]
         size = problem.comm.allreduce(float(np.abs(arm).max(initial=0.0)), op=MPI.MAX)

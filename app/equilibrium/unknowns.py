@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -174,6 +175,18 @@ class Unknowns:
         vec = PETSc.Vec().createMPI((self.owned, None), bsize=self.dim, comm=self.comm)
         vec.set(0.0)
         return vec
+
+    def node_places(self) -> Floats:
+        """Undeformed places (n, i), m, of the owned nodes; those beside the mesh count as its middle.
+
+        Collective.
+        """
+        x = self.space.mesh.geometry.x[:, : self.dim]
+        ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        out: Floats = self.space.tabulate_dof_coordinates()[: self.owned // self.dim, : self.dim]
+        out[self.beside // self.dim] = 0.5 * (ends[0] - ends[1])
+        return out
 
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""

@@ -28,6 +28,7 @@ from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.solid import Solid
@@ -193,11 +194,10 @@ class Scene:
         ]
         self.top = [self._held("top", axis) for axis in (0, 1)]
         held += [self._held("bottom", axis) for axis in (0, 1)]
-        more = [] if tool else [field]
         self.problem = Equilibrium(
-            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=blocks[-1:]
+            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field]
         )
-        assert self.problem.fields == [field] and more in ([], [field])
+        assert self.problem.fields == [field]
         options = ImplicitOptions(tolerance=1e-11)
         self.stepper = ImplicitStepper(self.problem, options)
         self.field = field
@@ -284,6 +284,11 @@ def test_the_measure_of_a_field_changes_neither_solution_nor_iterations():
     other, again = Scene(MPI.COMM_SELF, scale=1e3, weight=1e-3).run(range(1, 4))
     np.testing.assert_allclose(other, rows, rtol=1e-9)
     assert [len(some) for some in again] == [len(some) for some in residuals]
+
+
+def test_explicit_steps_refuse_a_field():
+    with pytest.raises(ValueError, match="content: fields do not go with explicit steps"):
+        ExplicitStepper(Scene(MPI.COMM_SELF).problem)
 
 
 def facts(comm, directory):
