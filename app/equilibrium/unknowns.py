@@ -177,9 +177,9 @@ class Unknowns:
         return vec
 
     def node_places(self) -> Floats:
-        """Undeformed places (n, i), m, of the owned nodes; those beside the mesh count as its middle.
+        """Undeformed places (n, i), m, of the owned nodes; collective.
 
-        Collective.
+        Those beside the mesh count as its middle.
         """
         x = self.space.mesh.geometry.x[:, : self.dim]
         ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])

@@ -37,6 +37,7 @@ from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.geometry.generators.two_blocks import Block as Rectangle
 from tribox.geometry.generators.two_blocks import TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
@@ -45,6 +46,11 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 BETA, KAPPA, GAMMA, DEPTH = 0.02, 0.03, 0.8, 0.01
 PENALTY, DT, STEPS = 50.0, 0.5, 6
+
+
+PLANE = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
+SPACE = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 1, 2)), Box(2.0, 0.5, 2.0, (4, 1, 3)))
+SHAPES = {"bodies": PLANE, "tool": PLANE, "space": SPACE}
 
 
 class SwollenPressure(AveragedPressure):
@@ -76,7 +82,9 @@ class SwellingTerm(ContactTerm):
         vertices = surface.vertices
         assert np.allclose(block.on_all_ranks(*_first_places(block, vertices.comm)), _x(vertices))
         _, first = np.unique(surface.slave.facet, return_index=True)
-        self.ends = vertices.of_point[first]  # of this rank's facets
+        corners = vertices.of_point[first]  # of this rank's facets
+        sides = [(0, 1)] if surface.dim == 2 else [(0, 1), (1, 3), (3, 2), (2, 0)]
+        self.ends = np.concatenate([corners[:, side] for side in sides])
         weighted = surface.slave.weight[:, None] * vertices.shape
         self.own_area = np.bincount(
             vertices.of_point.reshape(-1), weighted.reshape(-1), vertices.count
@@ -162,14 +170,14 @@ def _x(vertices):
 class Scene:
     """An upper block with such a layer, pressed on another or on a tool, and drawn along."""
 
-    def __init__(self, comm, tool=False, scale=1.0, weight=1.0):
-        shape = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
-        self.named = generate(shape, comm)
-        plain = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (2,)))
+    def __init__(self, comm, kind="bodies", scale=1.0, weight=1.0):
+        self.named = generate(SHAPES[kind], comm)
+        dim, tool = self.named.mesh.geometry.dim, kind == "tool"
+        plain = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (dim,)))
         facets = self.named.facets("elastomer_contact")
-        nodes = dolfinx.fem.locate_dofs_topological(plain, 1, facets)
+        nodes = dolfinx.fem.locate_dofs_topological(plain, dim - 1, facets)
         nodes = nodes[nodes < plain.dofmap.index_map.size_local]
-        place = plain.tabulate_dof_coordinates()[nodes][:, :2]
+        place = plain.tabulate_dof_coordinates()[nodes][:, :dim]
         field = Block("content", len(nodes), place, scale, weight, reference=0.0)
         numbers = Block.of_numbers("tool", 3, comm)
         blocks = [numbers, field] if tool else [field]
@@ -192,8 +200,8 @@ class Scene:
             Solid(name, self.u, cells[name], material, "q1-sri")
             for name, material in (("elastomer", SOFT), ("aluminium", STIFF))
         ]
-        self.top = [self._held("top", axis) for axis in (0, 1)]
-        held += [self._held("bottom", axis) for axis in (0, 1)]
+        self.top = [self._held("top", axis) for axis in range(dim)]
+        held += [self._held("bottom", axis) for axis in range(dim)]
         self.problem = Equilibrium(
             self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field]
         )
@@ -242,9 +250,9 @@ def differences(scene, seed=0):
     return found, wanted
 
 
-@pytest.mark.parametrize("tool", [False, True], ids=["bodies", "tool"])
-def test_the_tangent_of_bodies_and_field_is_exact(tool):
-    scene = Scene(MPI.COMM_SELF, tool, scale=3.0, weight=0.4)
+@pytest.mark.parametrize("kind", SHAPES)
+def test_the_tangent_of_bodies_and_field_is_exact(kind):
+    scene = Scene(MPI.COMM_SELF, kind, scale=3.0, weight=0.4)
     scene.run([1, 2])
     found, wanted = differences(scene)
     field, others = scene.field.dofs, np.setdiff1d(np.arange(len(found)), scene.field.dofs)
@@ -257,14 +265,14 @@ def test_the_tangent_of_bodies_and_field_is_exact(tool):
             assert np.abs(part).max() > 1e-4
 
 
-@pytest.mark.parametrize("tool", [False, True], ids=["bodies", "tool"])
-def test_newton_is_quadratic_and_the_content_is_balanced(tool):
-    scene = Scene(MPI.COMM_SELF, tool)
+@pytest.mark.parametrize("kind", SHAPES)
+def test_newton_is_quadratic_and_the_content_is_balanced(kind):
+    scene = Scene(MPI.COMM_SELF, kind)
     before, taken = np.zeros(scene.term.surface.vertices.count), []
     area = scene.term.surface.vertices.area
     for step in range(1, STEPS):
         rows, (residuals,) = scene.run([step])
-        content = np.array(rows[0][2:])
+        content = np.array(rows[0][len(scene.top) :])
         depth = scene.term._depth(scene.problem.trials[0])
         source = GAMMA * area @ (1.0 - np.exp(-depth / DEPTH))
         assert area @ (content - before) / DT == pytest.approx(source, rel=1e-9)
@@ -293,17 +301,21 @@ def test_explicit_steps_refuse_a_field():
 
 def facts(comm, directory):
     """Runs on these ranks, whole and gone on from what one rank, and these, have kept."""
-    whole = Scene(comm).run(range(1, STEPS))
+    return {kind: _facts_of(kind, comm) for kind in SHAPES}
+
+
+def _facts_of(kind, comm):
+    whole = Scene(comm, kind).run(range(1, STEPS))
     kept = {}
     for name, ranks in (("one", MPI.COMM_SELF), ("same", comm)):
-        scene = Scene(ranks)
+        scene = Scene(ranks, kind)
         scene.run(range(1, 4))
         layout = _layout(scene)
         tree, arrays = layout.gather(scene.stepper.snapshot())
         kept[name] = pickle.dumps((tree, arrays, layout.ranks))
     later = {}
     for name, packed in kept.items():
-        scene = Scene(comm)
+        scene = Scene(comm, kind)
         scene.top[0].value, scene.top[1].value = 0.02, -0.04
         tree, arrays, ranks = pickle.loads(packed)
         arrays = arrays if comm.rank == 0 else {}
@@ -317,9 +329,10 @@ def _layout(scene):
 
 
 @pytest.mark.mpi(facts, 2)
-def test_ranks_and_a_run_that_goes_on_agree(on_ranks):
-    one = on_ranks(facts, 1)
-    for found in (one, on_ranks(facts, 2)):
+@pytest.mark.parametrize("kind", SHAPES)
+def test_ranks_and_a_run_that_goes_on_agree(on_ranks, kind):
+    one = on_ranks(facts, 1)[kind]
+    for found in (one, on_ranks(facts, 2)[kind]):
         assert found["counts"] == one["counts"]
         np.testing.assert_allclose(found["rows"], one["rows"], rtol=1e-9, atol=1e-12)
         for rows in found["later"].values():
