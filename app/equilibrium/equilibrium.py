@@ -32,7 +32,7 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 # -- Forces that a solution is judged by: round-off, reference of the residual, worst place --------
 
 FAR = 1e6  # displacement over the extent of the mesh from which on nothing is evaluated
-CARRIED = 1e-6  # residual over the force that the motion of bodies may leave at most
+MOVED = 1e-6  # residual over the force that the motion of bodies may leave at most
 
 
 class RoundOff:
@@ -70,17 +70,17 @@ class RoundOff:
     def squares(self) -> tuple[Floats, Floats]:
         """b² and c² of each solid at the displacement evaluated last; collective."""
         local = np.array([solid.roundoff_squares() for solid in self._solids]).reshape(-1, 2)
-        at_rest, carried = self._comm.allreduce(local).T
-        return at_rest, carried
+        at_rest, moved = self._comm.allreduce(local).T
+        return at_rest, moved
 
     def norm(self, force: float) -> float:
         """Norm r of all solids at the displacement evaluated last, N (N/m); collective.
 
-        The part of the motion is ``CARRIED`` of ``force`` at most: a body that nothing holds any
+        The part of the motion is ``MOVED`` of ``force`` at most: a body that nothing holds any
         more may be put so far away that nothing but rounding is left of its forces.
         """
-        at_rest, carried = (float(part.sum()) for part in self.squares())
-        return float(np.sqrt(at_rest + min(carried, (CARRIED * force) ** 2)))
+        at_rest, moved = (float(part.sum()) for part in self.squares())
+        return float(np.sqrt(at_rest + min(moved, (MOVED * force) ** 2)))
 
 
 def reference_force(
@@ -385,7 +385,7 @@ class Equilibrium:
     def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
         """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""
         for solid in self.solids:
-            solid.evaluate(step.felt, tangent)
+            solid.evaluate(step.material_dt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
         self.evaluated, pairs = step, step.pairs(self.contacts)

@@ -58,7 +58,7 @@ class StepMode:
         return cls(dt, modes, rate_dependent=rate_dependent)
 
     @property
-    def felt(self) -> float:
+    def material_dt(self) -> float:
         """Duration of the step as the bodies' materials feel it, s: infinite without rates."""
         return self.dt if self.rate_dependent else math.inf
 

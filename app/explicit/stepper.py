@@ -90,9 +90,8 @@ class ExplicitStepper:
         Raises:
             ValueError: a body has no density, or there are fields, which have no mass.
         """
-        if problem.fields:
-            names = ", ".join(field.name for field in problem.fields)
-            raise ValueError(f"{names}: fields do not go with explicit steps")
+        for field in problem.fields:
+            raise ValueError(f"{field.name}: fields do not go with explicit steps")
         self.problem, self.options = problem, options or ExplicitOptions()
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)

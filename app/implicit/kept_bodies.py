@@ -15,7 +15,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.kept_tangent import undeformed
 from tribox.app.equilibrium.slanted import SlantedPlaten
 from tribox.app.equilibrium.supports import (
     JoinedBodies,
@@ -25,6 +24,7 @@ from tribox.app.equilibrium.supports import (
     motions_of,
 )
 from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.undeformed_tangent import undeformed
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
