@@ -7,7 +7,7 @@ What is prescribed is in :mod:`tribox.app.equilibrium.constraints`, the matrix i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import dolfinx
@@ -265,6 +265,14 @@ class Equilibrium:
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
         return self.unknowns.new_vector()
+
+    def sliding(
+        self, trials: Sequence[ContactTrial]
+    ) -> Iterator[tuple[int, ContactTerm, ContactTrial]]:
+        """The pairs that act and are not tied, with their numbers and what was found of them."""
+        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=False)):
+            if term.active and not term.tied:
+                yield index, term, trial
 
     # -- state --------------------------------------------------------------------------------
 

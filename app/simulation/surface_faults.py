@@ -49,9 +49,7 @@ def rests_on_edges(problem: Equilibrium, contacts: Sequence[Contact]) -> Finding
         problem: at the state evaluated last.
         contacts: of the case, for the names.
     """
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         target, at = term.surface.target, trial.projection
         edge = (target.excess(at.facet, at.xi) > -ON_EDGE) & (trial.pressure > 0.0)
         where = _one_place(problem.comm, term.surface.slave.position[edge])
@@ -81,9 +79,7 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
         contacts: of the case, for the names.
     """
     worst = np.array(problem.worst_place())
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         angle, here = bend(problem, term, trial), _is_on(term.surface, worst)
         if angle > (BENT if here else CLEARLY_BENT):
             slave, master = names_of(contacts, index)
