@@ -21,6 +21,7 @@ import pytest
 import scipy.sparse
 from mpi4py import MPI
 
+import tribox.app.implicit.newton
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT, STIFF
 from tribox.app.checkpoint.layout import Layout
@@ -50,7 +51,9 @@ PENALTY, DT, STEPS = 50.0, 0.5, 6
 
 PLANE = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
 SPACE = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 1, 2)), Box(2.0, 0.5, 2.0, (4, 1, 3)))
-SHAPES = {"bodies": PLANE, "tool": PLANE, "space": SPACE}
+# Where the slave hangs over the end of the master, its layer is linked all the same.
+OVER = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=1.45)
+SHAPES = {"bodies": PLANE, "over the end": OVER, "tool": PLANE, "space": SPACE}
 
 
 class SwollenPressure(AveragedPressure):
@@ -180,10 +183,12 @@ class Scene:
         place = plain.tabulate_dof_coordinates()[nodes][:, :dim]
         field = Block("content", len(nodes), place, scale, weight, reference=0.0)
         numbers = Block.of_numbers("tool", 3, comm)
-        blocks = [numbers, field] if tool else [field]
+        spare = Block.of_numbers("spare", 1, comm)  # that nothing couples
+        blocks = [numbers, field, spare] if tool else [field, spare]
         self.u = dolfinx.fem.Function(with_blocks(plain, blocks))
         space = self.u.function_space
-        master, tools, held = self.named.facets("aluminium_contact"), [], []
+        master, tools = self.named.facets("aluminium_contact"), []
+        held = [Prescribed(spare.dofs)]
         if tool:
             low = comm.allreduce(float(place[:, 1].min(initial=np.inf)), op=MPI.MIN)
             circle = Circle(np.array([0.9, low - 3.0]), 3.0)
@@ -191,7 +196,7 @@ class Scene:
             free = np.zeros(3, dtype=bool)
             tools = [RigidTool("tool", circle, motion, numbers, free, False, np.zeros(3))]
             pair = ContactSurface.for_tool(space, facets, circle, tools[0].nodes, motion, 5)
-            held = [Prescribed(numbers.dofs)]
+            held.append(Prescribed(numbers.dofs))
         else:
             pair = ContactSurface(space, facets, master, 5)
         self.term = SwellingTerm(pair, coulomb(0.2), PENALTY, field)
@@ -203,7 +208,7 @@ class Scene:
         self.top = [self._held("top", axis) for axis in range(dim)]
         held += [self._held("bottom", axis) for axis in range(dim)]
         self.problem = Equilibrium(
-            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field]
+            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field, spare]
         )
         assert self.problem.fields == [field]
         options = ImplicitOptions(tolerance=1e-11)
@@ -266,7 +271,8 @@ def test_the_tangent_of_bodies_and_field_is_exact(kind):
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_newton_is_quadratic_and_the_content_is_balanced(kind):
+def test_newton_is_quadratic_and_the_content_is_balanced(kind, monkeypatch):
+    monkeypatch.setattr(tribox.app.implicit.newton, "REUSE_SAFETY", np.inf)
     scene = Scene(MPI.COMM_SELF, kind)
     before, taken = np.zeros(scene.term.surface.vertices.count), []
     area = scene.term.surface.vertices.area
@@ -287,11 +293,23 @@ def test_newton_is_quadratic_and_the_content_is_balanced(kind):
     assert BETA * before.max() > 0.1 * depth.max()
 
 
-def test_the_measure_of_a_field_changes_neither_solution_nor_iterations():
+@pytest.mark.parametrize(("scale", "weight"), [(1e3, 1e-3), (1e-2, 1e5)])
+def test_the_measure_of_a_field_does_not_change_the_solution(scale, weight):
+    """Line searches compare all rows by their norm: a weight far too large costs iterations."""
     rows, residuals = Scene(MPI.COMM_SELF).run(range(1, 4))
-    other, again = Scene(MPI.COMM_SELF, scale=1e3, weight=1e-3).run(range(1, 4))
+    other, again = Scene(MPI.COMM_SELF, scale=scale, weight=weight).run(range(1, 4))
     np.testing.assert_allclose(other, rows, rtol=1e-9)
-    assert [len(some) for some in again] == [len(some) for some in residuals]
+    if weight < 1.0:
+        assert [len(some) for some in again] == [len(some) for some in residuals]
+
+
+def test_forces_and_field_are_each_judged_by_their_own_size():
+    problem, (field,) = (scene := Scene(MPI.COMM_SELF)).problem, [scene.field]
+    f, field.reference = problem.new_vector(), 4.0
+    f.array[0], f.array[field.dofs[:2]] = 3.0, 30.0
+    assert problem.judged(f, 10.0) == pytest.approx((10.0 * 30.0 * np.sqrt(2.0) / 4.0, 10.0))
+    f.array[field.dofs[:2]] = 0.3
+    assert problem.judged(f, 10.0) == (3.0, 10.0)
 
 
 def test_explicit_steps_refuse_a_field():
