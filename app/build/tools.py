@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Loads
-from tribox.app.build.motion_programs import Acts, MovedOn, Program, ReachedForce, of_drive, of_time
+from tribox.app.build.load_programs import Acts, MovedOn, Program, ReachedForce, of_drive, of_time
 from tribox.app.case.boundary import COMPONENTS, DRIVEN, Spring
 from tribox.app.case.case import Case
 from tribox.app.case.time_tables import TimeTable
@@ -27,8 +27,8 @@ from tribox.app.case.tools import (
     Tool,
 )
 from tribox.app.equilibrium.constraints import Platen, Prescribed
-from tribox.app.equilibrium.prescribed import NodalLoad
 from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.unknowns import NodalLoad
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.meshes.mesh import NamedMesh

@@ -16,8 +16,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.prescribed import Platen, Prescribed, Unknowns, component_dofs
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
+from tribox.app.equilibrium.unknowns import Platen, Prescribed, Unknowns, component_dofs
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
 from tribox.forms.bodies.point_state import Origin, PointHistory
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
@@ -88,8 +87,8 @@ def of_contact(pair: int, term: ContactTerm, state: ContactState) -> Snapshot:
 def to_contact(term: ContactTerm, kept: Snapshot) -> ContactState:
     """The history of a pair that :func:`of_contact` kept; collective."""
     law = type(term.state.friction).from_arrays(kept["law"])
-    film = kept.get("film")
-    film = None if film is None else type(term.state.film)(**film)
+    film, own = kept.get("film"), term.state.film
+    film = None if film is None or own is None else type(own)(**film)
     points = kept["points"] | {"facet": term.surface.numbered(kept["points"]["facet"])}
     return ContactState(**points, friction=law, film=film)
 

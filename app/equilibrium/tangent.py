@@ -19,11 +19,11 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.kept_tangent import KeptTangent
 from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.app.equilibrium.slanted import room_of
+from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.undeformed_tangent import UndeformedTangent
 from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.compiled_tangent import Entries
@@ -32,7 +32,6 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
-from tribox.forms.contact.tie import TieTerm
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
@@ -52,8 +51,8 @@ class Tangent:
         constraints: with the numbering of the unknowns; bodies, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
-        seen: which of the aligned platens have acted together, of all there is room for.
-        keeper: of the tangents of stiff bodies.
+        platen_sets: which of the aligned platens have acted together, of all there is room for.
+        undeformed: the tangents of stiff bodies that hardly move.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -69,22 +68,22 @@ class Tangent:
         """Begin without a matrix."""
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
-        self.keeper = KeptTangent(bodies, contacts)
+        self.undeformed = UndeformedTangent(bodies, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
         self._raw: PETSc.Mat | None = None
         self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
-        self.seen: list[tuple[bool, ...]] = []
+        self.platen_sets: list[tuple[bool, ...]] = []
         self._rooms: dict[tuple[bool, ...], list[Longs]] = {}  # pairs of nodes, see `make_room`
         self._fitted: int | None = None  # pattern that a tangent with slanted platens has room for
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
-        self._raw, self.seen, self._rooms = None, [], {}
+        self._raw, self.platen_sets, self._rooms = None, [], {}
         if self.constraints.aligned:
-            self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
+            self.platen_sets = [tuple(platen.acts for platen in self.constraints.aligned)]
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
         A.assemble()
         self._plain_map = A.getLGMap()
@@ -120,8 +119,8 @@ class Tangent:
             self._keep_pattern(raw, trials, timer)
             self._renumber(raw)
         with timer("assembly"):
-            self.keeper.decide()
-            self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
+            self.undeformed.decide()
+            self.undeformed.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
             for term, trial in zip(self.contacts, trials, strict=True):
@@ -157,22 +156,17 @@ class Tangent:
     def _renumber(self, A: PETSc.Mat) -> None:
         """Send the unknowns of the platens that act now to their leaders; collective."""
         acting = tuple(platen.acts for platen in self.constraints.aligned)
-        if acting and acting not in self.seen:
-            self.seen.append(acting)
+        if acting and acting not in self.platen_sets:
+            self.platen_sets.append(acting)
             self.make_room(A)
         if self._mapped != acting:
             maps = self.constraints.condensed_map() if any(acting) else None
             A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
             self._mapped = acting
 
-    @property
-    def kept(self) -> tuple[bool, ...]:
-        """Of each solid, whether the last tangent is that of its undeformed state."""
-        return self.keeper.on
-
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         """Add all but what is kept."""
-        solids = self.keeper.others
+        solids = self.undeformed.others
         self._add_solids(A, solids, carried)
         for load in self.loads:
             if load.tangent is not None and load.acts:
@@ -275,12 +269,12 @@ class Tangent:
         What it has been given before is not looked up again.
         """
         self.pattern_changes += 1
-        self.keeper.forget()
+        self.undeformed.forget()
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
         beside = self.constraints.unknowns.beside_nodes
         self._add_blocks(extra, beside[:, None], None, [])  # no cell gives them a diagonal
-        for acting in self.seen or [()]:
+        for acting in self.platen_sets or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
             room = self._rooms.get(acting)
@@ -521,8 +515,9 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     An averaged pressure couples all nodes of the facets around a vertex, and of those that they
     touch; of a vertex at the seam of two ranks those of both.
     """
-    if isinstance(term, TieTerm):
-        return term.coupled_pairs()
+    pairs = term.coupled_pairs()
+    if pairs is not None:
+        return pairs
     surface = term.surface
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]

@@ -18,8 +18,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import (
     AtPoints,
     Local,
@@ -29,6 +27,8 @@ from tribox.app.equilibrium.snapshot import (
     of_contacts,
     of_parts,
 )
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog, LumpedDynamics
 from tribox.app.explicit.options import ExplicitOptions, MassScaling
@@ -89,8 +89,10 @@ class ExplicitStepper:
             masses: of a run that is resumed; None: scaled for the state taken over.
 
         Raises:
-            ValueError: a body has no density.
+            ValueError: a body has no density, or there are fields, which have no mass.
         """
+        for field in problem.fields:
+            raise ValueError(f"{field.name}: fields do not go with explicit steps")
         self.problem, self.options = problem, options or ExplicitOptions()
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)

@@ -262,7 +262,7 @@ class LinearSolver:
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
             "windows": Local(windows),
-            "platens": [list(acting) for acting in tangent.seen],
+            "platens": [list(acting) for acting in tangent.platen_sets],
             "patterns": tangent.pattern_changes,
         }
 
@@ -282,7 +282,7 @@ class LinearSolver:
     def _restore_room(self, kept: Snapshot) -> None:
         """Give the matrix the room of :meth:`_room`."""
         tangent, windows = self.problem.tangent, kept["windows"] or {}
-        tangent.seen = [tuple(acting) for acting in kept["platens"]]
+        tangent.platen_sets = [tuple(acting) for acting in kept["platens"]]
         for pair, window in enumerate(tangent.windows):
             ending = f"_{pair}"
             arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}

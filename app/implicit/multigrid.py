@@ -290,8 +290,7 @@ def rigid_motions_of(problem: Equilibrium, dofs: Ints | None = None) -> PETSc.Nu
         problem: the equilibrium.
         dofs: owned local unknowns, of whole nodes, that alone move; None: all.
     """
-    dim, nodes = problem.dim, problem.owned // problem.dim
-    position = problem.space.tabulate_dof_coordinates()[:nodes, :dim].reshape(-1)
+    dim, position = problem.dim, problem.unknowns.node_places().reshape(-1)
     values = position if dofs is None else position[dofs]
     coordinates = PETSc.Vec().createMPI((len(values), PETSc.DECIDE), bsize=dim, comm=problem.comm)
     coordinates.array[:] = values

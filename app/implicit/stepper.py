@@ -13,7 +13,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import supports_at_hand
 from tribox.app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
@@ -27,6 +26,7 @@ from tribox.app.equilibrium.snapshot import (
     to_step,
 )
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import solve
 from tribox.app.implicit.linear_solver import LinearSolver

@@ -30,8 +30,8 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import BENT, SHARP, Sunk, SunkVertices, bend

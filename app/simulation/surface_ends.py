@@ -16,9 +16,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval
@@ -257,10 +257,7 @@ class PressedEnds:
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
-        for index, trial in enumerate(self._problem.committed):
-            term = self._problem.contacts[index]
-            if term.tied or not term.active:
-                continue
+        for index, _, trial in self._problem.sliding(self._problem.committed):
             for side, end in enumerate(self._ends[index].pressed(trial)):
                 now = f", from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
                 most, since = self._found.get((index, side), (PressedEnd(), now))
@@ -293,9 +290,7 @@ def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
     """
     ends, found = smooth_ends(problem), dict[tuple[int, int], PressedEnd]()
     for trials in (problem.committed, problem.trials):
-        for index, trial in enumerate(trials):
-            if problem.contacts[index].tied or not problem.contacts[index].active:
-                continue
+        for index, _, trial in problem.sliding(trials):
             for side, end in enumerate(ends[index].pressed(trial)):
                 most = found.get((index, side), PressedEnd())
                 found[index, side] = max(most, end, key=lambda one: one.share)
@@ -351,10 +346,7 @@ class LeftMaster:
         """Look at a converged step; collective."""
         lost, whole = np.zeros(len(self._above)), np.zeros(len(self._above))
         gone: dict[int, Bools] = {}
-        for index, trial in enumerate(self._problem.committed):
-            term = self._problem.contacts[index]
-            if term.tied or not term.active:
-                continue
+        for index, term, trial in self._problem.sliding(self._problem.committed):
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
             self._above[index] |= here

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import outward_facets
@@ -50,9 +50,7 @@ def rests_on_edges(problem: Equilibrium, contacts: Sequence[Contact]) -> Finding
         problem: at the state evaluated last.
         contacts: of the case, for the names.
     """
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         target, at = term.surface.target, trial.projection
         edge = (target.excess(at.facet, at.xi) > -ON_EDGE) & (trial.pressure > 0.0)
         where = _one_place(problem.comm, term.surface.slave.position[edge])
@@ -82,9 +80,7 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
         contacts: of the case, for the names.
     """
     worst = np.array(problem.worst_place())
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         angle, here = bend(problem, term, trial), _is_on(term.surface, worst)
         if angle > (BENT if here else CLEARLY_BENT):
             slave, master = names_of(contacts, index)

@@ -357,6 +357,17 @@ class ContactTerm:
         length = np.linalg.norm(before.elastic_slip, axis=1)
         return Anchor(foot, components, image, np.where(taken, length, state.slip_length))
 
+    def coupled_pairs(self) -> Longs | None:
+        """Pairs (p, 2) of global nodes that are coupled wherever bodies move, if they are known."""
+        return None
+
+    def roundoff_squared(self, x: PETSc.Vec) -> float:
+        """Square, N², of what rounded displacements leave of the forces; collective.
+
+        That of gaps is not counted: it is 1e-12 of a contact's force.
+        """
+        return 0.0
+
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
 
@@ -444,7 +455,7 @@ class ContactTerm:
 
         The third is the sum of the squares of what each point adds. A node may occur twice.
         """
-        if self.compiled is not None and not self.tied:
+        if self.compiled is not None:
             return self.surface.nodes, *self.compiled.forces(trial)
         nodes, values = self.nodal_forces(trial)
         squared = float(np.sum(values**2))
@@ -460,7 +471,7 @@ class ContactTerm:
             entries: part of the matrix; None: nothing is added.
         """
         compiled = self.compiled if trial.projection.share_slope is None else None
-        if entries is None or compiled is None or self.tied:
+        if entries is None or compiled is None:
             coupling = self.coupling(trial)
             return self.tangent(trial), [] if coupling is None else [coupling]
         return compiled.add(self.linearised, self.state, trial, entries)

@@ -232,6 +232,7 @@ class TieTerm(ContactTerm):
         """
         super().__init__(surface, FrictionlessLaw(), penalty)
         surface.follows = False  # what is tied stays where it is
+        self.compiled = None  # its tangent is its own
         self._points = tie_points(surface)
         self.tied_area = self._vertex_sums(self._points.weight)
         if not np.any(self.tied_area > 0.0):

@@ -23,8 +23,8 @@ from tribox.geometry.surfaces.facets import Floats, Ints, Longs, order_by_place
 class Block:
     """Unknowns beside the displacement.
 
-    A vector of unknowns holds u/``scale`` in m, one of residuals ``weight`` r in N, so that lengths
-    and forces of all blocks are of one size.
+    A vector of unknowns holds u/``scale`` in m, one of residuals ``weight`` r in N. Both make the
+    rows of all blocks of one size: line searches and starts are compared by the norm of all.
 
     Attributes:
         name: of the block.

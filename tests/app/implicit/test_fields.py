@@ -21,6 +21,7 @@ import pytest
 import scipy.sparse
 from mpi4py import MPI
 
+import tribox.app.implicit.newton
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT, STIFF
 from tribox.app.checkpoint.layout import Layout
@@ -28,6 +29,7 @@ from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.solid import Solid
@@ -36,6 +38,7 @@ from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.geometry.generators.two_blocks import Block as Rectangle
 from tribox.geometry.generators.two_blocks import TwoBlocks
+from tribox.geometry.generators.two_boxes import Box, TwoBoxes
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
@@ -44,6 +47,13 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 BETA, KAPPA, GAMMA, DEPTH = 0.02, 0.03, 0.8, 0.01
 PENALTY, DT, STEPS = 50.0, 0.5, 6
+
+
+PLANE = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
+SPACE = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 1, 2)), Box(2.0, 0.5, 2.0, (4, 1, 3)))
+# Where the slave hangs over the end of the master, its layer is linked all the same.
+OVER = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=1.45)
+SHAPES = {"bodies": PLANE, "over the end": OVER, "tool": PLANE, "space": SPACE}
 
 
 class SwollenPressure(AveragedPressure):
@@ -75,7 +85,9 @@ class SwellingTerm(ContactTerm):
         vertices = surface.vertices
         assert np.allclose(block.on_all_ranks(*_first_places(block, vertices.comm)), _x(vertices))
         _, first = np.unique(surface.slave.facet, return_index=True)
-        self.ends = vertices.of_point[first]  # of this rank's facets
+        corners = vertices.of_point[first]  # of this rank's facets
+        sides = [(0, 1)] if surface.dim == 2 else [(0, 1), (1, 3), (3, 2), (2, 0)]
+        self.ends = np.concatenate([corners[:, side] for side in sides])
         weighted = surface.slave.weight[:, None] * vertices.shape
         self.own_area = np.bincount(
             vertices.of_point.reshape(-1), weighted.reshape(-1), vertices.count
@@ -161,20 +173,22 @@ def _x(vertices):
 class Scene:
     """An upper block with such a layer, pressed on another or on a tool, and drawn along."""
 
-    def __init__(self, comm, tool=False, scale=1.0, weight=1.0):
-        shape = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
-        self.named = generate(shape, comm)
-        plain = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (2,)))
+    def __init__(self, comm, kind="bodies", scale=1.0, weight=1.0):
+        self.named = generate(SHAPES[kind], comm)
+        dim, tool = self.named.mesh.geometry.dim, kind == "tool"
+        plain = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (dim,)))
         facets = self.named.facets("elastomer_contact")
-        nodes = dolfinx.fem.locate_dofs_topological(plain, 1, facets)
+        nodes = dolfinx.fem.locate_dofs_topological(plain, dim - 1, facets)
         nodes = nodes[nodes < plain.dofmap.index_map.size_local]
-        place = plain.tabulate_dof_coordinates()[nodes][:, :2]
+        place = plain.tabulate_dof_coordinates()[nodes][:, :dim]
         field = Block("content", len(nodes), place, scale, weight, reference=0.0)
         numbers = Block.of_numbers("tool", 3, comm)
-        blocks = [numbers, field] if tool else [field]
+        spare = Block.of_numbers("spare", 1, comm)  # that nothing couples
+        blocks = [numbers, field, spare] if tool else [field, spare]
         self.u = dolfinx.fem.Function(with_blocks(plain, blocks))
         space = self.u.function_space
-        master, tools, held = self.named.facets("aluminium_contact"), [], []
+        master, tools = self.named.facets("aluminium_contact"), []
+        held = [Prescribed(spare.dofs)]
         if tool:
             low = comm.allreduce(float(place[:, 1].min(initial=np.inf)), op=MPI.MIN)
             circle = Circle(np.array([0.9, low - 3.0]), 3.0)
@@ -182,7 +196,7 @@ class Scene:
             free = np.zeros(3, dtype=bool)
             tools = [RigidTool("tool", circle, motion, numbers, free, False, np.zeros(3))]
             pair = ContactSurface.for_tool(space, facets, circle, tools[0].nodes, motion, 5)
-            held = [Prescribed(numbers.dofs)]
+            held.append(Prescribed(numbers.dofs))
         else:
             pair = ContactSurface(space, facets, master, 5)
         self.term = SwellingTerm(pair, coulomb(0.2), PENALTY, field)
@@ -191,13 +205,12 @@ class Scene:
             Solid(name, self.u, cells[name], material, "q1-sri")
             for name, material in (("elastomer", SOFT), ("aluminium", STIFF))
         ]
-        self.top = [self._held("top", axis) for axis in (0, 1)]
-        held += [self._held("bottom", axis) for axis in (0, 1)]
-        more = [] if tool else [field]
+        self.top = [self._held("top", axis) for axis in range(dim)]
+        held += [self._held("bottom", axis) for axis in range(dim)]
         self.problem = Equilibrium(
-            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=blocks[-1:]
+            self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field, spare]
         )
-        assert self.problem.fields == [field] and more in ([], [field])
+        assert self.problem.fields == [field]
         options = ImplicitOptions(tolerance=1e-11)
         self.stepper = ImplicitStepper(self.problem, options)
         self.field = field
@@ -242,9 +255,9 @@ def differences(scene, seed=0):
     return found, wanted
 
 
-@pytest.mark.parametrize("tool", [False, True], ids=["bodies", "tool"])
-def test_the_tangent_of_bodies_and_field_is_exact(tool):
-    scene = Scene(MPI.COMM_SELF, tool, scale=3.0, weight=0.4)
+@pytest.mark.parametrize("kind", SHAPES)
+def test_the_tangent_of_bodies_and_field_is_exact(kind):
+    scene = Scene(MPI.COMM_SELF, kind, scale=3.0, weight=0.4)
     scene.run([1, 2])
     found, wanted = differences(scene)
     field, others = scene.field.dofs, np.setdiff1d(np.arange(len(found)), scene.field.dofs)
@@ -257,14 +270,15 @@ def test_the_tangent_of_bodies_and_field_is_exact(tool):
             assert np.abs(part).max() > 1e-4
 
 
-@pytest.mark.parametrize("tool", [False, True], ids=["bodies", "tool"])
-def test_newton_is_quadratic_and_the_content_is_balanced(tool):
-    scene = Scene(MPI.COMM_SELF, tool)
+@pytest.mark.parametrize("kind", SHAPES)
+def test_newton_is_quadratic_and_the_content_is_balanced(kind, monkeypatch):
+    monkeypatch.setattr(tribox.app.implicit.newton, "REUSE_SAFETY", np.inf)
+    scene = Scene(MPI.COMM_SELF, kind)
     before, taken = np.zeros(scene.term.surface.vertices.count), []
     area = scene.term.surface.vertices.area
     for step in range(1, STEPS):
         rows, (residuals,) = scene.run([step])
-        content = np.array(rows[0][2:])
+        content = np.array(rows[0][len(scene.top) :])
         depth = scene.term._depth(scene.problem.trials[0])
         source = GAMMA * area @ (1.0 - np.exp(-depth / DEPTH))
         assert area @ (content - before) / DT == pytest.approx(source, rel=1e-9)
@@ -279,26 +293,47 @@ def test_newton_is_quadratic_and_the_content_is_balanced(tool):
     assert BETA * before.max() > 0.1 * depth.max()
 
 
-def test_the_measure_of_a_field_changes_neither_solution_nor_iterations():
+@pytest.mark.parametrize(("scale", "weight"), [(1e3, 1e-3), (1e-2, 1e5)])
+def test_the_measure_of_a_field_does_not_change_the_solution(scale, weight):
+    """Line searches compare all rows by their norm: a weight far too large costs iterations."""
     rows, residuals = Scene(MPI.COMM_SELF).run(range(1, 4))
-    other, again = Scene(MPI.COMM_SELF, scale=1e3, weight=1e-3).run(range(1, 4))
+    other, again = Scene(MPI.COMM_SELF, scale=scale, weight=weight).run(range(1, 4))
     np.testing.assert_allclose(other, rows, rtol=1e-9)
-    assert [len(some) for some in again] == [len(some) for some in residuals]
+    if weight < 1.0:
+        assert [len(some) for some in again] == [len(some) for some in residuals]
+
+
+def test_forces_and_field_are_each_judged_by_their_own_size():
+    problem, (field,) = (scene := Scene(MPI.COMM_SELF)).problem, [scene.field]
+    f, field.reference = problem.new_vector(), 4.0
+    f.array[0], f.array[field.dofs[:2]] = 3.0, 30.0
+    assert problem.judged(f, 10.0) == pytest.approx((10.0 * 30.0 * np.sqrt(2.0) / 4.0, 10.0))
+    f.array[field.dofs[:2]] = 0.3
+    assert problem.judged(f, 10.0) == (3.0, 10.0)
+
+
+def test_explicit_steps_refuse_a_field():
+    with pytest.raises(ValueError, match="content: fields do not go with explicit steps"):
+        ExplicitStepper(Scene(MPI.COMM_SELF).problem)
 
 
 def facts(comm, directory):
     """Runs on these ranks, whole and gone on from what one rank, and these, have kept."""
-    whole = Scene(comm).run(range(1, STEPS))
+    return {kind: _facts_of(kind, comm) for kind in SHAPES}
+
+
+def _facts_of(kind, comm):
+    whole = Scene(comm, kind).run(range(1, STEPS))
     kept = {}
     for name, ranks in (("one", MPI.COMM_SELF), ("same", comm)):
-        scene = Scene(ranks)
+        scene = Scene(ranks, kind)
         scene.run(range(1, 4))
         layout = _layout(scene)
         tree, arrays = layout.gather(scene.stepper.snapshot())
         kept[name] = pickle.dumps((tree, arrays, layout.ranks))
     later = {}
     for name, packed in kept.items():
-        scene = Scene(comm)
+        scene = Scene(comm, kind)
         scene.top[0].value, scene.top[1].value = 0.02, -0.04
         tree, arrays, ranks = pickle.loads(packed)
         arrays = arrays if comm.rank == 0 else {}
@@ -312,9 +347,10 @@ def _layout(scene):
 
 
 @pytest.mark.mpi(facts, 2)
-def test_ranks_and_a_run_that_goes_on_agree(on_ranks):
-    one = on_ranks(facts, 1)
-    for found in (one, on_ranks(facts, 2)):
+@pytest.mark.parametrize("kind", SHAPES)
+def test_ranks_and_a_run_that_goes_on_agree(on_ranks, kind):
+    one = on_ranks(facts, 1)[kind]
+    for found in (one, on_ranks(facts, 2)[kind]):
         assert found["counts"] == one["counts"]
         np.testing.assert_allclose(found["rows"], one["rows"], rtol=1e-9, atol=1e-12)
         for rows in found["later"].values():

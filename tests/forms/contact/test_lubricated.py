@@ -56,7 +56,7 @@ class Lubricated(Scene):
 KINDS = {
     "steady": {},
     "flooded": {"steady": False},
-    "given oil": {"steady": False, "oil": 0.024},
+    "given oil": {"steady": False, "oil": 0.02},
     "steady oil": {"oil": 0.035},
     "map": {"share": "map", "law": MAP},
     "three cells": {"cells": 3},

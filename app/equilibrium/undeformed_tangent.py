@@ -12,8 +12,8 @@ hinged). The bound is lowered accordingly.
 Bodies that a compiled loop covers have none kept: their tangent is made in the time that it takes
 to see how far they have moved.
 
-What is kept depends on the undeformed state and on the platens that act, never on the history:
-:attr:`KeptTangent.on` follows from the displacement at hand, so nothing of it joins a restart.
+What is kept depends on the undeformed state and on the platens that act, never on the history.
+:attr:`UndeformedTangent.on` follows from the displacement at hand: nothing of it joins a restart.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Candidate:
     largest: float
 
 
-class KeptTangent:
+class UndeformedTangent:
     """Which bodies keep their tangent at the displacement at hand, and what they add.
 
     Attributes:
