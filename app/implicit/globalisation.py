@@ -76,11 +76,11 @@ def hold_closed(attempt: Attempt) -> int:
     newton, problem = attempt.newton, attempt.newton.problem
     if problem.flows or newton.is_bounded or not attempt.predictor.rubbing():
         return 0
-    pulling = attempt.step.with_penalty_scale(problem.contacts, 1.0, HELD)
     opened, last = _opened(problem), np.inf
     for number in range(HOLDS):
         if not 0 < opened <= FEWER * last:
             return number
+        pulling = attempt.step.with_penalty_scale(problem.contacts, 1.0, HELD)
         newton.step(pulling, falling=False)
         newton.residual_of(attempt.step)
         opened, last = _opened(problem), opened

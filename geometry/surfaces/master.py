@@ -50,16 +50,21 @@ class MasterFacets:
         facets: (f, a) rows into ``nodes``, ordered so that the normal points out of the body.
         position: (n, i), m, reference.
         shape: of all facets.
-        number: (f,) of each on the whole surface, in an order that no partition changes.
         extent: m, the largest of the whole surface along an axis.
+        part: what else is known of facets that are not all of them; None: they are.
     """
 
     nodes: Longs
     facets: Ints
     position: Floats
     shape: FacetShape
-    number: Longs
     extent: float
+    part: SurfacePart | None = None
+
+    @property
+    def number(self) -> Longs:
+        """Numbers (f,) on the whole surface, in an order that no partition changes."""
+        return np.arange(len(self.facets)) if self.part is None else self.part.number
 
     def sizes(self) -> Floats:
         """Length (f,), m, of each undeformed facet; in space the side of a square or half one."""
@@ -124,7 +129,6 @@ def whole_master(
         facets=inverse.reshape(nodes.shape).astype(np.int32),
         position=position,
         shape=shape,
-        number=np.arange(len(nodes)),
         extent=float(np.ptp(position, axis=0).max()),
     )
     return whole, order
@@ -134,7 +138,7 @@ class MasterSource:
     """This rank's own facets of a master, and which of them, and of others, are within reach.
 
     Attributes:
-        own: the facets of this rank's cells.
+        own: the facets of this rank's cells; ends: smoothing angle and length of fading.
         extent: m, the largest of the whole surface along an axis.
     """
 
@@ -158,7 +162,7 @@ class MasterSource:
         Raises:
             ValueError: on every rank, what ``FacetSurface`` refuses.
         """
-        self.comm, self._space, self._shape, self._ends = space.mesh.comm, space, shape, ends
+        self.comm, self._space, self._shape, self.ends = space.mesh.comm, space, shape, ends
         part, self.extent, self._anywhere = self._survey(own)
         self.own = FacetRows(*own, part)
         bulge = BULGE if ends[0] is not None else 1.0
@@ -179,7 +183,7 @@ class MasterSource:
         if (gathered := comm.gather(own)) is not None:
             whole, order = whole_master(self._shape, gathered)
             try:
-                surface = FacetSurface(self._shape, whole.facets, whole.position, *self._ends)
+                surface = FacetSurface(self._shape, whole.facets, whole.position, *self.ends)
             except ValueError as error:
                 problem = str(error)
             else:
@@ -326,7 +330,7 @@ def grown(master: MasterFacets, rows: FacetRows) -> MasterFacets:
         nodes=every[kept],
         facets=np.concatenate([master.facets, more]),
         position=where[kept],
-        number=np.concatenate([master.number, rows.part.number]),
+        part=rows.part if master.part is None else SurfacePart.joined([master.part, rows.part]),
     )
 
 
@@ -334,4 +338,4 @@ def no_facets(shape: FacetShape, extent: float) -> MasterFacets:
     """None of a surface yet."""
     facets, place = np.empty((0, shape.count), dtype=np.int32), np.empty((0, 3))
     none: Longs = np.empty(0, dtype=np.int64)
-    return MasterFacets(none, facets, place, shape, none, extent)
+    return MasterFacets(none, facets, place, shape, extent)

@@ -112,16 +112,22 @@ class FacetSurface:
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
         self._code = CompiledFacets(self.shape, len(self.facets))
-        self.fade_length, self._undeformed, self._part = fade_length, nodes, part
+        self.fade_length, self._undeformed = fade_length, nodes
         known = () if part is None else (part.number, part.slack)
         self.search = FacetSearch(self.shape, self._controls(nodes), self._code, *known)
-        self._connect(shape, nodes)
+        self._connect(shape, nodes, None if part is None else part.is_open)
         self._fading_ends = self._open.copy()
         self._joined = np.zeros_like(self._open)
-        self._measure_ends()
+        if part is None or part.ends is None or fade_length is None:
+            self._measure_ends()
+        else:
+            self._end = EndDistance(facet_shape(shape.cell, 1), fade_length, part.ends)
 
-    def _connect(self, shape: FacetShape, nodes: Floats) -> None:
-        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed."""
+    def _connect(self, shape: FacetShape, nodes: Floats, is_open: Bools | None) -> None:
+        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed.
+
+        Of a part of a surface it is known which sides (f, s) are open.
+        """
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
@@ -135,8 +141,9 @@ class FacetSurface:
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
+            open_sides = self._across < 0 if is_open is None else is_open
             for number, side in enumerate(shape.sides):
-                free = self._open_sides[:, number]
+                free = open_sides[:, number]
                 self._open[corners[free][:, side.nodes[:2]]] = True
         incidence = scipy.sparse.csr_matrix(
             (
@@ -149,23 +156,14 @@ class FacetSurface:
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
 
-    @property
-    def _open_sides(self) -> Bools:
-        """In space, sides (f, s) at an end of the surface."""
-        return self._across < 0 if self._part is None else self._part.is_open
-
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""
         ends = None if self.fade_length is None else self._end.corners
         number = np.arange(len(self.facets))
-        return SurfacePart(number, self._open_sides, self.search.slack, ends)
+        return SurfacePart(number, self._across < 0, self.search.slack, ends)
 
     def _measure_ends(self) -> None:
-        if self.fade_length is not None and self._part is not None:
-            assert self._part.ends is not None
-            linear = facet_shape(self.shape.cell, 1)
-            self._end = EndDistance(linear, self.fade_length, self._part.ends)
-        elif self.fade_length is not None:
+        if self.fade_length is not None:
             shape, nodes = facet_shape(self.shape.cell, 1), self._undeformed
             ends = self._fading_ends
             self._end = EndDistance.measured(shape, self.facets, nodes, ends, self.fade_length)

@@ -34,7 +34,7 @@ from tribox.geometry.surfaces.master import (
     own_facets,
     whole_master,
 )
-from tribox.geometry.surfaces.projection import FacetSurface, Projection, SurfacePart
+from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.slave_points import PointNormals, SlaveNormals, slave_points
@@ -160,9 +160,8 @@ class ContactSurface:
         self, master: NDArray[np.int32] | RigidMaster, ends: tuple[float | None, float | None]
     ) -> None:
         """Find the master, on several ranks in space what is within reach of it; collective."""
-        self.follows, self.parts, self._ends = True, 0, ends
+        self.follows, self.parts = True, 0
         self._source: MasterSource | None = None  # None: the whole master is known
-        self._part: SurfacePart | None = None
         self.first_master, self.nodes = 0, np.empty(0, dtype=np.int64)
         if isinstance(master, RigidMaster):
             if master.surface.dim != self.dim:
@@ -176,9 +175,9 @@ class ContactSurface:
         if self.dim == 2 or comm.size == 1:
             self.master = whole_master(self.shape, comm.allgather(own))[0]
             facets = self.master.facets, self.master.position
-            self.target = FacetSurface(self.shape, *facets, *self._ends)
+            self.target = FacetSurface(self.shape, *facets, *ends)
             return
-        self._source = MasterSource(self.space, self.shape, own, self._ends, self.facet_length)
+        self._source = MasterSource(self.space, self.shape, own, ends, self.facet_length)
         self.master = no_facets(self.shape, self._source.extent)
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
         rows = self._source.fetch(self.slave.position, still, self.master.number)
@@ -186,17 +185,14 @@ class ContactSurface:
 
     def _take(self, rows: FacetRows) -> None:
         """Know more facets."""
-        assert isinstance(self.master, MasterFacets)
-        if self._part is not None and not len(rows.nodes):
+        assert isinstance(self.master, MasterFacets) and self._source is not None
+        if self.parts and not len(rows.nodes):
             return
         self.master = master = grown(self.master, rows)
-        parts = [rows.part] if self._part is None else [self._part, rows.part]
-        self._part, searches = SurfacePart.joined(parts), 0
-        if self.parts:
-            searches = self.target.search.searches
+        searches = self.target.search.searches if self.parts else 0
         facets = master.facets, master.position
-        self.target = target = FacetSurface(self.shape, *facets, *self._ends, part=self._part)
-        target.search.searches = searches
+        target = FacetSurface(self.shape, *facets, *self._source.ends, part=master.part)
+        target.search.searches, self.target = searches, target
         self.nodes = np.concatenate([self.nodes[: self.first_master], master.nodes])
         self.parts += 1
 
