@@ -163,6 +163,8 @@ class Declared:
         """Check all values, one by one and together."""
         for name, declared, choices in declarations(type(self)):
             value = getattr(self, name)
+            if hasattr(value, "tolist"):  # arrays of numpy, which is not imported here
+                value = value.tolist()
             if isinstance(value, list):
                 value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
                 object.__setattr__(self, name, value)

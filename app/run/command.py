@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tribox.app.checkpoint.same_case import is_whole
-
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_files import without_effect
 from tribox.app.case.trust import require_trust
+from tribox.app.checkpoint.same_case import is_whole
 from tribox.app.errors import InputError
 from tribox.app.results.claim import check_not_in_use, is_done, sweep_labels
 from tribox.app.results.directory import check_free, checkpoint_numbers, default_directory

@@ -212,7 +212,7 @@ def test_moduli_by_hardness(name):
 def test_a_metal_measured_in_reversed_shear_has_the_constants_of_its_source():
     """Shutov's table in this program's terms, and its tensile curve beside a measured one."""
     [name] = REVERSED
-    metal = material_of(read(case_with(material=name)).bodies["aluminium"])
+    metal = read(case_with(material=name)).bodies["aluminium"].material_of()
     bulk, shear = 68.63e9, 26.31e9
     assert (metal.bulk_modulus, metal.shear_modulus) == pytest.approx((bulk, shear), rel=1e-3)
     voce, branches = metal.hardening, metal.kinematic

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import GatheredMesh
 from tribox.app.results.output_files import BpWriter
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
