@@ -64,7 +64,7 @@ KINDS = {
 }
 
 
-def slid(scene, down=-0.03, along=-0.04, close=0.004):
+def slid(scene, down=-0.03, along=-0.04, close=0.002):
     """Unknowns after a step in which the tool slid, turned and closed; that before is committed."""
     first = scene.unknowns(1, 0.001, tool=0.0, theta=0.0)
     first[scene._dofs(scene.tool)[1]] = down
