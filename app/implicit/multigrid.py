@@ -258,8 +258,9 @@ class BlockSweeps:
                 ends, columns = np.empty((2, n + 1), np.int32), np.empty(len(column), np.int32)
                 sizes = 9 * len(column) + more, 9 * n + more, 4 * n
                 self._arrays = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
-            self._count, given = ctypes.c_int64(n), (start, column, values)
-            arrays = map(_at, (*given, *self._arrays[:-1]))
+            self._count = ctypes.c_int64(n)
+            every: tuple[NDArray[Any], ...] = (start, column, values, *self._arrays[:-1])
+            arrays = [_at(one) for one in every]
             return bool(self._code.tribox_split_blocks(self._count, *arrays) < 0)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:

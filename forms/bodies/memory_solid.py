@@ -186,11 +186,13 @@ class MemorySolid(Solid):
             origin: from where.
             spare: of whose arrays to make it.
         """
-        law, energies = self._frozen if origin.elastic else self.law, np.zeros(3)
+        law = self._frozen if origin.elastic else self.law
+        energies: Floats = np.zeros(3)
         kernel = self._kernel(law, origin.dt)
         if spare is None or kernel is None:
-            u, forces = np.empty_like(self._u.x.array), np.empty_like(self._u.x.array)
-            end = np.empty_like(origin.values)
+            u: Floats = np.empty_like(self._u.x.array)
+            forces: Floats = np.empty_like(self._u.x.array)
+            end: Floats = np.empty_like(origin.values)
         else:
             u, forces, end = spare.u, spare.forces, spare.values
         u[:], forces[:] = self._u.x.array, 0.0

@@ -179,7 +179,7 @@ class MasterSource:
     def _survey(self, own: tuple[Longs, Floats]) -> tuple[SurfacePart, float, Floats]:
         """What the facets are on the whole surface, its extent, and a place on it; collective."""
         comm, parts, problem = self.comm, None, None
-        about = (0.0, np.empty((0, 3)))
+        about: tuple[float, Floats] = (0.0, np.empty((0, 3)))
         if (gathered := comm.gather(own)) is not None:
             whole, order = whole_master(self._shape, gathered)
             try:

@@ -162,7 +162,9 @@ class ContactSurface:
         """Find the master, on several ranks in space what is within reach of it; collective."""
         self.follows, self.parts = True, 0
         self._source: MasterSource | None = None  # None: the whole master is known
-        self.first_master, self.nodes = 0, np.empty(0, dtype=np.int64)
+        self.first_master = 0
+        self.nodes: Longs = np.empty(0, dtype=np.int64)
+        self.own_master: Longs
         if isinstance(master, RigidMaster):
             if master.surface.dim != self.dim:
                 raise ValueError(
@@ -171,7 +173,7 @@ class ContactSurface:
             self.master, self.target, self.own_master = master, master.surface, master.nodes
             return
         comm, own = self.space.mesh.comm, own_facets(self.space, self.shape, master)
-        self.own_master: Longs = own[0]
+        self.own_master = own[0]
         if self.dim == 2 or comm.size == 1:
             self.master = whole_master(self.shape, comm.allgather(own))[0]
             facets = self.master.facets, self.master.position
@@ -248,7 +250,7 @@ class ContactSurface:
         self.slave_rows: Longs = np.searchsorted(needed, self.slave.nodes)
         self.chain_rows: Longs = np.searchsorted(needed, chain)
         self.first_master = len(needed)
-        self.nodes: Longs = np.concatenate([needed, self.master.nodes])
+        self.nodes = np.concatenate([needed, self.master.nodes])
 
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""
