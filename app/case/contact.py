@@ -104,10 +104,11 @@ class Contact(Model):
     @classmethod
     def _fill_from_preset(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         """Fill keys that are not given from the preset; they stay "not set" by the user."""
-        if not isinstance(value, dict) or value.get("preset") not in PRESETS:
+        preset = value.get("preset") if isinstance(value, dict) else None
+        if not isinstance(preset, str) or preset not in PRESETS:
             return handler(value)
         given = {key: entry for key, entry in value.items() if key not in ("law", "preset")}
-        merged = with_preset(value["preset"], given)
+        merged = with_preset(preset, given)
         friction = handler({"law": "friction-map", **value, **merged})
         friction.model_fields_set.difference_update(merged.keys() - given.keys())
         return friction

@@ -21,7 +21,6 @@ from tribox.app.implicit.globalisation import (
     LinearStart,
     PredictedStart,
     SoftContact,
-    hold_closed,
     phases_after,
     solve,
 )
@@ -328,36 +327,3 @@ def test_an_eager_iteration_ends_where_it_gains_little(pair, residuals, little):
         newton.residuals, newton._patience = [before], Patience(eager=eager)
         ends = newton._test(newton.snes, 1, (0.0, 0.0, last))
         assert ends == (reasons.DIVERGED_LINE_SEARCH if eager and little else None)
-
-
-@pytest.mark.parametrize(
-    ("left", "how", "holds"),
-    [
-        ((4, 2, 0), {}, 2),  # until nothing is open that was closed
-        ((4, 2, 1, 1), {}, 3),  # but no longer than that
-        ((8, 7, 0), {}, 1),  # or while it helps
-        ((0,), {}, 0),
-        ((4, 0), {"flows": True}, 0),
-        ((4, 0), {"bounded": True}, 0),
-        ((4, 0), {"rubbing": False}, 0),
-    ],
-)
-def test_what_only_the_prediction_opens_is_held_for_some_iterations(left, how, holds):
-    given, left = attempt(near=False, contacts=0, **{"rubbing": True, **how}), list(left)
-    problem, pulled = given.newton.problem, []
-
-    def trial(opened):
-        active = np.arange(10) >= opened
-        return SimpleNamespace(normal_contact=SimpleNamespace(active=active, closed=None))
-
-    def step(mode, falling):
-        pulled.append(falling)
-
-    def evaluate(mode):
-        problem.trials = [trial(left.pop(0))]
-
-    problem.committed = [trial(0)]
-    evaluate(None)
-    given.newton.step, given.newton.residual_of = step, evaluate
-    assert hold_closed(given) == holds == len(pulled)
-    assert not any(pulled)
