@@ -11,11 +11,7 @@ from mpi4py import MPI
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
-from tribox.app.case.friction import (
-    Coulomb,
-    Friction,
-    Stribeck,
-)
+from tribox.app.case.friction import MAP, Friction
 from tribox.app.case.time_tables import TimeTable
 from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.materials import Material
@@ -270,8 +266,9 @@ def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[
         friction: the resolved law.
         stiffness: Pa/m, G/h of the softer body beside the contact.
     """
-    if isinstance(friction, Coulomb | Stribeck) and friction.K_T is not None:
-        factor = friction.K_T / stiffness
+    # The friction map's K_T is that of its asperities, not a penalty.
+    if friction.law != MAP and (K_T := getattr(friction, "K_T", None)) is not None:
+        factor = K_T / stiffness
         if factor < SOFT_STICK:
             yield (
                 f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "

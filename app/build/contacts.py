@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import assert_never
 
 import dolfinx
 import numpy as np
@@ -32,7 +31,7 @@ from tribox.app.build.contact_notes import (
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DRAWN, Contact
-from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
+from tribox.app.case.friction import Friction, OwnLaw
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.case.tools import Tool
@@ -46,11 +45,10 @@ from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.tie import TieTerm
-from tribox.forms.friction import friction_map
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
-from tribox.forms.friction.stribeck import StribeckLaw
+from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.body_facets import facet_length, outward_facets
 from tribox.geometry.surfaces.facets import Floats, unit_normals
@@ -62,13 +60,6 @@ from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, 
 # degrees a surface may be drawn with corners, and more surely is.
 STRAIGHT, SHARP = 1e-3, 0.35
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
-# Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
-# flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
-# soft enough for the onset of slip to spread without a fight.
-TANGENTIAL_FACTOR = 10.0
-# Default of film_onset_pressure, as a share of the softer body's G, or hardness, or of the highest
-# prescribed pressure, whichever is less: only the rim of a contact feels it.
-FILM_ONSET = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,10 +188,8 @@ class ContactBuilder:
                 f"contact.{index}.film.sigma = 0: nothing carries load in stage {dry[0]}, which is "
                 "not rate_dependent"
             )
-        friction = table.friction
-        rheology = friction.parameters().rheology if isinstance(friction, FrictionMap) else None
         try:
-            return LubricatedTerm(surface, law, film.unknown(modulus, rheology), modulus)
+            return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus)
         except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
 
@@ -240,13 +229,11 @@ class ContactBuilder:
 
     def _plain_law(self, index: int, friction: Friction) -> FrictionLaw:
         """The law without a factor; collective; raises as :meth:`_law` does."""
-        if not isinstance(friction, OwnLaw):
-            return friction_law(friction)
         law: FrictionLaw = FrictionlessLaw()
         problem: str | None = None
-        if self.runs_code:
+        if self.runs_code or not isinstance(friction, OwnLaw):
             try:
-                law = friction.friction_law(self.named.mesh.geometry.dim)
+                law = friction.friction_law(dim=self.named.mesh.geometry.dim)
             except OwnCodeError as error:
                 problem = f"contact.{index}.friction.{error.key}: {error}"
         problem = next((p for p in self.named.mesh.comm.allgather(problem) if p), None)
@@ -328,14 +315,13 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
         length: m, mean length of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
     """
-    friction = _resolved_friction(contact.friction, softer, length, pressure)
-    film = contact.film
+    friction, film = contact.friction, contact.film
     if film is not None and film.is_unknown:
         film = film.resolved()
-        if isinstance(contact.friction, FrictionMap) and (
-            contact.friction.film_onset_pressure is None
-        ):
-            friction = friction.model_copy(update={"film_onset_pressure": 0.0})
+        if contact.map is not None:  # the film's own pressure says where it is
+            onset = contact.map.film_onset_pressure
+            friction = friction.model_copy(update={"film_onset_pressure": onset})
+    friction = friction.resolved(Scales(contact_shear_modulus(softer), length, pressure))
     return contact.model_copy(update={"name": contact.label, "friction": friction, "film": film})
 
 
@@ -396,49 +382,6 @@ def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float
     return np.asarray((contact.penalty_factor or 0.0) * modulus / length, dtype=np.float64)
 
 
-def _resolved_friction(
-    friction: Friction, softer: Material, length: float, pressure: float
-) -> Friction:
-    match friction:
-        case Coulomb() | Stribeck():
-            if friction.K_T is None:
-                stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
-                return friction.model_copy(update={"K_T": stiffness})
-        case FrictionMap():
-            if friction.film_onset_pressure is None:
-                # A pressure that the case prescribes says better than the body what is small.
-                scale = min(contact_shear_modulus(softer), pressure or np.inf)
-                return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
-        case OwnLaw() | Frictionless():
-            pass
-        case _:
-            assert_never(friction)
-    return friction
-
-
-def friction_law(friction: Friction) -> FrictionLaw:
-    """The law of a resolved `[contact.friction]` table; one written in Python is run."""
-    match friction:
-        case FrictionMap():
-            return friction_map.FrictionMap(friction.parameters())
-        case Coulomb():
-            return _coulomb_law(friction, 0.0)
-        case Stribeck():
-            return StribeckLaw(friction.parameters())
-        case OwnLaw():
-            return friction.friction_law()
-        case Frictionless():
-            return FrictionlessLaw()
-        case _:
-            assert_never(friction)
-
-
-def _coulomb_law(friction: Coulomb, time: float) -> CoulombLaw:
-    """Coulomb's law with the coefficient of a time, s."""
-    assert friction.K_T is not None, "resolved before"
-    return CoulombLaw(CoulombParameters(mu=value_at(friction.mu, time), K_T=friction.K_T))
-
-
 def _factored(law: FrictionLaw, factor: float | TimeTable, time: float) -> FactoredLaw:
     """A law with the factor of a time, s."""
     largest = max(factor.values) if isinstance(factor, TimeTable) else factor
@@ -487,15 +430,14 @@ def contact_program(
         fit: its offset at a time.
     """
     friction, factor = table.friction, table.friction_factor
-    changes = isinstance(friction, Coulomb) and isinstance(friction.mu, TimeTable)
-    if not changes and not isinstance(factor, TimeTable) and fit is None:
+    if not friction.changes and not isinstance(factor, TimeTable) and fit is None:
         return None
 
     def program(time: float, driven: float) -> None:
         law = term.law
         plain = law.law if isinstance(law, FactoredLaw) else law
-        if changes and isinstance(friction, Coulomb):
-            plain = _coulomb_law(friction, time)
+        if friction.changes:
+            plain = friction.friction_law(time)
         factored = isinstance(law, FactoredLaw)
         new = _factored(plain, factor, time) if factored else plain
         term.renew(law=new, offset=None if fit is None else fit(time))

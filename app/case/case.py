@@ -37,13 +37,12 @@ from tribox.app.case.generators import (
     TwoCylindersGeometry,
 )
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
-from tribox.app.case.overrides import KeyPathError, set_value, value_at
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from tribox.app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
 from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from tribox.app.case.time_tables import TimeTable
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import KeyPathError, set_value, toml_text, value_at
 from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
 from tribox.app.case.validation import format_problem, problems_of
 

@@ -21,11 +21,10 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
-from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
+from tribox.app.results.inputs import NOTHING, KeptInputs, host, kernels, versions, write_case
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
-from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
@@ -318,6 +317,7 @@ class Recorder(Observer):
             "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
             "cells": sum(len(solid.cells) for solid in problem.solids),
             "contact_points": sum(len(term.surface.slave.weight) for term in problem.contacts),
+            "contact_nodes": sum(len(term.surface.nodes) for term in problem.contacts),
         }
 
     def _known(self, status: str) -> dict[str, Any]:

@@ -329,12 +329,6 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
     return least, worst
 
 
-# Columns of :func:`contact_columns` beside the vectors.
-SCALAR_COLUMNS = (
-    *("slip_speed", "normal_force", "friction_force", "tangential_force", "normal_resultant"),
-    *("drag", "friction_coefficient", "mu", "film_thickness", "effective_viscosity"),
-    *("contact_area", "area_ratio", "stick_fraction", "viscous_fraction", "max_penetration"),
-)
 # Columns of a pair alone.
 FILM_COLUMNS = ("asperity_force", "oil_volume", "oil_supplied")
 _FORCES = ("normal_force", "friction_force", "tangential_force", "normal_resultant", "drag")

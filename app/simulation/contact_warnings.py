@@ -30,17 +30,18 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import BENT, SHARP, Sunk, SunkVertices, bend
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import corner_spacing
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 
 # Largest penetration over the local facet length, and mean one over the approach, from which on
 # they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and
@@ -116,7 +117,7 @@ class PairProbe:
         xi = self._by_facet(term.surface.slave.xi)
         ones = np.ones((*xi.shape[:2], 1))
         linear = np.concatenate([ones, xi], axis=2)
-        self._corners = _corner_spacing(self.surface)
+        self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
         # Takes values at the points of a facet to what is left of them beside a linear function.
         self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
 
@@ -209,6 +210,8 @@ class PairProbe:
         Corners are those of the undeformed master, or where it has none those between its facets,
         which may have bent since.
         """
+        if self._parts != self.surface.parts:
+            self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
         if self._corners is None or trial.nodal_pressure is None:
             return 0.0, 0.0
         weight = self.surface.slave.weight * inside
