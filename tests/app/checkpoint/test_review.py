@@ -134,7 +134,7 @@ def rewritten(
 
 @pytest.mark.parametrize(
     "about",
-    ["[]", '{"format": 3}', "[" * 100_000, '{"format": 3, "files": []}', "\0"],
+    ["[]", '{"format": 4}', "[" * 100_000, '{"format": 4, "files": []}', "\0"],
     ids=["list", "nothing", "nested", "no files", "zero"],
 )
 def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
