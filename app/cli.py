@@ -26,12 +26,8 @@ if _rich is not None:
 
 import tribox  # noqa: E402
 from tribox.app.errors import InputError, Interrupted  # noqa: E402
-from tribox.app.run.ending import (  # noqa: E402
-    end_interrupted,
-    end_with,
-    ensure_cache,
-)
 from tribox.app.run.process import lasting_imports, ranks_around, with_sources  # noqa: E402
+from tribox.app.run.ranks import end_interrupted, end_with, ensure_cache  # noqa: E402
 
 if TYPE_CHECKING:
     from click import Context
@@ -303,12 +299,6 @@ def report(
         Path | None, typer.Option(metavar="FILE", help="the page (default: DIR/report.html)")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="keep a page of a running case up to date till its end")
-    ] = False,
-    every: Annotated[
-        float, typer.Option(min=1.0, metavar="SECONDS", help="with --watch: between two pages")
-    ] = 5.0,
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
     from tribox.app.report.page import write_report
@@ -316,10 +306,6 @@ def report(
 
     if out is not None and out.exists() and not force:
         raise InputError(f"{out}: exists already; replace it with --force")
-    if watch:
-        from tribox.app.report.live import watch_run
-
-        watch_run(directory, out, every)
     page = write_report(directory, out)
     if unfinished := read(directory).unfinished:
         print(f"note: the run {unfinished}")

@@ -33,7 +33,7 @@ from benchmarks.comparison import (
     sides_of,
 )
 from tribox.app.errors import InputError
-from tribox.app.run.ending import end_with
+from tribox.app.run.ranks import end_with
 
 # -- The tables of ``tribox bench``, as Markdown ---------------------------------------------------
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.metal import Metal, MetalFit, fit_metal, paths, response
+from tribox.app.fit.model import interval
 from tribox.app.fit.prony import PronyFit, PronyProblem, Shift, fit_prony
-from tribox.app.fit.slopes import interval
 from tribox.forms.bodies.hardening import Voce
 
 DRAWS, CHOICES = 200, 20

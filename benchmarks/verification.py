@@ -20,15 +20,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.run import ROOT, level_options, tribox
-from tribox.app.case.friction import FrictionMap
 from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
-from tribox.app.verify.contact import Profile, press, pressure_checks, traction_checks
+from tribox.app.verify.contact import REFERENCE, Profile, press, pressure_checks, traction_checks
 from tribox.app.verify.report import percent
 from tribox.app.verify.result import Check
-from tribox.app.verify.sliding import REFERENCE
 from tribox.forms.closed_forms.homogeneous_sliding import (
     Floats,
     effective_viscosity,
@@ -67,8 +65,8 @@ def steady_points(directory: Path) -> Iterator[SteadyPoint]:
     rows = read_table(directory / "sweep.csv")
     for label, single in case.sweep_cases():
         contact = single.contact[0]
-        assert isinstance(contact.friction, FrictionMap) and contact.film is not None
-        parameters = contact.friction.parameters()
+        parameters = contact.map
+        assert parameters is not None and contact.film is not None
         for row in rows:
             if row["label"] == label and row["steady"] == 1.0:
                 yield _point(row, contact.film.thickness, parameters)
@@ -154,9 +152,9 @@ def area_ratio_lines() -> Iterator[str]:
     (trial,) = simulation.model.problem.trials
     closed = np.where(trial.pressure > 0.0, term.surface.slave.weight, 0.0)
     mean = float(closed @ term.state.area_ratio / closed.sum())
-    friction = case.contact[0].friction
-    assert isinstance(friction, FrictionMap)
-    ratio = simulation.rows[-1].effective_viscosity / friction.parameters().eta_b
+    law = case.contact[0].map
+    assert law is not None
+    ratio = simulation.rows[-1].effective_viscosity / law.eta_b
     yield f"mean da/dA of the closed surface {mean:.6f}; computed eta_eff / eta_b {ratio:.6f}"
 
 

@@ -184,24 +184,6 @@ def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.M
     return sub, np.asarray(entities, dtype=np.int32), {sub: to_sub}
 
 
-def cell_submesh(mesh: dolfinx.mesh.Mesh, cells: Ints) -> tuple[dolfinx.mesh.Mesh, Ints]:
-    """A mesh of some of a mesh's cells; collective.
-
-    Args:
-        mesh: The mesh.
-        cells: Local cells that this process owns.
-
-    Returns:
-        The mesh of these cells, and the cell of ``mesh`` behind each of its local cells.
-    """
-    sub, entities = dolfinx.mesh.create_submesh(mesh, mesh.topology.dim, np.sort(cells))[:2]
-    if hasattr(entities, "sub_topology_to_topology"):
-        index = sub.topology.index_map(mesh.topology.dim)
-        local = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
-        entities = entities.sub_topology_to_topology(local, False)
-    return sub, np.asarray(entities, dtype=np.int32)
-
-
 def mixed_form(form: Any, relation: Any) -> dolfinx.fem.Form:
     """Compile a form on a mesh with functions on a submesh of its facets, see `facet_submesh`."""
     return dolfinx.fem.form(form, entity_maps=relation)
@@ -217,6 +199,40 @@ def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
 def cell_values(expression: dolfinx.fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
     """Values (c, v) of an expression at its points in cells, all of a cell in one row."""
     return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)
+
+
+# -- spaces with more nodes than the mesh has -----------------------------------------------------
+
+
+def with_more_nodes(space: dolfinx.fem.FunctionSpace, more: int) -> dolfinx.fem.FunctionSpace:
+    """The same space with nodes behind this process's own that no cell has; collective.
+
+    All that goes by the index map has room for them then: functions, vectors, matrices. In its
+    local order they come between the process's own nodes and its ghosts.
+
+    Args:
+        space: A space on a mesh.
+        more: Number of nodes on this process.
+    """
+    dofmap, comm = space.dofmap, space.mesh.comm
+    index, old = dofmap.index_map, dofmap._cpp_object
+    counts = np.array(comm.allgather(more), dtype=np.int64)
+    if not counts.any():
+        return space
+    owners = np.asarray(index.owners, dtype=np.int32)
+    ghosts = np.asarray(index.ghosts, dtype=np.int64) + (np.cumsum(counts) - counts)[owners]
+    wider = dolfinx.cpp.common.IndexMap(comm, index.size_local + more, ghosts, owners)
+    nodes = np.asarray(dofmap.list)
+    nodes = np.where(nodes >= index.size_local, nodes + more, nodes).astype(np.int32)
+    table = dolfinx.cpp.graph.AdjacencyList_int32(nodes)
+    made = dolfinx.cpp.fem.DofMap(old.dof_layout, wider, old.index_map_bs, table, old.bs)
+    mesh, element = space.mesh._cpp_object, getattr(space.element, "_cpp_object", space.element)
+    kind, arguments = type(space._cpp_object), (mesh, element, made)
+    try:
+        whole = kind(*arguments)
+    except TypeError:  # 0.9
+        whole = kind(*arguments, list(space.value_shape))
+    return dolfinx.fem.FunctionSpace(space.mesh, space.ufl_element(), whole)
 
 
 # -- assembly -------------------------------------------------------------------------------------

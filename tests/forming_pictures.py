@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tribox import read
-from tribox.app.figures.field_values import DEFAULT_FIELD
+from tribox.app.figures.body_shapes import DEFAULT_FIELD
 from tribox.app.figures.run_figures import draw_figures
 
 

@@ -24,9 +24,6 @@ REASONS: dict[str, str] = {
         "numbers of a pair, each a column"
     ),
     "tribox.app.simulation.history:Row": "the columns of history.csv, one attribute each",
-    "tribox.forms.friction.parameters:FrictionMapParameters": (
-        "the keys of a case file's table, in SI; the law reads them by groups (friction, rheology)"
-    ),
 }
 
 

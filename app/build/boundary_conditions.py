@@ -10,8 +10,9 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.motion_programs import (
+from tribox.app.build.load_programs import (
     Acts,
+    LoadsWithForms,
     MovedOn,
     Program,
     ReachedForce,
@@ -23,17 +24,15 @@ from tribox.app.build.motion_programs import (
     of_time,
     turning,
 )
-from tribox.app.build.surface_loads import LoadsWithForms
-from tribox.app.case import platens as tables
+from tribox.app.case import boundary as tables
 from tribox.app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
 from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
-from tribox.app.equilibrium.prescribed import NodalLoad
 from tribox.app.equilibrium.slanted import SlantedPlaten, node_groups
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.unknowns import NodalLoad, place_text
 from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import (

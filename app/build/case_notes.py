@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tribox.app.case.boundary import Boundary
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
-from tribox.app.case.friction import FrictionMap
+from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import Stage
@@ -25,8 +25,8 @@ from tribox.forms.friction.checks import (
     threshold_speed_warning,
     uniqueness_warning,
 )
+from tribox.forms.friction.law import SETTLED
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters
-from tribox.forms.friction.settling import SETTLED
 
 Floats = NDArray[np.float64]
 
@@ -69,18 +69,20 @@ def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:
 
 
 def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
-    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
+    parameters = contact.map
+    if parameters is None or contact.given_film is None:
         return
-    yield from _notes_on_weakening(case, contact.friction)
+    yield from _notes_on_weakening(case, parameters)
     thickest = max(contact.given_film.thicknesses)
     if thickest > THICK:
         yield (
             f"film thickness D = {thickest:.3g} m: the law is one of thin "
             "films (nanometres to about a micrometre)"
         )
-    parameters, film = contact.friction.parameters(), np.array(contact.given_film.thicknesses)
+    film = np.array(contact.given_film.thicknesses)
     # Between the rows of a table over the pressure the film takes every thickness.
     taken = np.concatenate([film, 0.5 * (film[1:] + film[:-1])])
+    assert isinstance(contact.friction, LawTable)
     yield from notes_on_choices(contact.friction, taken)
     pressure = highest_pressure(case)
     if pressure > 0.0:
@@ -109,7 +111,7 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
         )
 
 
-def notes_on_choices(friction: FrictionMap, film: Floats) -> Iterator[str]:
+def notes_on_choices(friction: LawTable, film: Floats) -> Iterator[str]:
     """Lines on what the law takes by itself where the case does not say it.
 
     Args:
@@ -126,11 +128,11 @@ def notes_on_choices(friction: FrictionMap, film: Floats) -> Iterator[str]:
             yield note
 
 
-def _notes_on_weakening(case: Case, friction: FrictionMap) -> Iterator[str]:
+def _notes_on_weakening(case: Case, friction: FrictionMapParameters) -> Iterator[str]:
     """Weakening that does nothing, and weakening that lets patches of the contact snap."""
-    fall = friction.mu_s - friction.mu_d
+    fall = friction.mu_s - friction.mu_dynamic
     if fall > 0.0 and friction.B == 0.0:
-        yield f"mu_d = {friction.mu_d:g} has no effect while B = 0: friction stays at mu_s"
+        yield f"mu_d = {friction.mu_dynamic:g} has no effect while B = 0: friction stays at mu_s"
     if not isinstance(case.geometry, BlocksGeometry):
         return
     upper = case.bodies[case.geometry.bodies[0]].shear_modulus / case.geometry.upper.height
@@ -188,9 +190,9 @@ def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator
         contact: one of its contacts; only the friction map says enough of itself.
         pressure: Pa, on the contact; 0 if unknown.
     """
-    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
+    law, slid = contact.map, 0.0
+    if law is None or contact.given_film is None:
         return
-    law, slid = contact.friction.parameters(), 0.0
     film, compliance = max(contact.given_film.thicknesses), shear_compliance(case)
     if pressure > 0.0:
         film = contact.given_film.at(pressure)

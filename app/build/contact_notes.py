@@ -11,11 +11,7 @@ from mpi4py import MPI
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
-from tribox.app.case.friction import (
-    Coulomb,
-    Friction,
-    Stribeck,
-)
+from tribox.app.case.friction import MAP, Friction
 from tribox.app.case.time_tables import TimeTable
 from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.materials import Material
@@ -26,6 +22,7 @@ from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
+OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
@@ -95,6 +92,36 @@ def notes_on_surfaces(
         yield (
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+        )
+
+
+def note_on_fit(
+    place: str, contact: Contact, surface: ContactSurface, at: Projection
+) -> Iterator[str]:
+    """A line on a fit whose surfaces, as they are meshed, do not lie on each other; collective.
+
+    Args:
+        place: of the contact in the case.
+        contact: what the case says.
+        surface: its surfaces.
+        at: the slave's points on the master, undeformed.
+    """
+    fit = contact.interference
+    size = max(map(abs, fit.values)) if isinstance(fit, TimeTable) else 0.0
+    if size == 0.0:
+        return
+    near = at.on_surface & (np.abs(at.distance) < max(size, surface.facet_length))
+    weight = surface.slave.weight * near
+    local = np.array([weight @ np.where(near, at.distance, 0.0), weight.sum()])
+    total = surface.space.mesh.comm.allreduce(local)
+    mean = total[0] / total[1] if total[1] > 0.0 else 0.0
+    if abs(mean) > OFF_FIT * size:
+        where = "apart" if mean > 0.0 else "inside each other"
+        yield (
+            f"{place}: {contact.slave} and {contact.master} are not drawn beside each other but in "
+            f"the mean {abs(mean):.2g} m {where}, {100.0 * abs(mean) / size:.2g} % of the "
+            "interference, which counts from there: chords of arcs do so (finer facets, on both "
+            "surfaces at the same places), or the surfaces are drawn so"
         )
 
 
@@ -239,8 +266,9 @@ def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[
         friction: the resolved law.
         stiffness: Pa/m, G/h of the softer body beside the contact.
     """
-    if isinstance(friction, Coulomb | Stribeck) and friction.K_T is not None:
-        factor = friction.K_T / stiffness
+    # The friction map's K_T is that of its asperities, not a penalty.
+    if friction.law != MAP and (K_T := getattr(friction, "K_T", None)) is not None:
+        factor = K_T / stiffness
         if factor < SOFT_STICK:
             yield (
                 f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "

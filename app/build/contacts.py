@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import assert_never
 
 import dolfinx
 import numpy as np
@@ -18,6 +17,7 @@ from tribox.app.build.contact_notes import (
     STIFFER,
     Corners,
     note_on_corners,
+    note_on_fit,
     note_on_idle_film,
     note_on_radius,
     note_on_sliding,
@@ -28,9 +28,10 @@ from tribox.app.build.contact_notes import (
     slides,
     stiffer_slave,
 )
+from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
-from tribox.app.case.contact import Contact
-from tribox.app.case.friction import Coulomb, Friction, Frictionless, FrictionMap, OwnLaw, Stribeck
+from tribox.app.case.contact import DRAWN, Contact
+from tribox.app.case.friction import Friction, OwnLaw
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.case.tools import Tool
@@ -44,11 +45,10 @@ from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.tie import TieTerm
-from tribox.forms.friction import friction_map
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
-from tribox.forms.friction.stribeck import StribeckLaw
+from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.body_facets import facet_length, outward_facets
 from tribox.geometry.surfaces.facets import Floats, unit_normals
@@ -60,13 +60,6 @@ from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, 
 # degrees a surface may be drawn with corners, and more surely is.
 STRAIGHT, SHARP = 1e-3, 0.35
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
-# Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
-# flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
-# soft enough for the onset of slip to spread without a fight.
-TANGENTIAL_FACTOR = 10.0
-# Default of film_onset_pressure, as a share of the softer body's G, or hardness, or of the highest
-# prescribed pressure, whichever is less: only the rim of a contact feels it.
-FILM_ONSET = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +70,8 @@ class BuiltContact:
         table: of the case, with every default resolved.
         term: its residual, tangent and history.
         notes: what the user should know, one line each.
-        program: gives the term its friction at (time, driven displacement), s and m; None where it
-            does not change.
+        program: gives the term its friction and fit at (time, driven displacement), s and m; None
+            where they do not change.
     """
 
     table: Contact
@@ -124,13 +117,7 @@ class ContactBuilder:
         if asked.tied:
             return self._tie(index, asked, surface, softer)
         length = surface.facet_length
-        at = surface.project(surface.slave.position, surface.master.position)
-        at_once = self.case.acts_in(asked, self.case.stage[0].name)
-        if at_once and faces_away(surface, at):
-            tool = self.case.tools.get(asked.master)
-            problem = facing_problem(asked.slave, asked.master, tool)
-            raise InputError(f"contact.{index}: {problem}")
-        distance = _checked_distance(f"contact.{index}", asked, surface, at, at_once)
+        at, fit, distance = self._start(index, asked, surface)
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law, lengths = self._law(index, table), (length, self._master_length(asked))
         modulus = penalty_modulus(softer, table.pressure)
@@ -141,6 +128,7 @@ class ContactBuilder:
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
+            *note_on_fit(f"contact.{index}", asked, surface, at),
             *note_on_idle_film(f"contact.{index}", asked),
             *self._notes_on_corners(index, asked, surface, at, distance),
             *(
@@ -158,7 +146,26 @@ class ContactBuilder:
             term = ContactTerm(surface, law, penalty, film, table.pressure, modulus)
         if fault := law_fault([term]):
             raise InputError(f"contact.{index}.friction: {fault}")
-        return BuiltContact(table, term, notes, friction_program(table, term))
+        return BuiltContact(table, term, notes, contact_program(table, term, fit))
+
+    def _start(
+        self, index: int, asked: Contact, surface: ContactSurface
+    ) -> tuple[Projection, Callable[[float], Floats] | None, float]:
+        """Slave points on the master at time 0, the fit, and how far they are apart, m; collective.
+
+        Raises:
+            InputError: the surfaces look the same way, or overlap.
+        """
+        place = f"contact.{index}"
+        at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
+        at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        if at_once and faces_away(surface, at):
+            tool = self.case.tools.get(asked.master)
+            raise InputError(f"{place}: {facing_problem(asked.slave, asked.master, tool)}")
+        fit = fit_program(self.case, asked, at)
+        if fit is not None:
+            at.shift(fit(0.0))
+        return at, fit, _checked_distance(place, asked, surface, at, at_once)
 
     def _lubricated(
         self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
@@ -181,10 +188,8 @@ class ContactBuilder:
                 f"contact.{index}.film.sigma = 0: nothing carries load in stage {dry[0]}, which is "
                 "not rate_dependent"
             )
-        friction = table.friction
-        rheology = friction.parameters().rheology if isinstance(friction, FrictionMap) else None
         try:
-            return LubricatedTerm(surface, law, film.unknown(modulus, rheology), modulus)
+            return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus)
         except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
 
@@ -224,13 +229,11 @@ class ContactBuilder:
 
     def _plain_law(self, index: int, friction: Friction) -> FrictionLaw:
         """The law without a factor; collective; raises as :meth:`_law` does."""
-        if not isinstance(friction, OwnLaw):
-            return friction_law(friction)
         law: FrictionLaw = FrictionlessLaw()
         problem: str | None = None
-        if self.runs_code:
+        if self.runs_code or not isinstance(friction, OwnLaw):
             try:
-                law = friction.friction_law(self.named.mesh.geometry.dim)
+                law = friction.friction_law(dim=self.named.mesh.geometry.dim)
             except OwnCodeError as error:
                 problem = f"contact.{index}.friction.{error.key}: {error}"
         problem = next((p for p in self.named.mesh.comm.allgather(problem) if p), None)
@@ -273,6 +276,17 @@ class ContactBuilder:
             pair = f"slave {contact.slave}, master {contact.master}"
             raise InputError(f"contact.{index}: {error} ({pair})") from None
 
+    def _nodes_at_start(self, contact: Contact, surface: ContactSurface) -> Floats:
+        """Nodes (n, i), m, of the master at time 0, to which a program may have moved a tool."""
+        tool, table = self.tools.get(contact.master), self.case.tools.get(contact.master)
+        if tool is None or table is None or table.displacement is None:
+            return surface.master.position
+        if table.displacement_stages and self.case.stage[0].name not in table.displacement_stages:
+            return surface.master.position
+        programs = (getattr(table.displacement, axis) for axis in COMPONENTS[: surface.dim])
+        moved = [p(0.0) if isinstance(p, TimeTable) else 0.0 for p in programs]
+        return tool.motion.control_points(np.array(moved), 0.0)
+
     def _master_length(self, contact: Contact) -> float:
         """Length of the master's facets, m; infinite of a tool, which has none; collective."""
         if contact.master in self.tools:
@@ -301,14 +315,13 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
         length: m, mean length of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
     """
-    friction = _resolved_friction(contact.friction, softer, length, pressure)
-    film = contact.film
+    friction, film = contact.friction, contact.film
     if film is not None and film.is_unknown:
         film = film.resolved()
-        if isinstance(contact.friction, FrictionMap) and (
-            contact.friction.film_onset_pressure is None
-        ):
-            friction = friction.model_copy(update={"film_onset_pressure": 0.0})
+        if contact.map is not None:  # the film's own pressure says where it is
+            onset = contact.map.film_onset_pressure
+            friction = friction.model_copy(update={"film_onset_pressure": onset})
+    friction = friction.resolved(Scales(contact_shear_modulus(softer), length, pressure))
     return contact.model_copy(update={"name": contact.label, "friction": friction, "film": film})
 
 
@@ -369,74 +382,65 @@ def _penalty(contact: Contact, surface: ContactSurface, modulus: float) -> float
     return np.asarray((contact.penalty_factor or 0.0) * modulus / length, dtype=np.float64)
 
 
-def _resolved_friction(
-    friction: Friction, softer: Material, length: float, pressure: float
-) -> Friction:
-    match friction:
-        case Coulomb() | Stribeck():
-            if friction.K_T is None:
-                stiffness = TANGENTIAL_FACTOR * contact_shear_modulus(softer) / length
-                return friction.model_copy(update={"K_T": stiffness})
-        case FrictionMap():
-            if friction.film_onset_pressure is None:
-                # A pressure that the case prescribes says better than the body what is small.
-                scale = min(contact_shear_modulus(softer), pressure or np.inf)
-                return friction.model_copy(update={"film_onset_pressure": FILM_ONSET * scale})
-        case OwnLaw() | Frictionless():
-            pass
-        case _:
-            assert_never(friction)
-    return friction
-
-
-def friction_law(friction: Friction) -> FrictionLaw:
-    """The law of a resolved `[contact.friction]` table; one written in Python is run."""
-    match friction:
-        case FrictionMap():
-            return friction_map.FrictionMap(friction.parameters())
-        case Coulomb():
-            return _coulomb_law(friction, 0.0)
-        case Stribeck():
-            return StribeckLaw(friction.parameters())
-        case OwnLaw():
-            return friction.friction_law()
-        case Frictionless():
-            return FrictionlessLaw()
-        case _:
-            assert_never(friction)
-
-
-def _coulomb_law(friction: Coulomb, time: float) -> CoulombLaw:
-    """Coulomb's law with the coefficient of a time, s."""
-    assert friction.K_T is not None, "resolved before"
-    return CoulombLaw(CoulombParameters(mu=value_at(friction.mu, time), K_T=friction.K_T))
-
-
 def _factored(law: FrictionLaw, factor: float | TimeTable, time: float) -> FactoredLaw:
     """A law with the factor of a time, s."""
     largest = max(factor.values) if isinstance(factor, TimeTable) else factor
     return FactoredLaw(law, value_at(factor, time), largest)
 
 
-def friction_program(table: Contact, term: ContactTerm) -> Callable[[float, float], None] | None:
-    """What gives a term its friction at (time, driven displacement); None where it stays the same.
+def fit_program(case: Case, contact: Contact, at: Projection) -> Callable[[float], Floats] | None:
+    """Of a press fit the offset (q,), m, of the gaps at a time, s; None without one.
+
+    Surfaces that are larger by δ(t) than they are drawn feel the gap g − δ(t). Those that are drawn
+    with an overlap o = ⟨−g⟩ at the start feel g + o (1 − s), s being the share of the stage that is
+    over: none of it at first, and at last all.
+
+    Args:
+        case: what was asked for; contact: of it.
+        contact: see case.
+        at: the slave's points on the master, undeformed.
+    """
+    fit = contact.interference
+    if fit is None:
+        return None
+    drawn = np.where(at.on_surface, np.maximum(-at.gap, 0.0), 0.0)
+    if contact.comes_on:
+        when = case.fit_time(contact)
+        assert when is not None, "checked with the case"
+        full = 1.0 if not isinstance(fit, TimeTable) else fit.values[0]
+        ramp = TimeTable(when, (0.0, full))
+        if fit == DRAWN:
+            return lambda time: drawn * (1.0 - ramp(time))
+        fit = ramp
+    assert isinstance(fit, TimeTable)
+    size = fit
+    return lambda time: np.full(len(drawn), -size(time))
+
+
+def contact_program(
+    table: Contact, term: ContactTerm, fit: Callable[[float], Floats] | None = None
+) -> Callable[[float, float], None] | None:
+    """What gives a term its friction and fit at (time, driven displacement), s and m.
+
+    None where they stay the same.
 
     Args:
         table: of the case, resolved.
         term: the contact.
+        fit: its offset at a time.
     """
     friction, factor = table.friction, table.friction_factor
-    changes = isinstance(friction, Coulomb) and isinstance(friction.mu, TimeTable)
-    if not changes and not isinstance(factor, TimeTable):
+    if not friction.changes and not isinstance(factor, TimeTable) and fit is None:
         return None
 
     def program(time: float, driven: float) -> None:
         law = term.law
         plain = law.law if isinstance(law, FactoredLaw) else law
-        if changes and isinstance(friction, Coulomb):
-            plain = _coulomb_law(friction, time)
+        if friction.changes:
+            plain = friction.friction_law(time)
         factored = isinstance(law, FactoredLaw)
-        term.renew(law=_factored(plain, factor, time) if factored else plain)
+        new = _factored(plain, factor, time) if factored else plain
+        term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program
 
@@ -507,8 +511,8 @@ def _checked_distance(
         )
         raise InputError(
             f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "
-            "may touch at the start, not overlap"
-            + (smooth if contact.smoothing_angle is not None else "")
+            "may touch at the start, not overlap (but as a press fit: "
+            f'interference = "{DRAWN}")' + (smooth if contact.smoothing_angle is not None else "")
         )
     nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
     return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 from mpi4py import MPI
 
@@ -17,15 +17,12 @@ from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import NamedMesh, generate, read
 
 
-def make_mesh(
-    case: Case, comm: MPI.Comm, carriers: Sequence[str] = (), trusted: bool = False
-) -> NamedMesh:
+def make_mesh(case: Case, comm: MPI.Comm, trusted: bool = False) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
 
     Args:
         case: the case.
         comm: ranks that work together.
-        carriers: names of cells that are added, which are no body's.
         trusted: whether a drawing may do more than draw; if not, such a one is refused, unless it
             lies in a directory that the user trusts.
 
@@ -34,7 +31,7 @@ def make_mesh(
             names the case file.
     """
     try:
-        return _made_mesh(case, comm, carriers, trusted)
+        return _made_mesh(case, comm, trusted)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -46,13 +43,13 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str], trusted: bool) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm, trusted: bool) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
-            return generate(geometry.shape(), comm, contacts, carriers)
+            return generate(geometry.shape(), comm, contacts)
         if geometry.is_drawing and geometry.meshed is None and not trusted:
             require_drawing(geometry.mesh)
         try:
@@ -61,7 +58,6 @@ def _made_mesh(case: Case, comm: MPI.Comm, carriers: Sequence[str], trusted: boo
                 comm,
                 contacts,
                 geometry.max_cells,
-                carriers,
                 geometry.unit,
                 _straight(case),
                 geometry.meshing(),

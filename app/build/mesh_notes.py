@@ -16,10 +16,15 @@ from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import solver_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.joined_bodies import Grip, joined_bodies
-from tribox.app.equilibrium.prescribed import Prescribed
 from tribox.app.equilibrium.slanted import SlantedPlaten
-from tribox.app.equilibrium.supports import body_nodes, loose_directions, sprung_dofs
+from tribox.app.equilibrium.supports import (
+    Grip,
+    body_nodes,
+    joined_bodies,
+    loose_directions,
+    sprung_dofs,
+)
+from tribox.app.equilibrium.unknowns import Prescribed
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes import metis
@@ -207,7 +212,7 @@ def _yield_strains(case: Case) -> Iterator[str]:
     for name, body in case.bodies.items():
         if not isinstance(body, ElastoPlasticBody):
             continue
-        stress = float(body.hardening.law_of().stress(np.zeros(1))[0])
+        stress = float(body.hardening.parameters().stress(np.zeros(1))[0])
         shear, bulk = body.shear_modulus, body.bulk_modulus
         modulus = 9.0 * bulk * shear / (3.0 * bulk + shear)
         if not least <= stress / modulus <= most:
@@ -312,7 +317,7 @@ class RigidMotions:
         """Find the motions about the middle of the mesh; collective."""
         self._problem, dim = problem, problem.dim
         count = problem.owned // dim
-        place = problem.space.tabulate_dof_coordinates()[:count, :dim]
+        place = problem.unknowns.node_places()
         sums = problem.comm.allreduce(np.array([*place.sum(axis=0), len(place)]))
         arm = place - sums[:-1] / sums[-1]
         size = problem.comm.allreduce(float(np.abs(arm).max(initial=0.0)), op=MPI.MAX)

@@ -33,7 +33,7 @@ from tribox.app.build.solids import (
     notes_on_materials,
     resolved_bodies,
 )
-from tribox.app.build.tools import make_tools, notes_on_tools
+from tribox.app.build.tools import blocks_of_tools, make_tools, notes_on_tools
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.stage import solver_of
@@ -154,16 +154,17 @@ def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
 
 @failures_as(InputError, "the case")
 def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
-    named = make_mesh(case, comm, tuple(case.tools), runs_code)
+    named = make_mesh(case, comm, runs_code)
     section = case.geometry.section_in(named.mesh.geometry.dim)
     bodies = resolved_bodies(case.bodies, named)
-    u = displacement_on(named, bodies)
+    tool_blocks = blocks_of_tools(case, named)
+    u = displacement_on(named, bodies, list(tool_blocks.values()))
     probes = place_probes(case, named, u.function_space, section)
     lines = place_lines(case, named, u.function_space)
     materials = materials_of(bodies, comm, runs_code)
     solids = make_solids(bodies, named, u, section, materials)
     loads = _loads(case, named, u, section)
-    tools = make_tools(case, named, u.function_space, section, loads)
+    tools = make_tools(case, named, tool_blocks, loads)
     builder = ContactBuilder(
         case, named, u.function_space, section, materials, runs_code, tools.by_name()
     )

@@ -4,38 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import assert_never
 
 import dolfinx
 from mpi4py import MPI
 
-from tribox.app.case.bodies import (
-    Body,
-    ElastoPlasticBody,
-    HenckyBody,
-    MooneyRivlinBody,
-    NeoHookeanBody,
-    OgdenBody,
-    OwnBody,
-    YeohBody,
-    formulation_problems,
-    formulations,
-)
-from tribox.app.case.hardening import backstress_of
-from tribox.app.case.own_code import OwnCodeError, OwnMaterial
+from tribox.app.case.bodies import Body, Elastomer, formulation_problems, formulations
+from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.stage import Stage
 from tribox.app.errors import InputError
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.forms.bodies.stability import stability_limits
-from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
+from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import NamedMesh
 
 Bodies = Mapping[str, Body]
-ElastomerBody = NeoHookeanBody | MooneyRivlinBody | YeohBody | OgdenBody | OwnBody
 
 
 def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
@@ -55,57 +40,20 @@ def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
     }
 
 
-def displacement_on(named: NamedMesh, bodies: Bodies) -> dolfinx.fem.Function:
-    """The displacement (m) of all bodies, of the degree that their formulations ask for."""
-    degree = max(DEGREE[body.formulation] for body in bodies.values() if body.formulation)
-    element = ("Lagrange", degree, (named.mesh.geometry.dim,))
-    return dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, element), name="displacement")
-
-
-def material_of(body: Body) -> Material:
-    """The strain energy of a body, and what it remembers; one in Python is run."""
-    match body:
-        case NeoHookeanBody():
-            return with_branches(body, NeoHookean(body.shear_modulus, body.bulk_modulus))
-        case HenckyBody():
-            return Hencky(body.shear_modulus, body.bulk_modulus)
-        case MooneyRivlinBody():
-            return with_branches(body, MooneyRivlin(body.C10, body.C01, body.K))
-        case YeohBody():
-            return with_branches(body, Yeoh(body.C10, body.C20, body.C30, body.K))
-        case OgdenBody():
-            return with_branches(body, Ogden(body.mu, body.alpha, body.K))
-        case ElastoPlasticBody():
-            moduli = body.shear_modulus, body.bulk_modulus
-            rate = body.rate.law_of() if body.rate is not None else None
-            backstress = backstress_of(body.kinematic)
-            return ElastoPlastic(*moduli, body.hardening.law_of(), rate, backstress)
-        case OwnBody():
-            return with_branches(body, body.own_material())
-        case _:
-            assert_never(body)
-
-
-def with_branches(
-    body: ElastomerBody, given: NeoHookean | MooneyRivlin | Yeoh | Ogden | OwnMaterial
-) -> Material:
-    """The material with the branches of a body and its softening, if there are any.
+def displacement_on(
+    named: NamedMesh, bodies: Bodies, blocks: Sequence[Block] = ()
+) -> dolfinx.fem.Function:
+    """The displacement (m) of all bodies, of the degree that formulations ask for; collective.
 
     Args:
-        body: what the case says.
-        given: of its constants alone.
+        named: the mesh.
+        bodies: of the case.
+        blocks: of other unknowns, for which there is room then.
     """
-    softening = body.mullins.law_of() if body.mullins is not None else None
-    if body.prony is None:
-        return given if softening is None else Viscoelastic(given, softening=softening)
-    relaxed, share = given, body.relaxed_share
-    if body.moduli == "instantaneous":
-        relaxed = given.softened(share)
-    whole = relaxed.shear_modulus / share
-    times = body.branch_times()
-    pairs = zip(body.prony, times, strict=True)
-    branches = tuple(Branch(part * whole, time) for (part, _), time in pairs)
-    return Viscoelastic(relaxed, branches, softening)
+    degree = max(DEGREE[body.formulation] for body in bodies.values() if body.formulation)
+    element = ("Lagrange", degree, (named.mesh.geometry.dim,))
+    space = with_blocks(dolfinx.fem.functionspace(named.mesh, element), blocks)
+    return dolfinx.fem.Function(space, name="displacement")
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
@@ -122,12 +70,8 @@ def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict
     made: dict[str, Material] = {}
     problem: str | None = None
     for name, body in bodies.items():
-        if isinstance(body, OwnBody) and not runs_code:
-            elastic = NeoHookean(body.shear_modulus, body.bulk_modulus)
-            made[name] = with_branches(body, elastic)
-            continue
         try:
-            made[name] = material_of(body)
+            made[name] = body.material_of(runs_code)
         except OwnCodeError as error:
             problem = problem or f"bodies.{name}.{error.key}: {error}"
     problem = next((p for p in comm.allgather(problem) if p), None)
@@ -139,8 +83,9 @@ def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict
 def notes_on_branches(bodies: Bodies, stages: Sequence[Stage]) -> Iterator[str]:
     """Where branches are relaxed, and what the temperature makes of their times."""
     for name, body in bodies.items():
-        if not isinstance(body, ElastomerBody) or body.prony is None:
+        if getattr(body, "prony", None) is None:
             continue
+        assert isinstance(body, Elastomer)
         without = [stage.name for stage in stages if not stage.rate_dependent]
         if without and len(without) == len(stages):
             yield (
@@ -165,7 +110,7 @@ def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> lis
     """Elastomers whose energy is not stable within stretches that a run may reach."""
     notes = []
     for name, body in bodies.items():
-        if isinstance(body, NeoHookeanBody | HenckyBody | ElastoPlasticBody):  # always stable
+        if getattr(materials[name].elastic, "always_stable", False):
             continue
         try:
             limits = stability_limits(materials[name])
@@ -177,17 +122,10 @@ def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> lis
         if limits:
             where = ", ".join(f"{test} beyond a stretch of {at:.3g}" for test, at in limits.items())
             notes.append(
-                f"bodies.{name}: the {_called(body)} energy with these constants is not stable "
+                f"bodies.{name}: the {body.called} energy with these constants is not stable "
                 f"(Drucker) in {where}: there more strain needs less stress, and steps may fail"
             )
     return notes
-
-
-def _called(body: Body) -> str:
-    """A material in words."""
-    if isinstance(body, OwnBody):
-        return f"{body.file.name}:{body.reference.rpartition(':')[2]}"
-    return body.material
 
 
 def make_solids(

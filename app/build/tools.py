@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import assert_never
 
-import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Loads
-from tribox.app.build.motion_programs import Acts, MovedOn, Program, ReachedForce, of_drive, of_time
+from tribox.app.build.load_programs import Acts, MovedOn, Program, ReachedForce, of_drive, of_time
 from tribox.app.case.boundary import COMPONENTS, DRIVEN, Spring
 from tribox.app.case.case import Case
 from tribox.app.case.time_tables import TimeTable
@@ -28,10 +27,10 @@ from tribox.app.case.tools import (
     Tool,
 )
 from tribox.app.equilibrium.constraints import Platen, Prescribed
-from tribox.app.equilibrium.prescribed import NodalLoad
-from tribox.app.equilibrium.rigid_tool import RigidTool, reference_dofs
+from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.unknowns import NodalLoad
 from tribox.app.errors import InputError
-from tribox.forms.bodies.kinematics import Section
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -192,20 +191,19 @@ class Tools:
         return {tool.name: tool for tool in self.members}
 
 
-def make_tools(
-    case: Case,
-    named: NamedMesh,
-    space: dolfinx.fem.FunctionSpace,
-    section: Section,
-    loads: Loads,
-) -> Tools:
+def blocks_of_tools(case: Case, named: NamedMesh) -> dict[str, Block]:
+    """The unknowns of each tool: the components of its displacement, and its angle."""
+    dim, comm = named.mesh.geometry.dim, named.mesh.comm
+    return {name: Block.of_numbers(f"tool {name}", dim + 1, comm) for name in case.tools}
+
+
+def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads: Loads) -> Tools:
     """The tools of a case; collective.
 
     Args:
         case: what was asked for.
-        named: the mesh, with a carrier cell for each tool.
-        space: of the displacement.
-        section: what the mesh stands for.
+        named: the mesh.
+        blocks: of the tools' unknowns, which have their places.
         loads: of its boundaries.
 
     Raises:
@@ -214,7 +212,7 @@ def make_tools(
     tools = Tools(case, loads)
     box = extent(named)
     for name, table in case.tools.items():
-        _add(tools, name, table, space, named, box)
+        _add(tools, name, table, blocks[name], named, box)
     return tools
 
 
@@ -230,7 +228,7 @@ def _add(
     tools: Tools,
     name: str,
     table: AnyTool,
-    space: dolfinx.fem.FunctionSpace,
+    block: Block,
     named: NamedMesh,
     box: Floats,
 ) -> None:
@@ -240,14 +238,12 @@ def _add(
     except ValueError as error:
         raise InputError(f"tools.{name}: {error}") from None
     thickness = tools.case.geometry.slab
-    dim, rotation = space.dofmap.index_map_bs, table.rotation
+    dim, rotation = named.mesh.geometry.dim, table.rotation
     length = float(np.linalg.norm(box[1] - box[0]))
     motion = _motion(table, surface.control_points, length)
-    nodes, dofs, here, rest = reference_dofs(space, named.carrier(name))
-    tools.prescribed.append(Prescribed(rest))
     free = np.zeros(dim + 1, dtype=bool)
     for slot in range(dim + 1):
-        mine = dofs[[slot]][here[[slot]]]
+        mine = block.dofs[slot : slot + 1]
         if slot < dim and table.spring is not None and table.spring.direction == COMPONENTS[slot]:
             _draw(tools, mine, table.spring, thickness)
             free[slot] = True
@@ -266,9 +262,7 @@ def _add(
             name=name,
             surface=surface,
             motion=motion,
-            nodes=nodes,
-            dofs=dofs,
-            here=here,
+            block=block,
             free=free,
             idle=moment is not None and not any(moment.values),
             mass=np.asarray(_masses(table, dim, length) / thickness, dtype=np.float64),

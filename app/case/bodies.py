@@ -4,26 +4,73 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Field, WrapValidator
 
-from tribox.app.case.hardening import Hardening, Kinematic, Rate, kinematic_problems
+from tribox.app.case.declared import DeclaredTable, table_of
 from tribox.app.case.library import from_library
-from tribox.app.case.own_code import NamesAClass, OwnMaterial, load_own_material
+from tribox.app.case.own_code import NamesAClass, load_own_material
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import Model, Name, Place, Problem
 from tribox.app.case.time_tables import Row, Rows
+from tribox.forms.bodies import hardening
+from tribox.forms.bodies.materials import ENERGIES, Hencky, Material, NeoHookean
+from tribox.forms.parameters import Declared
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
     from tribox.forms.bodies.softening import Mullins
 
+
+def _union(kinds: Mapping[str, type[Declared]], suffix: str, what: str) -> Any:
+    """A table for each law, told apart by its key ``law``."""
+    field = Field(description=f"how the yield stress rises with {what}")
+    tables = [
+        table_of(kind.__name__ + suffix, kind, tag={"law": (Literal[law], field)})
+        for law, kind in kinds.items()
+    ]
+    return Annotated[Union[*tables], Field(discriminator="law")]
+
+
+if TYPE_CHECKING:
+    Hardening = DeclaredTable
+    Rate = DeclaredTable
+else:
+    Hardening = _union(hardening.HARDENING, "Hardening", "plastic strain")
+    Rate = _union(hardening.RATES, "Rate", "the rate")
+
+MOST_BRANCHES = 8  # of the backstress: as many as the compiled loop over points has room for
+_Branch = tuple[
+    Annotated[float, Quantity("Pa", gt=0.0, name="c")], Annotated[float, Quantity(ge=0.0, name="b")]
+]
+Kinematic = Annotated[tuple[_Branch, ...], Field(max_length=MOST_BRANCHES)]
+
+
+def kinematic_problems(branches: Kinematic, shear: float, place: Place) -> Iterator[Problem]:
+    """Branches that are as stiff as the elastic metal.
+
+    Args:
+        branches: c, Pa, and b of each.
+        shear: G, Pa.
+        place: of the list.
+    """
+    for number, (c, b) in enumerate(branches):
+        if c / max(b, 1.0) > shear:
+            reason = f"c/max(b, 1) is {c / max(b, 1.0):.3g} Pa: must be <= {shear:.3g} Pa, the "
+            reason += "shear modulus; of metals it is some MPa to some hundred MPa"
+            yield Problem((*place, number), reason)
+
+
+def backstress_of(branches: Kinematic) -> tuple[hardening.Backstress, ...]:
+    """The branches of the backstress."""
+    return tuple(hardening.Backstress(c, b) for c, b in branches)
+
+
 Formulation = Literal["q1", "q1-sri", "q2"]
-MOST_TERMS = 6  # of Ogden's sum
-HIGHEST_POWER = 30.0  # of its stretches
 GAS_CONSTANT = 8.31446261815324  # J/(mol K)
 MOST_DECADES = 30  # by which a temperature may shift relaxation times
+_ENERGY = Field(description="strain energy of the body")
 _SHARE = Quantity(gt=0.0, lt=1.0, name="share")
 _TIME = Quantity("s", gt=0.0, name="relaxation time")
 
@@ -72,6 +119,22 @@ class _Body(Model):
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the material; `place` is where this table stands in the case."""
         return iter(())
+
+    def material_of(self, runs_code: bool = True) -> Material:
+        """The strain energy of the body, and what it remembers; one in Python is run.
+
+        Args:
+            runs_code: whether it is; if not, a neo-Hookean energy stands for it.
+
+        Raises:
+            OwnCodeError: an energy in Python cannot be used.
+        """
+        raise NotImplementedError
+
+    @property
+    def called(self) -> str:
+        """The material in words."""
+        return self.material
 
     def formulation_for(self, cell: str) -> Formulation:
         """The formulation for elements of this shape, of this body by itself.
@@ -215,7 +278,7 @@ class MullinsTable(Model):
         return Mullins(self.r, self.m, self.beta)
 
 
-class _Elastomer(_Body):
+class Elastomer(_Body):
     """What bodies have whose resistance to distortion may relax, or soften."""
 
     mullins: MullinsTable | None = Field(
@@ -258,128 +321,80 @@ class _Elastomer(_Body):
         if self.shift is not None:
             yield from self.shift.problems((*place, "shift"))
 
-    @property
-    def relaxed_share(self) -> float:
-        """Long-term shear modulus over the instantaneous one."""
-        return 1.0 - sum(share for share, _ in self.prony or ())
-
     def branch_times(self) -> tuple[float, ...]:
         """Relaxation times at the temperature of the run, s."""
         factor = math.exp(self.shift.log_factor) if self.shift is not None else 1.0
         return tuple(factor * time for _, time in self.prony or ())
 
+    def elastic_material(self, runs_code: bool) -> Any:
+        """The energy of its constants alone."""
+        raise NotImplementedError
 
-class NeoHookeanBody(_Isotropic, _Elastomer):
+    def material_of(self, runs_code: bool = True) -> Material:
+        """The energy with the branches of the body and its softening, if there are any."""
+        given = self.elastic_material(runs_code)
+        if self.prony is None and self.mullins is None:
+            found: Material = given
+            return found
+        from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
+
+        softening = self.mullins.law_of() if self.mullins is not None else None
+        share = 1.0 - sum(part for part, _ in self.prony or ())
+        relaxed = given.softened(share) if self.moduli == "instantaneous" else given
+        whole = relaxed.shear_modulus / share
+        pairs = zip(self.prony or (), self.branch_times(), strict=True)
+        branches = tuple(Branch(part * whole, time) for (part, _), time in pairs)
+        return Viscoelastic(relaxed, branches, softening)
+
+
+class _DeclaredBody(DeclaredTable, Elastomer):
+    """An elastomer whose energy declares its constants."""
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """Constants that do not fit together, and what elastomers have."""
+        yield from super().problems(place)
+        yield from self.faults(place)
+
+    def elastic_material(self, runs_code: bool) -> Any:
+        """See the base class."""
+        return self.parameters()
+
+    @property
+    def shear_modulus(self) -> float:
+        """G, Pa."""
+        found: float = self.elastic_material(False).shear_modulus
+        return found
+
+    @property
+    def bulk_modulus(self) -> float:
+        """K, Pa."""
+        return float(self.K)
+
+
+class NeoHookeanBody(_Isotropic, Elastomer):
     """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3."""
 
-    material: Literal["neo-hookean"] = Field(description="strain energy of the body")
+    material: Literal["neo-hookean"] = _ENERGY
+
+    def elastic_material(self, runs_code: bool) -> Any:
+        """See the base class."""
+        return NeoHookean(self.shear_modulus, self.bulk_modulus)
 
 
 class HenckyBody(_Isotropic):
     """W = G |dev ln U|² + K/2 (ln J)²."""
 
-    material: Literal["hencky"] = Field(description="strain energy of the body")
+    material: Literal["hencky"] = _ENERGY
 
-
-class MooneyRivlinBody(_Elastomer):
-    """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + a volumetric part in K."""
-
-    material: Literal["mooney-rivlin"] = Field(description="strain energy of the body")
-    C10: Annotated[float, Quantity("Pa")] = Field(description="constant of the first invariant")
-    C01: Annotated[float, Quantity("Pa")] = Field(description="constant of the second invariant")
-    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
-
-    def problems(self, place: Place) -> Iterator[Problem]:
-        """A shear modulus that is not positive."""
-        yield from super().problems(place)
-        if self.shear_modulus <= 0.0:
-            found = self.C10 + self.C01
-            yield Problem(
-                place, f"C10 + C01 = {found:g} Pa: must be > 0 Pa (half the shear modulus)"
-            )
-
-    @property
-    def shear_modulus(self) -> float:
-        """G = 2 (C10 + C01), Pa."""
-        return 2.0 * (self.C10 + self.C01)
-
-    @property
-    def bulk_modulus(self) -> float:
-        """K, Pa."""
-        return self.K
-
-
-class YeohBody(_Elastomer):
-    """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + a volumetric part in K."""
-
-    material: Literal["yeoh"] = Field(description="strain energy of the body")
-    C10: Annotated[float, Quantity("Pa", gt=0.0)] = Field(
-        description="constant of the first invariant, half the shear modulus"
-    )
-    C20: Annotated[float, Quantity("Pa")] = Field(
-        default=0.0, description="constant of its square; negative where the body softens first"
-    )
-    C30: Annotated[float, Quantity("Pa")] = Field(
-        default=0.0, description="constant of its cube; positive where the body stiffens at last"
-    )
-    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
-
-    @property
-    def shear_modulus(self) -> float:
-        """G = 2 C10, Pa."""
-        return 2.0 * self.C10
-
-    @property
-    def bulk_modulus(self) -> float:
-        """K, Pa."""
-        return self.K
-
-
-class OgdenBody(_Elastomer):
-    """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + a volumetric part in K."""
-
-    material: Literal["ogden"] = Field(description="strain energy of the body")
-    mu: tuple[Annotated[float, Quantity("Pa", nonzero=True)], ...] = Field(
-        min_length=1,
-        max_length=MOST_TERMS,
-        description="moduli mu_p of the terms mu_p/alpha_p (sum of stretches to the power alpha_p, "
-        "less 3), Ogden's own convention: sum of mu_p alpha_p/2 is the shear modulus",
-    )
-    alpha: tuple[
-        Annotated[float, Quantity(ge=-HIGHEST_POWER, le=HIGHEST_POWER, nonzero=True)], ...
-    ] = Field(
-        min_length=1, max_length=MOST_TERMS, description="exponents of the terms, as many as mu"
-    )
-    K: Annotated[float, Quantity("Pa", gt=0.0)] = Field(description="bulk modulus")
-
-    def problems(self, place: Place) -> Iterator[Problem]:
-        """Lists of different length, or a shear modulus that is not positive."""
-        yield from super().problems(place)
-        if len(self.mu) != len(self.alpha):
-            reason = f"has {len(self.alpha)} entries and mu {len(self.mu)}: must be as many"
-            yield Problem((*place, "alpha"), reason)
-        elif self.shear_modulus <= 0.0:
-            reason = (
-                f"the shear modulus, half the sum of mu alpha, is {self.shear_modulus:g} Pa: "
-                "must be > 0 Pa"
-            )
-            yield Problem(place, reason)
-
-    @property
-    def shear_modulus(self) -> float:
-        """G = Σ μ_p α_p/2, Pa."""
-        return 0.5 * sum(mu * alpha for mu, alpha in zip(self.mu, self.alpha, strict=True))
-
-    @property
-    def bulk_modulus(self) -> float:
-        """K, Pa."""
-        return self.K
+    def material_of(self, runs_code: bool = True) -> Material:
+        """See the base class."""
+        return Hencky(self.shear_modulus, self.bulk_modulus)
 
 
 class ElastoPlasticBody(_Isotropic):
     """Hencky's energy of the elastic part, von Mises' yield stress, hardening both ways."""
 
-    material: Literal["elastoplastic"] = Field(description="strain energy of the body")
+    material: Literal["elastoplastic"] = _ENERGY
     hardening: Hardening = Field(description="yield stress over the plastic strain")
     kinematic: Kinematic = Field(
         default=(),
@@ -394,40 +409,60 @@ class ElastoPlasticBody(_Isotropic):
         """A pair of elastic constants that is none, a yield stress that falls, a stiff branch."""
         problems = list(super().problems(place))
         yield from problems
-        yield from self.hardening.problems((*place, "hardening"))
+        yield from self.hardening.faults((*place, "hardening"))
         if not problems:
             yield from kinematic_problems(self.kinematic, self.shear_modulus, (*place, "kinematic"))
 
+    def material_of(self, runs_code: bool = True) -> Material:
+        """See the base class."""
+        from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
-class OwnBody(_Isotropic, _Elastomer, NamesAClass):
+        moduli = self.shear_modulus, self.bulk_modulus
+        rate = self.rate.parameters() if self.rate is not None else None
+        return ElastoPlastic(
+            *moduli, self.hardening.parameters(), rate, backstress_of(self.kinematic)
+        )
+
+
+class OwnBody(_Isotropic, Elastomer, NamesAClass):
     """A strain energy of the user's own, written in Python; E and nu, or G and K, are its at rest.
 
-    The case only names it: the file is run by :meth:`own_material`, when a run is built.
+    The case only names it: the file is run when a run is built.
     """
 
-    material: Literal["python"] = Field(description="strain energy of the body")
+    material: Literal["python"] = _ENERGY
 
-    def own_material(self) -> OwnMaterial:
-        """The energy that the class makes; this runs the user's code.
+    @property
+    def called(self) -> str:
+        """File and class."""
+        return f"{self.file.name}:{self.reference.rpartition(':')[2]}"
+
+    def elastic_material(self, runs_code: bool) -> Any:
+        """The energy that the class makes.
 
         Raises:
             OwnCodeError: there is no such file or class, or it makes no strain energy.
         """
         moduli = self.shear_modulus, self.bulk_modulus
+        if not runs_code:
+            return NeoHookean(*moduli)
         return load_own_material(self.reference, self.parameters, *moduli)
 
 
-Body = Annotated[
-    NeoHookeanBody
-    | HenckyBody
-    | MooneyRivlinBody
-    | YeohBody
-    | OgdenBody
-    | ElastoPlasticBody
-    | OwnBody,
-    Field(discriminator="material"),
-    WrapValidator(from_library),
-]
+if TYPE_CHECKING:
+    Body = NeoHookeanBody | HenckyBody | ElastoPlasticBody | OwnBody | _DeclaredBody
+else:
+    _declared = [
+        table_of(
+            f"{kind.__name__}Body", kind, _DeclaredBody, {"material": (Literal[name], _ENERGY)}
+        )
+        for name, kind in ENERGIES.items()
+    ]
+    Body = Annotated[
+        Union[NeoHookeanBody, HenckyBody, *_declared, ElastoPlasticBody, OwnBody],
+        Field(discriminator="material"),
+        WrapValidator(from_library),
+    ]
 
 
 def formulations(bodies: Mapping[str, Body], cell: str) -> dict[str, Formulation]:

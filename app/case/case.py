@@ -26,7 +26,7 @@ from tribox.app.case.boundary import (
     control_problems,
     named_stage_problems,
 )
-from tribox.app.case.contact import Contact
+from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import OwnLaw
 from tribox.app.case.generators import (
     BlocksGeometry,
@@ -37,13 +37,12 @@ from tribox.app.case.generators import (
     TwoCylindersGeometry,
 )
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
-from tribox.app.case.overrides import KeyPathError, set_value, value_at
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
 from tribox.app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
 from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from tribox.app.case.time_tables import TimeTable
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import KeyPathError, set_value, toml_text, value_at
 from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
 from tribox.app.case.validation import format_problem, problems_of
 
@@ -238,6 +237,7 @@ class Case(Model):
         names = [stage.name for stage in self.stage]
         for index, contact in enumerate(self.contact):
             yield from contact.stage_problems(("contact", index), names)
+            yield from self._fit_problems(contact, ("contact", index, "interference"))
         yield from self.solver.problems(("solver",))
         yield from order_problems(self.stage, self.solver.kind, ("stage",))
         solvers = {stage.name: solver_of(stage, self.solver.kind) for stage in self.stage}
@@ -275,6 +275,33 @@ class Case(Model):
                     "grips what is tied to it from the first stage on and may only let go, once"
                 )
                 yield Problem(("tools", contact.master, "stages"), reason, list(tool.stages or ()))
+
+    def _fit_problems(self, contact: Contact, place: Place) -> Iterator[Problem]:
+        """Press fits that have no time to come on, or no solver that knows them."""
+        if contact.interference is None:
+            return
+        if self.is_explicit:
+            yield Problem(place, 'goes with solver.kind = "implicit" only')
+        elif contact.comes_on and self.fit_time(contact) is None:
+            reason = (
+                "comes on over the first stage in which the pair acts, which needs a duration, as "
+                "all stages before it do; or give a table [[time, value], ...]"
+            )
+            yield Problem(place, reason)
+        elif contact.interference == DRAWN and not self.acts_in(contact, self.stage[0].name):
+            reason = f'"{DRAWN}" is the overlap at the start: let it act in the first stage'
+            yield Problem(place, reason)
+
+    def fit_time(self, contact: Contact) -> tuple[float, float] | None:
+        """Start and end, s, of the first stage in which a contact acts; None without known ones."""
+        start = 0.0
+        for stage in self.stage:
+            if stage.duration is None:
+                return None
+            if self.acts_in(contact, stage.name):
+                return start, start + stage.duration
+            start += stage.duration
+        return None
 
     def acts_in(self, contact: Contact, stage: str) -> bool:
         """Whether a contact's surfaces, or its tool, feel each other in a stage."""

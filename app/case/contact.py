@@ -9,19 +9,23 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidatorFunctionWrapHandler, field_validator
 
 from tribox.app.case.film import Film
-from tribox.app.case.friction import PRESET_NAMES, Friction, Frictionless, FrictionMap, OwnLaw
+from tribox.app.case.friction import Friction, LawTable, friction_table, map_of
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import MOST_ENTRIES, Degree, Flag, Model, Name, Place, Problem, Text
-from tribox.app.case.time_tables import NumberOrProgram, TimeTable
+from tribox.app.case.time_tables import NumberOrProgram, Program, TimeTable
+from tribox.forms.friction.laws import LAWS
+from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
 
 DEFAULT_PENALTY_FACTOR = 30.0
 _SMOOTHED = ("quadrilateral", "hexahedron")
 _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
+DRAWN = "drawn"
+"""The overlap of a fit is that of the mesh."""
 _MISSING: Any = None  # refused by Contact.problems
 # Keys that do not go with tied.
-_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length")
+_NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length", "interference")
 
 
 class Contact(Model):
@@ -76,6 +80,13 @@ class Contact(Model):
         max_length=MOST_ENTRIES,
         description="names of the stages in which the surfaces feel each other; default: all",
     )
+    interference: Annotated[TimeTable | Literal["drawn"], Program("m", word=DRAWN)] | None = Field(
+        default=None,
+        description="press or shrink fit: how much larger the surfaces are across the contact than "
+        "they are drawn; a number comes on over the first stage in which they touch, a program as "
+        'it says; less than 0 is a clearance, there from the start; "drawn": the surfaces overlap '
+        "as they are drawn, and what overlaps is pushed apart over that stage",
+    )
     friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
         default=1.0,
         description="factor of the friction law's traction and stiffness, a number or a program "
@@ -84,7 +95,7 @@ class Contact(Model):
     film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
     friction: Friction = Field(
         default_factory=lambda data: (
-            Frictionless(law="frictionless") if data.get("tied") else _MISSING
+            friction_table("frictionless") if data.get("tied") else _MISSING
         ),
         description="the friction law and its parameters; needed unless tied",
     )
@@ -93,12 +104,11 @@ class Contact(Model):
     @classmethod
     def _fill_from_preset(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         """Fill keys that are not given from the preset; they stay "not set" by the user."""
-        if not isinstance(value, dict) or value.get("preset") not in PRESET_NAMES:
+        preset = value.get("preset") if isinstance(value, dict) else None
+        if not isinstance(preset, str) or preset not in PRESETS:
             return handler(value)
-        from tribox.forms.friction.parameters import with_preset
-
         given = {key: entry for key, entry in value.items() if key not in ("law", "preset")}
-        merged = with_preset(value["preset"], given)
+        merged = with_preset(preset, given)
         friction = handler({"law": "friction-map", **value, **merged})
         friction.model_fields_set.difference_update(merged.keys() - given.keys())
         return friction
@@ -109,25 +119,37 @@ class Contact(Model):
         return f"{self.slave}-{self.master}" if self.name is None else self.name
 
     @property
+    def comes_on(self) -> bool:
+        """Whether a fit comes on over a stage: one as it is drawn, or of a number above 0."""
+        fit = self.interference
+        return fit == DRAWN or (
+            isinstance(fit, TimeTable) and len(fit.values) == 1 and fit.values[0] > 0.0
+        )
+
+    @property
     def acting_film(self) -> Film | None:
         """The film of a given thickness, where the friction law has a use for it."""
-        return self.given_film if isinstance(self.friction, FrictionMap | OwnLaw) else None
+        law = LAWS.get(self.friction.law)  # what is not among them is the user's own
+        return self.given_film if law is None or law.takes_film else None
+
+    @property
+    def map(self) -> FrictionMapParameters | None:
+        """The parameters of the friction map, if that is the law."""
+        return map_of(self.friction)
 
     @property
     def film_conductance(self) -> float:
         """Largest eta_b/D, Pa s/m, stress of a Newtonian film per speed; 0 where there is none."""
-        friction = self.friction
-        film = self.given_film
-        if not isinstance(friction, FrictionMap) or film is None:
+        law, film = self.friction, self.given_film
+        if film is None or not isinstance(law, LawTable) or not LAWS[law.law].needs_film:
             return 0.0
-        wet = [D for D in film.thicknesses if friction.D_min < D]
-        return friction.eta_b / min(wet) if wet else 0.0
+        wet = [D for D in film.thicknesses if law.D_min < D]
+        return float(law.eta_b / min(wet)) if wet else 0.0
 
     @property
     def film_onset(self) -> float:
         """Pressure from which the film is whole, Pa; 0 where the case does not give it."""
-        friction = self.friction
-        return friction.film_onset_pressure or 0.0 if isinstance(friction, FrictionMap) else 0.0
+        return 0.0 if self.map is None else self.map.film_onset_pressure
 
     def _tie_problems(self, place: Place) -> Iterator[Problem]:
         """Keys that do not go with tied."""
@@ -210,9 +232,10 @@ class Contact(Model):
         if self.pressure == "pointwise":
             reason = 'film.model = "reynolds" needs "averaged"'
             yield Problem((*place, "pressure"), reason, self.pressure)
-        if self.fade_length is not None:
-            reason = 'does not go with film.model = "reynolds"'
-            yield Problem((*place, "fade_length"), reason, self.fade_length)
+        for key in ("fade_length", "interference"):
+            if getattr(self, key) is not None:
+                reason = 'does not go with film.model = "reynolds"'
+                yield Problem((*place, key), reason)
 
     @property
     def given_film(self) -> Film | None:

@@ -5,19 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from tribox.app.case.quantities import Quantity, QuantityError, format_quantity, text_schema
-from tribox.app.case.table import Flag, Model, Place, Problem
+from tribox.app.case.declared import DeclaredTable, keys_of, table_of
+from tribox.app.case.quantities import (
+    Quantity,
+    QuantityError,
+    Written,
+    format_quantity,
+    text_schema,
+)
+from tribox.app.case.table import Flag, Place, Problem
 from tribox.app.case.time_tables import NumberOrTable, Row, Rows
+from tribox.forms.friction.film_rheology import FilmRheology
 
 if TYPE_CHECKING:
     from tribox.forms.contact.asperities import FilmModel
     from tribox.forms.film.roughness import Asperities
     from tribox.forms.friction.film import FilmThickness
-    from tribox.forms.friction.film_rheology import FilmRheology
 
 _PRESSURE = Quantity("Pa", ge=0.0, name="pressure")
 _SEPARATION = Quantity("", name="g/sigma")
@@ -25,22 +32,22 @@ FLOODED = "flooded"
 REACH = 100.0  # default of h_max, in sigma
 SCALE = 0.1  # of E*: the pressure that cavitation is rounded off with
 
-# Keys that go with model = "reynolds" only, and those that it needs.
+# How oil flows; keys that go with model = "reynolds" only, and those that it needs.
+_RHEOLOGY = tuple(keys_of(FilmRheology))
 _NEEDED = ("sigma", "oil", "share")
 _REYNOLDS = (
     *("sigma", "asperities", "c", "u_0", "K", "table", "oil", "density", "share", "gamma"),
-    *("h_max", "steady", "cells", "eta_b", "tau_0", "zeta", "critical_rate", "thinning_exponent"),
-    *("eta_inf", "barus"),
+    *("h_max", "steady", "cells", *_RHEOLOGY),
 )
-_RHEOLOGY = ("eta_b", "tau_0", "zeta", "critical_rate", "thinning_exponent", "eta_inf", "barus")
 
 
-class _OilType:
+class _OilType(Written):
     """Pydantic annotation of oil per area, or the word for more than enough."""
 
     quantity = Quantity("kg/m^2", gt=0.0)
 
-    def _parse(self, value: object) -> float | str:
+    def parse(self, value: object) -> float | str:
+        """The word, or the mass per area."""
         if value == FLOODED:
             return FLOODED
         try:
@@ -49,19 +56,9 @@ class _OilType:
             reason = f'"{FLOODED}", or mass per area: {error}'
             raise PydanticCustomError("quantity", "{reason}", {"reason": reason}) from None
 
-    @staticmethod
-    def _serialise(value: float | str) -> object:
+    def serialise(self, value: float | str) -> object:
+        """The word, or text."""
         return value if isinstance(value, str) else format_quantity(value, "kg/m^2")
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self._parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -73,8 +70,14 @@ class _OilType:
         }
 
 
-class Film(Model):
-    """The lubricating film of one contact."""
+if TYPE_CHECKING:
+    _Flow = DeclaredTable
+else:
+    _Flow = table_of("_Flow", FilmRheology, optional=("eta_b",))
+
+
+class Film(_Flow):
+    """The lubricating film of one contact; how its oil flows is declared with the rheology."""
 
     model: Literal["given", "reynolds"] = Field(
         default="given",
@@ -139,29 +142,8 @@ class Film(Model):
         default=False, description="each step is the steady state of its speed: nothing is stored"
     )
     cells: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=1,
-        description="cells of the film on each facet of the slave: more resolve its inlet",
-    )
-    eta_b: Annotated[float, Quantity("Pa*s", gt=0.0)] | None = Field(
-        default=None, description='viscosity of the oil; needed with share = "contact"'
-    )
-    tau_0: Annotated[float, Quantity("Pa", ge=0.0)] | None = Field(
-        default=None, description="as in the friction-map law"
-    )
-    zeta: Annotated[float, Quantity(ge=0.0)] = Field(
-        default=0.0, description="as in the friction-map law"
-    )
-    critical_rate: Annotated[float, Quantity("1/s", gt=0.0)] | None = Field(
-        default=None, description="as in the friction-map law"
-    )
-    thinning_exponent: Annotated[float, Quantity(ge=0.0, le=1.0)] | None = Field(
-        default=None, description="as in the friction-map law"
-    )
-    eta_inf: Annotated[float, Quantity("Pa*s", ge=0.0)] = Field(
-        default=0.0, description="as in the friction-map law"
-    )
-    barus: Annotated[float, Quantity("1/Pa", ge=0.0)] = Field(
-        default=0.0, description="as in the friction-map law"
+        default=4,
+        description="cells of the film on each facet of the slave, which resolve its inlet",
     )
 
     @property
@@ -216,6 +198,8 @@ class Film(Model):
                 yield Problem((*place, key), 'missing; needed with model = "reynolds"')
         yield from self._oil_problems(place)
         yield from self._law_problems(place, law)
+        if self.eta_b is not None:
+            yield from self.faults(place)
         if all(getattr(self, key) is not None for key in _NEEDED):
             try:
                 self.asperity_law(1.0)
@@ -298,9 +282,8 @@ class Film(Model):
 
     def rheology(self) -> FilmRheology:
         """Of the oil, as this table says."""
-        from tribox.forms.friction.film_rheology import FilmRheology
-
-        return FilmRheology(**{key: getattr(self, key) for key in _RHEOLOGY})
+        found: FilmRheology = self.parameters()
+        return found
 
     def unknown(self, modulus: float, rheology: Any = None) -> FilmModel:
         """The film that is solved for.

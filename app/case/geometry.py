@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_serializer, f
 
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import MOST_ENTRIES, Count, Model, Place, Problem
-from tribox.app.case.text_files import found_file
+from tribox.app.case.toml_files import found_file
 from tribox.geometry.meshes.drawing import DRAWINGS, STEP, Meshing
 
 if TYPE_CHECKING:

@@ -19,9 +19,10 @@ from pydantic import BaseModel, ValidatorFunctionWrapHandler
 
 from tribox.app.case.table import Problem, problems_error
 from tribox.app.errors import InputError
+from tribox.forms.bodies.materials import ENERGIES
 
 FILE = Path(__file__).with_name("materials.toml")
-LAWS = ("neo-hookean", "hencky", "mooney-rivlin", "yeoh", "ogden", "elastoplastic", "python")
+LAWS = ("neo-hookean", "hencky", *ENERGIES, "elastoplastic", "python")
 """What `material` may be besides an entry."""
 
 

@@ -22,6 +22,8 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from tribox.forms.parameters import Bounds
+
 _NUMBER_AND_UNIT = re.compile(
     r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*)", re.DOTALL
 )
@@ -187,27 +189,43 @@ def text_schema(unit: str) -> dict[str, str]:
     return {"type": "string", "x-unit": unit or "1"}
 
 
+class Written:
+    """Base of pydantic annotations: how a value is written in a case file, and read from it."""
+
+    __slots__ = ()
+
+    def parse(self, value: Any) -> Any:
+        """What stands for it in a case.
+
+        Raises:
+            QuantityError, PydanticCustomError: it is not allowed; the message says what is.
+        """
+        raise NotImplementedError
+
+    def serialise(self, value: Any) -> object:
+        """What `parse` reads back to the same."""
+        raise NotImplementedError
+
+    def _validate(self, value: object) -> Any:
+        try:
+            return self.parse(value)
+        except QuantityError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self._validate,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                self.serialise, when_used="json"
+            ),
+        )
+
+
 @dataclass(frozen=True, slots=True)
-class Quantity:
-    """Pydantic annotation of a float field given as a quantity: `Annotated[float, Quantity("m")]`.
-
-    Attributes:
-        unit: SI unit, "" for a plain number.
-        ge: smallest value allowed, in `unit`; likewise gt (exclusive), le, lt.
-        gt: see ge.
-        le: see ge.
-        lt: see ge.
-        nonzero: zero is not allowed.
-        name: what the quantity is called in messages about tables.
-    """
-
-    unit: str = ""
-    ge: float | None = None
-    gt: float | None = None
-    le: float | None = None
-    lt: float | None = None
-    nonzero: bool = False
-    name: str = "value"
+class Quantity(Bounds, Written):
+    """Pydantic annotation of a float field: `Annotated[float, Quantity("m", gt=0.0)]`."""
 
     def parse(self, value: object) -> float:
         """SI value within the bounds.
@@ -216,44 +234,18 @@ class Quantity:
             QuantityError: no such quantity, or out of bounds.
         """
         number = parse_bounded(value, self.unit)
-        inside = (
-            (self.ge is None or number >= self.ge)
-            and (self.gt is None or number > self.gt)
-            and (self.le is None or number <= self.le)
-            and (self.lt is None or number < self.lt)
-        )
         if self.nonzero and number == 0.0:
             raise QuantityError("must not be 0")
         if 0.0 < abs(number) < 1.0 / LARGEST and (self.nonzero or self.gt == 0.0):
             least = f"{1.0 / LARGEST:g} {self.unit}".rstrip()
             raise QuantityError(f"must be of a size from {least} on")
-        if not inside:
+        if not self.hold(number):
             raise QuantityError(f"must be {self.bounds()}")
         return number
 
-    def bounds(self) -> str:
-        """The bounds in words, such as "> 0 m" or ">= 0 and <= 1"."""
-        limits = ((">=", self.ge), (">", self.gt), ("<=", self.le), ("<", self.lt))
-        parts = [
-            f"{sign} {limit:g} {self.unit}".rstrip() for sign, limit in limits if limit is not None
-        ]
-        return " and ".join(parts)
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        def validate(value: object) -> float:
-            try:
-                return self.parse(value)
-            except QuantityError as error:
-                raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
-
-        return core_schema.no_info_plain_validator_function(
-            validate,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                lambda value: format_quantity(value, self.unit), when_used="json"
-            ),
-        )
+    def serialise(self, value: float) -> object:
+        """Text that reads back to the same."""
+        return format_quantity(value, self.unit)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

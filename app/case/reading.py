@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from tribox.app.case.case import Case
-from tribox.app.case.overrides import TomlError, apply_override, parse_toml
-from tribox.app.case.text_files import read_text
+from tribox.app.case.toml_files import TomlError, apply_override, parse_toml, read_text
 from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError, as_line
 

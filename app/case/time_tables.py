@@ -15,13 +15,14 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from tribox.app.case.quantities import (
     Quantity,
     QuantityError,
+    Written,
     format_quantity,
     parse_bounded,
     text_schema,
@@ -156,7 +157,7 @@ _TIME = Quantity("s", name="time")
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class Program(Written):
     """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`.
 
     Attributes:
@@ -209,7 +210,8 @@ class Program:
         assert isinstance(table, TimeTable)
         return replace(table, smooth=ramp == "smooth")
 
-    def _serialise(self, value: TimeTable | str) -> object:
+    def serialise(self, value: TimeTable | str) -> object:
+        """A quantity, rows, or a table of rows and ramp."""
         if isinstance(value, str):
             return value
         if len(value.times) == 1:
@@ -217,16 +219,6 @@ class Program:
         rows = list(zip(value.times, value.values, strict=True))
         text = _rows_as_text(rows, _TIME, Quantity(self.unit))
         return {"table": text, "ramp": "smooth"} if value.smooth else text
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -261,9 +253,10 @@ class NumberOrProgram(Program):
             raise _at((), value, f"must be >= {self.least:g} at all times")
         return table.values[0] if len(table.values) == 1 else table
 
-    def _serialise(self, value: float | TimeTable) -> object:  # type: ignore[override]
+    def serialise(self, value: float | TimeTable) -> object:  # type: ignore[override]
+        """As of a program."""
         table = value if isinstance(value, TimeTable) else TimeTable.constant(value)
-        return Program._serialise(self, table)
+        return Program.serialise(self, table)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -280,7 +273,7 @@ def value_at(value: float | TimeTable, time: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class NumberOrTable:
+class NumberOrTable(Written):
     """Pydantic annotation of a plain number, or a table of it over another quantity.
 
     The field is a float, or the rows `((argument, value), ...)` with increasing arguments.
@@ -306,20 +299,11 @@ class NumberOrTable:
         except QuantityError as error:
             raise _at((), value, str(error)) from None
 
-    def _serialise(self, value: float | tuple[Row, ...]) -> object:
+    def serialise(self, value: float | tuple[Row, ...]) -> object:
+        """A quantity, or rows."""
         if isinstance(value, tuple):
             return _rows_as_text(value, self.argument, self.value)
         return format_quantity(value, self.value.unit)
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

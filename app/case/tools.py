@@ -5,30 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import (
     Field,
-    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     ValidationInfo,
     field_serializer,
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
+from tribox.app.case.boundary import Spring
 from tribox.app.case.geometry import Scale
-from tribox.app.case.platens import Spring
 from tribox.app.case.quantities import (
     Quantity,
     QuantityError,
+    Written,
     format_quantity,
     parse_bounded,
     text_schema,
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
-from tribox.app.case.text_files import found_file
 from tribox.app.case.time_tables import (
     COMPONENTS,
     DRIVEN,
@@ -39,6 +38,7 @@ from tribox.app.case.time_tables import (
     Travel,
     Velocity,
 )
+from tribox.app.case.toml_files import found_file
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
@@ -52,16 +52,27 @@ _SLAB = "in plane strain of the slab of the given thickness"
 NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
 
 
-class _DirectionType:
+class _DirectionType(Written):
     """Pydantic annotation of a direction: "x", "y", "z", or a list of numbers, not all zero."""
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            _direction,
-            serialization=core_schema.plain_serializer_function_ser_schema(list, when_used="json"),
+    def parse(self, value: object) -> tuple[float, ...]:
+        """The direction as numbers; of a name those in space."""
+        if isinstance(value, str) and value in NAMED:
+            return NAMED[value]
+        if isinstance(value, list | tuple) and len(value) in (2, 3):
+            try:
+                numbers = tuple(parse_bounded(part, "") for part in value)
+            except QuantityError:
+                numbers = ()
+            if any(numbers):
+                return numbers
+        raise PydanticCustomError(
+            "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
         )
+
+    def serialise(self, value: tuple[float, ...]) -> object:
+        """The numbers."""
+        return list(value)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -70,51 +81,22 @@ class _DirectionType:
         return {"anyOf": [{"enum": list(COMPONENTS)}, numbers]}
 
 
-def _direction(value: object) -> tuple[float, ...]:
-    """A direction as numbers; of a name those in space."""
-    if isinstance(value, str) and value in NAMED:
-        return NAMED[value]
-    if isinstance(value, list | tuple) and len(value) in (2, 3):
-        try:
-            numbers = tuple(parse_bounded(part, "") for part in value)
-        except QuantityError:
-            numbers = ()
-        if any(numbers):
-            return numbers
-    raise PydanticCustomError(
-        "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
-    )
-
-
-class _OneOrMany:
+class _OneOrMany(Written):
     """Pydantic annotation of a length >= 0 or a list of them; a mistake is told once."""
 
     quantity = Quantity("m", ge=0.0)
 
     def parse(self, value: object) -> float | tuple[float, ...]:
         """The length or lengths in m."""
-        try:
-            if isinstance(value, list | tuple):
-                return tuple(self.quantity.parse(one) for one in value)
-            return self.quantity.parse(value)
-        except QuantityError as error:
-            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+        if isinstance(value, list | tuple):
+            return tuple(self.quantity.parse(one) for one in value)
+        return self.quantity.parse(value)
 
-    @staticmethod
-    def _serialise(value: float | tuple[float, ...]) -> object:
+    def serialise(self, value: float | tuple[float, ...]) -> object:
+        """Text of each."""
         if isinstance(value, tuple):
             return [format_quantity(one, "m") for one in value]
         return format_quantity(value, "m")
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.parse,
-            serialization=core_schema.plain_serializer_function_ser_schema(
-                self._serialise, when_used="json"
-            ),
-        )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import ABSENT, Model, Place, Problem
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 
 _LONGEST_VALUE = 60
 

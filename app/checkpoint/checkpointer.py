@@ -19,10 +19,10 @@ from tribox.app.checkpoint.layout import Layout, copied
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError, OutputError
 from tribox.app.results.directory import CHECKPOINTS, checkpoint_numbers
+from tribox.app.results.inputs import versions
 from tribox.app.results.probes import ProbeRecorder
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import on_first
-from tribox.app.results.versions import versions
 from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 
@@ -31,7 +31,7 @@ from tribox.app.simulation.simulation import Simulation
 # Each is written under a temporary name, synced to the disk and renamed; its manifest holds the
 # size and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few stay.
 
-FORMAT = 2
+FORMAT = 3
 INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (

@@ -1,7 +1,8 @@
 """Snapshots of all ranks as one tree of plain arrays, in an order that ranks do not change.
 
-Nodes are ordered as the cells of the mesh file or generator name them, the points of a contact
-pair by their undeformed places, the cells of a body as in the mesh file or generator.
+Unknowns of nodes are ordered as the cells of the mesh file or generator name these, those of blocks
+follow in the order of their places; the points of a contact pair by their undeformed places, the
+cells of a body as in the mesh file or generator.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
+from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import GatheredMesh
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
 from tribox.geometry.surfaces.facets import Floats, Longs, order_by_place
@@ -60,8 +62,8 @@ class Order:
         """The rows of each rank from the ordered ones (n, …) on the first; collective."""
         parts = None
         if values is not None:
-            rows = np.empty_like(values)
-            rows[self.order] = values
+            rows = np.zeros((sum(self.counts), *values.shape[1:]), dtype=values.dtype)
+            rows[self.order] = values  # what no order names, as what is left over in a block, is 0
             parts = np.split(rows, np.cumsum(self.counts)[:-1])
         mine: Array = self.comm.scatter(parts)
         return np.ascontiguousarray(mine)
@@ -80,7 +82,7 @@ class Layout:
         problem = model.problem
         self.comm, self._dim = problem.comm, problem.dim
         mesh = GatheredMesh(problem.space)
-        self._nodes = Order.of(self.comm, problem.owned // self._dim, mesh.node_order)
+        self._unknowns = self._order_of_unknowns(problem, mesh)
         self._points, places = [], []
         for term in problem.contacts:
             mine = term.surface.slave.position
@@ -108,6 +110,16 @@ class Layout:
             **{f"surface_{name}": self._facets(model, name) for name in model.named.surfaces},
         }
 
+    def _order_of_unknowns(self, problem: Equilibrium, mesh: GatheredMesh) -> Order:
+        """Order of the unknowns: those of the mesh's nodes, then of each block; collective."""
+        order: Longs = np.empty(0, dtype=np.int64)
+        if self.comm.rank == 0:
+            of_nodes = self._dim * mesh.node_order[:, None] + np.arange(self._dim)
+            blocks = problem.unknowns.blocks
+            beside = [self._dim * block.nodes + block.components for block in blocks]
+            order = np.concatenate([of_nodes.reshape(-1), *beside])
+        return Order.of(self.comm, problem.owned, order)
+
     def _order_of_cells(self, model: Model, solid: Solid) -> Order:
         """Order of a body's cells; collective."""
         numbers = model.named.mesh.topology.original_cell_index[solid.cells]
@@ -129,7 +141,7 @@ class Layout:
         if self.comm.rank > 0:
             return ""
         digest = hashlib.sha256()
-        for order in (self._nodes, *self._points, *self._cells):
+        for order in (self._unknowns, *self._points, *self._cells):
             digest.update(repr(order.counts).encode())
             digest.update(np.ascontiguousarray(order.order, dtype=np.int64).tobytes())
         return digest.hexdigest()
@@ -169,7 +181,7 @@ class Layout:
             self.comm.Allreduce(np.ascontiguousarray(value.values), total, op=MPI.SUM)
             arrays[name] = total
         elif kind == "nodal":
-            arrays[name] = self._nodes.gather(value.values.reshape(-1, self._dim))
+            arrays[name] = self._unknowns.gather(value.values)
         elif kind == "cells":
             arrays[name] = self._cells[value.body].gather(value.values)
             return [name, value.body]
@@ -201,7 +213,7 @@ class Layout:
             rows = self._rows(kind, rest)
             if KINDS[kind] is Local:
                 continue
-            array, row = arrays[name], (self._dim,) if kind == "nodal" else None
+            array, row = arrays[name], () if kind == "nodal" else None
             if not array.ndim or rows not in (None, len(array)):
                 raise ValueError(f"{len(np.atleast_1d(array))} rows instead of {rows} in {place}")
             if row not in (None, array.shape[1:]) or array.dtype.kind not in "fiub":
@@ -223,7 +235,7 @@ class Layout:
     def _rows(self, kind: str, rest: list[Any]) -> int | None:
         """Rows of an array of a kind; None: any number."""
         if kind == "nodal":
-            return len(self._nodes.order)
+            return len(self._unknowns.order)
         if kind == "cells":
             return len(self._cells[rest[0]].order)
         return len(self._points[rest[0]].order) if kind == "points" else None
@@ -251,7 +263,7 @@ class Layout:
 
     def _scatter(self, kind: str, array: Array | None, rest: list[Any]) -> Any:
         if kind == "nodal":
-            return self._nodes.scatter(array).reshape(-1)
+            return self._unknowns.scatter(array)
         if kind == "points":
             return self._points[rest[0]].scatter(array)
         if kind == "cells":

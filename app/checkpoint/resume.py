@@ -19,10 +19,10 @@ from tribox.app.checkpoint.layout import Layout, differences
 from tribox.app.checkpoint.same_case import changes, listed, refuse
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
+from tribox.app.results.claim import is_beginning
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
+from tribox.app.results.inputs import versions
 from tribox.app.results.saving import on_first
-from tribox.app.results.status import is_beginning
-from tribox.app.results.versions import versions
 from tribox.app.results.watches import Watches
 from tribox.app.simulation.history import COLUMNS, Row, time_text
 from tribox.app.simulation.run_state import RunState

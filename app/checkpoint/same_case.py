@@ -13,7 +13,7 @@ from tribox.app.case.case import Case, given_keys
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
 from tribox.app.errors import InputError
-from tribox.app.results.status import end_of, given_keys_of
+from tribox.app.results.claim import end_of, given_keys_of
 
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.

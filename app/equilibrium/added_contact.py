@@ -15,9 +15,9 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints
-from tribox.app.equilibrium.prescribed import Unknowns
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.unknowns import Unknowns
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import AS_IS, ContactTrial
 from tribox.geometry.surfaces.facets import Floats, Ints

@@ -16,8 +16,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.prescribed import Platen, Prescribed, Unknowns, component_dofs
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
+from tribox.app.equilibrium.unknowns import Platen, Prescribed, Unknowns, component_dofs
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]
@@ -38,7 +38,8 @@ class Constraints:
     ) -> None:
         """Gather the platens' unknowns of all ranks; collective."""
         self.unknowns = unknowns
-        self.prescribed, self.platens = list(prescribed), list(platens)
+        padding = [Prescribed(block.padding) for block in unknowns.blocks]
+        self.prescribed, self.platens = [*prescribed, *padding], list(platens)
         for platen in self.platens:
             platen.gather(unknowns.space)
         self.slanted = [p for p in self.platens if isinstance(p, SlantedPlaten)]

@@ -7,7 +7,7 @@ What is prescribed is in :mod:`tribox.app.equilibrium.constraints`, the matrix i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import dolfinx
@@ -17,23 +17,28 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen, Prescribed, Unknowns
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.prescribed import NodalLoad
-from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.equilibrium.rigid_tool import (
+    NOTHING,
+    RigidTool,
+    held_fast,
+    hold_what_slips,
+    holding_of_idle_tools,
+)
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepMode
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest
 from tribox.forms.bodies.loads import Foundation, Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.forms.contact.tie import TieTerm
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 # -- Forces that a solution is judged by: round-off, reference of the residual, worst place --------
 
 FAR = 1e6  # displacement over the extent of the mesh from which on nothing is evaluated
-CARRIED = 1e-6  # residual over the force that the motion of bodies may leave at most
+MOVED = 1e-6  # residual over the force that the motion of bodies may leave at most
 
 
 class RoundOff:
@@ -71,17 +76,17 @@ class RoundOff:
     def squares(self) -> tuple[Floats, Floats]:
         """b² and c² of each solid at the displacement evaluated last; collective."""
         local = np.array([solid.roundoff_squares() for solid in self._solids]).reshape(-1, 2)
-        at_rest, carried = self._comm.allreduce(local).T
-        return at_rest, carried
+        at_rest, moved = self._comm.allreduce(local).T
+        return at_rest, moved
 
     def norm(self, force: float) -> float:
         """Norm r of all solids at the displacement evaluated last, N (N/m); collective.
 
-        The part of the motion is ``CARRIED`` of ``force`` at most: a body that nothing holds any
+        The part of the motion is ``MOVED`` of ``force`` at most: a body that nothing holds any
         more may be put so far away that nothing but rounding is left of its forces.
         """
-        at_rest, carried = (float(part.sum()) for part in self.squares())
-        return float(np.sqrt(at_rest + min(carried, (CARRIED * force) ** 2)))
+        at_rest, moved = (float(part.sum()) for part in self.squares())
+        return float(np.sqrt(at_rest + min(moved, (MOVED * force) ** 2)))
 
 
 def reference_force(
@@ -109,20 +114,13 @@ def reference_force(
 
 
 def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ...]:
-    """Where the largest out-of-balance force (n,) of a free unknown is, m; collective."""
+    """Where the largest out-of-balance force (n,) of a free node is, m; collective."""
     unknowns = constraints.unknowns
     free = np.abs(unbalanced)
-    free[constraints.dofs] = 0.0
+    free[constraints.dofs] = free[unknowns.beside] = 0.0
     for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
-    free = np.where(np.isfinite(free), free, np.inf)
-    mine: tuple[float, tuple[float, ...]] = (-1.0, ())
-    if unknowns.owned:
-        at = int(np.argmax(free))
-        where = unknowns.space.tabulate_dof_coordinates()[at // unknowns.dim, : unknowns.dim]
-        mine = (float(free[at]), tuple(map(float, where)))
-    place: tuple[float, ...] = max(unknowns.comm.allgather(mine))[1]
-    return place
+    return place_of_largest(np.where(np.isfinite(free), free, np.inf), unknowns.space)
 
 
 def _extent(mesh: dolfinx.mesh.Mesh) -> float:
@@ -168,13 +166,15 @@ class Equilibrium:
         loads: Sequence[Load] = (),
         nodal_loads: Sequence[NodalLoad] = (),
         tools: Sequence[RigidTool] = (),
+        blocks: Sequence[Block] = (),
     ) -> None:
         """Put the parts together; collective."""
         self.u = u
         self.solids, self.contacts = list(solids), list(contacts)
         self.loads, self.nodal_loads = list(loads), list(nodal_loads)
         self.tools = list(tools)
-        self.unknowns = Unknowns(u.function_space)
+        blocks = [*(tool.block for tool in self.tools), *blocks]
+        self.unknowns = Unknowns(u.function_space, blocks)
         self.constraints = Constraints(self.unknowns, prescribed, platens)
         self.bodies = Bodies(u, self.solids)
         self.tangent = Tangent(self.constraints, self.bodies, self.contacts, self.loads)
@@ -222,6 +222,11 @@ class Equilibrium:
         return self.unknowns.size
 
     @property
+    def fields(self) -> list[Block]:
+        """The blocks beside the displacement whose residuals have sizes of their own."""
+        return self.unknowns.fields
+
+    @property
     def prescribed(self) -> list[Prescribed]:
         """Displacement components held at given values."""
         return self.constraints.prescribed
@@ -248,7 +253,7 @@ class Equilibrium:
             force: N/m, that was there before, as of a body that is let go.
         """
         bodies = self.rounding.norm(max(self.reference_force, force))
-        ties = [term for term in self.contacts if isinstance(term, TieTerm)]
+        ties = [term for term in self.contacts if term.tied]
         if not ties:
             return bodies
         x = self.u.x.petsc_vec
@@ -266,6 +271,14 @@ class Equilibrium:
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
         return self.unknowns.new_vector()
+
+    def sliding(
+        self, trials: Sequence[ContactTrial]
+    ) -> Iterator[tuple[int, ContactTerm, ContactTrial]]:
+        """The pairs that act and are not tied, with their numbers and what was found of them."""
+        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=False)):
+            if term.active and not term.tied:
+                yield index, term, trial
 
     # -- state --------------------------------------------------------------------------------
 
@@ -338,9 +351,42 @@ class Equilibrium:
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
-            self.unbalanced, outside, contact_squared, self.constraints
+            self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
         )
         self.constraints.constrain_residual(f.array, x.array_r)
+
+    def _on_bodies(self, values: Floats) -> Floats:
+        """Residuals (n,) without those of fields, which are no forces."""
+        if not self.fields:
+            return values
+        out = values.copy()
+        for field in self.fields:
+            out[field.dofs] = 0.0
+        return out
+
+    def judged(self, f: PETSc.Vec, force: float) -> tuple[float, float]:
+        """Norm of a residual, and what it is compared with; collective.
+
+        With fields it is the largest of that of the forces and, for each field, that of its rows in
+        the measure of its own reference:
+
+            max(|f_u|, F |f_b| / r_b),    F > 0.
+
+        Args:
+            f: (n,), N, the residual.
+            force: N, what forces are compared with; 0: none are known.
+        """
+        if not self.fields:
+            return float(f.norm()), force
+        parts = [self._on_bodies(f.array_r), *(f.array_r[field.dofs] for field in self.fields)]
+        squares = np.array([float(part @ part) for part in parts])
+        self.comm.Allreduce(MPI.IN_PLACE, squares, op=MPI.SUM)
+        scale, norms = force or 1.0, np.sqrt(squares)
+        shares = [
+            scale * norm / (field.reference or 1.0)
+            for field, norm in zip(self.fields, norms[1:], strict=True)
+        ]
+        return float(max(norms[0], *shares)), scale
 
     def _gathered(self, add: Callable[[Floats], None]) -> Floats:
         """What all ranks ``add`` at the owned unknowns; collective."""
@@ -353,7 +399,7 @@ class Equilibrium:
     def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
         """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""
         for solid in self.solids:
-            solid.evaluate(step.felt, tangent)
+            solid.evaluate(step.material_dt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
         self.evaluated, pairs = step, step.pairs(self.contacts)
@@ -492,70 +538,6 @@ class Equilibrium:
         self.assemble_tangent(x, A, step, before)
         with self.timer("assembly"):
             self.constraints.constrain_matrix(A)
-
-
-# -- What holds the angle of a tool that turns freely while nothing else does ----------------------
-
-SLIGHT = 1e-9
-"""Stiffness over that of a body of the size of the mesh: far below any contact, and above rounding.
-
-A roller that nothing touches, or without friction, has any angle: the tangent would be singular.
-"""
-NOTHING = 1e-6
-"""Force of such a spring, over the reference force, that is too much for a solution."""
-SLIPPING = 1e-3
-"""Stiffness of the contact against a turn, over that of a body, below which nothing sticks."""
-
-
-def holding_of_idle_tools(
-    tools: Sequence[RigidTool], solids: Sequence[Solid], owned: int
-) -> HoldingSprings | None:
-    """Springs, without force at the last converged state, on the angles that no moment drives.
-
-    Args:
-        tools: all of them.
-        solids: the bodies.
-        owned: number of unknowns on this rank.
-
-    Returns:
-        None if no tool is idle; the same kind on all ranks.
-    """
-    idle = [tool for tool in tools if tool.idle]
-    if not idle or not solids:
-        return None
-    modulus = min(solid.material.shear_modulus for solid in solids)
-    stiffness = np.zeros(owned)
-    for tool in idle:
-        size = tool.motion.length if tool.motion.dim == 3 else 1.0
-        stiffness[tool.dofs[-1:][tool.here[-1:]]] = SLIGHT * modulus * size
-    return HoldingSprings(stiffness, np.zeros(owned))
-
-
-def held_fast(springs: HoldingSprings) -> HoldingSprings:
-    """Springs as stiff as a body: friction without stiffness says nothing of how a tool turns."""
-    stiffness: Floats = np.asarray(springs.stiffness / SLIGHT, dtype=np.float64)
-    return replace(springs, stiffness=stiffness)
-
-
-def hold_what_slips(A: PETSc.Mat, springs: HoldingSprings, first: int) -> None:
-    """Raise the diagonal of idle angles that the contacts do not resist; collective.
-
-    Where all points slip, the tangent knows of no way back: a Newton step would turn the tool round
-    and round. The residual is as it is, so that the solution does not change.
-
-    Args:
-        A: the tangent, assembled.
-        springs: on the idle angles.
-        first: global number of this rank's first unknown.
-    """
-    fast = held_fast(springs).stiffness
-    rows = np.nonzero(fast)[0]
-    diagonal = A.getDiagonal().array_r[rows]
-    for row, value in zip(rows, diagonal, strict=True):  # a few tools at most
-        if value < SLIPPING * fast[row]:
-            at = int(row) + first
-            A.setValue(at, at, fast[row], addv=PETSc.InsertMode.ADD_VALUES)
-    A.assemble()
 
 
 # -- What each load gives by itself: for tables of forces, and for explicit steps ------------------

@@ -21,10 +21,13 @@ _PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
 _SIGNATURES = {
     "MatSeqAIJGetArray": _VALUES,
     "MatSeqAIJRestoreArray": _VALUES,
+    "MatSeqBAIJGetArray": _VALUES,
+    "MatSeqBAIJRestoreArray": _VALUES,
     "MatGetRowIJ": _PATTERN,
     "MatRestoreRowIJ": _PATTERN,
 }
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
+_BLOCKS = 0, 0, 1  # rows and columns of blocks
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 
 
@@ -87,16 +90,45 @@ def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
     Args:
         A: as in :func:`values_in_place`, with numbers of 32 bits.
     """
-    petsc, block = _petsc(), own_block(A)
+    with _pattern(own_block(A), _PLAIN) as found:
+        yield found
+
+
+@contextmanager
+def blocks_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints, Floats]]:
+    """Within a ``with`` block this rank's own blocks of ``A``: ends of rows, columns, values.
+
+    Args:
+        A: in blocks (BAIJ), assembled, with numbers of 32 bits; values of a block go by columns.
+    """
+    petsc, block, first = _petsc(), A, ctypes.POINTER(ctypes.c_double)()
+    if A.getType() == PETSc.Mat.Type.MPIBAIJ:
+        block = A.getDiagonalBlock()
+    assert petsc is not None
+    if petsc.MatSeqBAIJGetArray(block.handle, ctypes.byref(first)):
+        raise PETSc.Error("the values of the matrix cannot be had")
+    try:
+        with _pattern(block, _BLOCKS) as (indptr, indices):
+            count = len(indices) * A.getBlockSize() ** 2
+            values = np.ctypeslib.as_array(first, shape=(count,)) if count else np.empty(0)
+            yield indptr, indices, values
+    finally:
+        petsc.MatSeqBAIJRestoreArray(block.handle, ctypes.byref(first))
+
+
+@contextmanager
+def _pattern(block: PETSc.Mat, kind: tuple[int, int, int]) -> Iterator[tuple[Ints, Ints]]:
+    """Within a ``with`` block the pattern of a rank's matrix: ends of rows, and columns."""
+    petsc = _petsc()
     assert petsc is not None and np.dtype(PETSc.IntType) == np.int32
     size, done = ctypes.c_int32(), ctypes.c_int()
     ends, columns = (ctypes.POINTER(ctypes.c_int32)() for _ in range(2))
     found = (*map(ctypes.byref, (size, ends, columns, done)),)
-    if petsc.MatGetRowIJ(block.handle, *_PLAIN, *found) or not done.value:
+    if petsc.MatGetRowIJ(block.handle, *kind, *found) or not done.value:
         raise PETSc.Error("the pattern of the matrix cannot be had")
     try:
         indptr = np.ctypeslib.as_array(ends, shape=(size.value + 1,))
         count = int(indptr[-1])
         yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
     finally:
-        petsc.MatRestoreRowIJ(block.handle, *_PLAIN, *found)
+        petsc.MatRestoreRowIJ(block.handle, *kind, *found)

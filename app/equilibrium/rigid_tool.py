@@ -1,13 +1,17 @@
-"""A rigid tool as a member of the equilibrium: where its unknowns are, and what it weighs."""
+"""A rigid tool in the equilibrium: its unknowns, and what holds an angle that nothing drives."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-import dolfinx
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
+from tribox.app.equilibrium.step_mode import HoldingSprings
+from tribox.forms.bodies.solid import Solid
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
@@ -19,8 +23,7 @@ class RigidTool:
 
     Attributes:
         name: of the tool; surface: its shape; motion: of its control points.
-        nodes: (2,) global numbers of its reference nodes.
-        dofs: (k,) local unknowns of the slots; here: (k,) whether this rank owns them.
+        block: of the slots.
         free: (k,) whether a force or a moment moves the slot, in some stage at least.
         idle: whether no moment drives the angle, so that nothing may hold it.
         mass: (k,) kg per unit thickness: the mass, and the moment of inertia over L².
@@ -29,9 +32,7 @@ class RigidTool:
     name: str
     surface: RigidSurface
     motion: RigidMotion
-    nodes: Longs
-    dofs: Ints
-    here: Bools
+    block: Block
     free: Bools
     idle: bool
     mass: Floats
@@ -39,7 +40,22 @@ class RigidTool:
     @property
     def slots(self) -> int:
         """Number of its unknowns."""
-        return len(self.dofs)
+        return len(self.block.nodes)
+
+    @property
+    def nodes(self) -> Longs:
+        """Global numbers (2,) of the nodes that hold c and θL."""
+        return self.block.nodes[[0, -1]]
+
+    @property
+    def here(self) -> Bools:
+        """Whether this rank owns the slots (k,)."""
+        return np.full(self.slots, len(self.block.dofs) > 0)
+
+    @property
+    def dofs(self) -> Ints:
+        """Local unknowns (k,) of the slots, on the rank that owns them."""
+        return self.block.dofs if len(self.block.dofs) else np.zeros(self.slots, dtype=np.int32)
 
     @property
     def reach(self) -> float:
@@ -61,39 +77,72 @@ class RigidTool:
 
     def at(self, values: Floats, comm: MPI.Comm) -> Floats:
         """Its part (k,) of values (n,) of the owned unknowns, on all ranks; collective."""
-        mine = np.where(self.here, values[np.where(self.here, self.dofs, 0)], 0.0)
-        total = np.empty_like(mine)
-        comm.Allreduce(mine, total, op=MPI.SUM)
-        return total
+        return self.block.on_all_ranks(values, comm)
 
     def control_points(self, slots: Floats) -> Floats:
         """Control points (a, i), m, at the values (k,), m, of its slots."""
         return self.motion.control_points(slots[:-1], float(slots[-1]) / self.motion.length)
 
 
-def reference_dofs(space: dolfinx.fem.FunctionSpace, cell: Ints) -> tuple[Longs, Ints, Bools, Ints]:
-    """The unknowns of a carrier cell that a tool takes, and the others; collective.
+# -- What holds the angle of a tool that turns freely while nothing else does ----------------------
+
+SLIGHT = 1e-9
+"""Stiffness over that of a body of the size of the mesh: far below any contact, and above rounding.
+
+A roller that nothing touches, or without friction, has any angle: the tangent would be singular.
+"""
+NOTHING = 1e-6
+"""Force of such a spring, over the reference force, that is too much for a solution."""
+SLIPPING = 1e-3
+"""Stiffness of the contact against a turn, over that of a body, below which nothing sticks."""
+
+
+def holding_of_idle_tools(
+    tools: Sequence[RigidTool], solids: Sequence[Solid], owned: int
+) -> HoldingSprings | None:
+    """Springs, without force at the last converged state, on the angles that no moment drives.
 
     Args:
-        space: of the displacement.
-        cell: (1,) local number of the carrier cell; none on ranks without it.
+        tools: all of them.
+        solids: the bodies.
+        owned: number of unknowns on this rank.
 
     Returns:
-        Global numbers (2,) of the reference nodes; local unknowns (k,) of the slots and whether
-        this rank owns them; owned local unknowns of the cell's nodes that are no slots.
+        None if no tool is idle; the same kind on all ranks.
     """
-    index, dim = space.dofmap.index_map, space.dofmap.index_map_bs
-    local = np.asarray(space.dofmap.list[cell], dtype=np.int32).reshape(-1)
-    mine = None
-    if len(local):
-        mine = index.local_to_global(local[:2]).astype(np.int64)
-    nodes: Longs = next(n for n in space.mesh.comm.allgather(mine) if n is not None)
-    slots = np.zeros(dim + 1, dtype=np.int32)
-    here = np.zeros(dim + 1, dtype=bool)
-    rest = np.empty(0, dtype=np.int32)
-    if len(local):
-        every = (local[:, None] * dim + np.arange(dim)).reshape(-1).astype(np.int32)
-        slots, rest = every[: dim + 1], every[dim + 1 :]
-        here = slots < index.size_local * dim
-        rest = rest[rest < index.size_local * dim]
-    return nodes, slots, here, rest
+    idle = [tool for tool in tools if tool.idle]
+    if not idle or not solids:
+        return None
+    modulus = min(solid.material.shear_modulus for solid in solids)
+    stiffness = np.zeros(owned)
+    for tool in idle:
+        size = tool.motion.length if tool.motion.dim == 3 else 1.0
+        stiffness[tool.dofs[-1:][tool.here[-1:]]] = SLIGHT * modulus * size
+    return HoldingSprings(stiffness, np.zeros(owned))
+
+
+def held_fast(springs: HoldingSprings) -> HoldingSprings:
+    """Springs as stiff as a body: friction without stiffness says nothing of how a tool turns."""
+    stiffness: Floats = np.asarray(springs.stiffness / SLIGHT, dtype=np.float64)
+    return replace(springs, stiffness=stiffness)
+
+
+def hold_what_slips(A: PETSc.Mat, springs: HoldingSprings, first: int) -> None:
+    """Raise the diagonal of idle angles that the contacts do not resist; collective.
+
+    Where all points slip, the tangent knows of no way back: a Newton step would turn the tool round
+    and round. The residual is as it is, so that the solution does not change.
+
+    Args:
+        A: the tangent, assembled.
+        springs: on the idle angles.
+        first: global number of this rank's first unknown.
+    """
+    fast = held_fast(springs).stiffness
+    rows = np.nonzero(fast)[0]
+    diagonal = A.getDiagonal().array_r[rows]
+    for row, value in zip(rows, diagonal, strict=True):  # a few tools at most
+        if value < SLIPPING * fast[row]:
+            at = int(row) + first
+            A.setValue(at, at, fast[row], addv=PETSc.InsertMode.ADD_VALUES)
+    A.assemble()

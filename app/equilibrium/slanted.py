@@ -28,7 +28,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.prescribed import Platen, Unknowns
+from tribox.app.equilibrium.unknowns import Platen, Unknowns
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SINGULAR = 1e-6  # part of a unit vector below which nothing is left to eliminate

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
 from tribox.forms.bodies.point_state import Origin, PointHistory
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.state import ContactMode, ContactState, FilmHistory
+from tribox.forms.contact.state import ContactMode, ContactState
 from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.master import MasterFacets
 
 Array = NDArray[Any]
 Snapshot = dict[str, Any]
@@ -74,8 +74,9 @@ def scattered(dofs: Array, values: Floats | float, owned: int) -> Nodal:
     return Nodal(out)
 
 
-def of_contact(pair: int, state: ContactState) -> Snapshot:
-    """The history of one pair."""
+def of_contact(pair: int, term: ContactTerm, state: ContactState) -> Snapshot:
+    """A history of one pair."""
+    state = replace(state, facet=term.surface.numbers(state.facet))
     names = [name for name in ContactState.__slots__ if name not in ("friction", "film")]
     points = {name: AtPoints(pair, getattr(state, name)) for name in names}
     law = {name: AtPoints(pair, values) for name, values in state.friction.arrays().items()}
@@ -84,20 +85,22 @@ def of_contact(pair: int, state: ContactState) -> Snapshot:
 
 
 def to_contact(term: ContactTerm, kept: Snapshot) -> ContactState:
-    """The history of a pair that :func:`of_contact` kept."""
+    """The history of a pair that :func:`of_contact` kept; collective."""
     law = type(term.state.friction).from_arrays(kept["law"])
-    film = kept.get("film")
-    film = None if film is None else FilmHistory(**film)
-    return ContactState(**kept["points"], friction=law, film=film)
+    film, own = kept.get("film"), term.state.film
+    film = None if film is None or own is None else type(own)(**film)
+    points = kept["points"] | {"facet": term.surface.numbered(kept["points"]["facet"])}
+    return ContactState(**points, friction=law, film=film)
 
 
-def of_contacts(states: Sequence[ContactState]) -> list[Snapshot]:
+def of_contacts(terms: Sequence[ContactTerm], states: Sequence[ContactState]) -> list[Snapshot]:
     """The histories of all pairs."""
-    return [of_contact(pair, state) for pair, state in enumerate(states)]
+    pairs = enumerate(zip(terms, states, strict=True))
+    return [of_contact(pair, term, state) for pair, (term, state) in pairs]
 
 
 def to_contacts(terms: Sequence[ContactTerm], kept: Sequence[Snapshot]) -> list[ContactState]:
-    """The histories of all pairs."""
+    """The histories of all pairs; collective."""
     return [to_contact(term, one) for term, one in zip(terms, kept, strict=True)]
 
 
@@ -142,7 +145,7 @@ def to_bodies(solids: Sequence[Solid], kept: Sequence[Snapshot | None]) -> None:
             solid.adopt(PointHistory(to_origin(solid, one["origin"]), one["dissipated"]))
 
 
-def of_step(step: StepMode) -> Snapshot:
+def of_step(terms: Sequence[ContactTerm], step: StepMode) -> Snapshot:
     """How a step is evaluated."""
     holding = step.holding
     springs = None
@@ -151,18 +154,23 @@ def of_step(step: StepMode) -> Snapshot:
     modes = []
     for pair, mode in enumerate(step.modes):
         frozen = mode.frozen_facets
+        frozen = None if frozen is None else terms[pair].surface.numbers(frozen)
         kept = asdict(replace(mode, interior=None))
         kept |= {"frozen_facets": None if frozen is None else AtPoints(pair, frozen)}
         modes.append(kept)
     return {"dt": step.dt, "modes": modes, "holding": springs, "rates": step.rate_dependent}
 
 
-def to_step(kept: Snapshot) -> StepMode:
-    """How a step is evaluated, as :func:`of_step` kept it."""
-    springs = kept["holding"]
+def to_step(terms: Sequence[ContactTerm], kept: Snapshot) -> StepMode:
+    """How a step is evaluated, as :func:`of_step` kept it; collective."""
+    springs, modes = kept["holding"], []
+    for term, mode in zip(terms, kept["modes"], strict=False):
+        frozen = mode["frozen_facets"]
+        frozen = None if frozen is None else term.surface.numbered(frozen)
+        modes.append(ContactMode(**mode | {"frozen_facets": frozen}))
     return StepMode(
         dt=kept["dt"],
-        modes=tuple(ContactMode(**mode) for mode in kept["modes"]),
+        modes=tuple(modes),
         holding=None if springs is None else HoldingSprings(**springs),
         rate_dependent=kept["rates"],
     )
@@ -181,8 +189,30 @@ def of_searches(terms: Sequence[ContactTerm]) -> Local:
     return Local(arrays)
 
 
-def repeat_searches(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
-    """Search again where it was done last."""
+def of_parts(terms: Sequence[ContactTerm]) -> Local:
+    """The numbers of the facets that this rank knows of each master."""
+    known = enumerate((term.surface.parts, term.surface.master) for term in terms)
+    return Local(
+        {
+            f"known_{pair}": master.number.astype(np.int32)
+            for pair, (parts, master) in known
+            if parts and isinstance(master, MasterFacets)
+        }
+    )
+
+
+def to_parts(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
+    """Know the facets of :func:`of_parts`, in their order; collective."""
     for pair, term in enumerate(terms):
-        if kept is not None and f"points_{pair}" in kept:
-            term.surface.target.search.search(kept[f"points_{pair}"], kept[f"facets_{pair}"])
+        if kept is not None and f"known_{pair}" in kept:
+            term.surface.know(kept[f"known_{pair}"])
+
+
+def repeat_searches(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
+    """Search again where it was done last, if all facets that are known now were so then."""
+    for pair, term in enumerate(terms):
+        if kept is None or f"points_{pair}" not in kept:
+            continue
+        master, facets = term.surface.master, kept[f"facets_{pair}"]
+        if not isinstance(master, MasterFacets) or len(facets) == len(master.facets):
+            term.surface.target.search.search(kept[f"points_{pair}"], facets)

@@ -6,10 +6,31 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from tribox.app.equilibrium.holding_springs import HoldingSprings
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
+from tribox.geometry.surfaces.facets import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class HoldingSprings:
+    """A spring to a fixed place at every node of a body, in the directions in which it is loose.
+
+    Attributes:
+        stiffness: (n,), N/m, of the owned unknowns.
+        place: (n,), m, where they carry no force.
+        weak: whether they are part of the solution, of bodies that carry nothing: forces are to be
+            compared with the largest of the run then.
+    """
+
+    stiffness: Floats
+    place: Floats
+    weak: bool = False
+
+    def force(self, at: Floats) -> Floats:
+        """Residual (n,), N, of the owned unknowns (n,), m."""
+        out: Floats = self.stiffness * (at - self.place)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +58,7 @@ class StepMode:
         return cls(dt, modes, rate_dependent=rate_dependent)
 
     @property
-    def felt(self) -> float:
+    def material_dt(self) -> float:
         """Duration of the step as the bodies' materials feel it, s: infinite without rates."""
         return self.dt if self.rate_dependent else math.inf
 

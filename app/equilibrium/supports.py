@@ -1,19 +1,201 @@
-"""The directions in which nothing supports a body or a tool, from the constrained unknowns."""
+"""What holds bodies and tools: which of them move as one, and in which directions they are free."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.equilibrium.bonded import bonded_groups
+from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
 from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.loads import Foundation
-from tribox.geometry.surfaces.facets import Bools, Ints
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+
+# -- Bodies that share nodes: they are bonded, and move and balance as one -------------------------
+
+
+def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:
+    """All bodies, those together that are connected by shared nodes; collective.
+
+    Returns:
+        In the order of the problem's bodies, by the first of each group; the same on all ranks.
+    """
+    solids = problem.solids
+    number = list(range(len(solids)))
+    if len(solids) > 1:
+        index = problem.space.dofmap.index_map
+        uses = np.zeros((len(solids), index.size_local), dtype=np.bool_)
+        for row, solid in zip(uses, solids, strict=True):
+            marks = dolfinx.la.vector(index, 1, dtype=np.float64)
+            marks.array[np.unique(problem.space.dofmap.list[solid.cells])] = 1.0
+            # A body may use a node only on a rank that does not own it.
+            marks.scatter_reverse(dolfinx.la.InsertMode.add)
+            row[:] = marks.array[: index.size_local] > 0.0
+        pairs = list(combinations(range(len(solids)), 2))
+        local = np.array([np.count_nonzero(uses[a] & uses[b]) for a, b in pairs])
+        shared = problem.comm.allreduce(local, op=MPI.SUM)
+        for (a, b), count in zip(pairs, shared, strict=True):
+            if count:
+                number = [number[a] if n == number[b] else n for n in number]
+    groups: dict[int, list[Solid]] = {}
+    for n, solid in zip(number, solids, strict=True):
+        groups.setdefault(n, []).append(solid)
+    return list(groups.values())
+
+
+# -- Which bodies a contact is between -------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PairBodies:
+    """The bodies of one contact.
+
+    Attributes:
+        slave, master: the bodies whose surfaces they are; a master may be a tool.
+    """
+
+    slave: Solid
+    master: Solid | RigidTool
+
+    @property
+    def softer(self) -> Solid:
+        """The body that bends and bulges more easily, whose stiffness the penalty is one of."""
+        if isinstance(self.master, RigidTool):
+            return self.slave
+        return min(self.slave, self.master, key=lambda solid: contact_shear_modulus(solid.material))
+
+
+def bodies_of(problem: Equilibrium, term: ContactTerm) -> PairBodies:
+    """The bodies that a contact's surfaces belong to; collective."""
+    owners = [_nodes_of(problem, solid) for solid in problem.solids]
+    surface = term.surface
+
+    def owner(nodes: Longs) -> Solid:
+        counts = np.array([np.count_nonzero(np.isin(nodes, mine)) for mine in owners])
+        return problem.solids[int(np.argmax(problem.comm.allreduce(counts)))]
+
+    slave = owner(np.unique(surface.slave.nodes))
+    tools = [t for t in problem.tools if np.array_equal(t.nodes, surface.own_master)]
+    return PairBodies(slave, tools[0] if tools else owner(np.unique(surface.own_master)))
+
+
+def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
+    """Global nodes of this rank's cells of a solid."""
+    dofmap = problem.space.dofmap
+    local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
+    nodes: Longs = dofmap.index_map.local_to_global(local).astype(np.int64)
+    return nodes
+
+
+# -- Bodies that move as one: those that common nodes or ties join ---------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """A surface that is tied to a tool.
+
+    Attributes:
+        tool: that grips; nodes: owned local nodes of the surface.
+    """
+
+    tool: RigidTool
+    nodes: Ints
+
+    def resisted(self, problem: Equilibrium, moved: Floats, free: Bools) -> Floats:
+        """What is left of motions (n, i, r) of the nodes when the tool has followed; collective.
+
+        Args:
+            problem: the equilibrium.
+            moved: see above.
+            free: (k,) slots of the tool that nothing holds.
+        """
+        place = problem.space.tabulate_dof_coordinates()[self.nodes, : problem.dim]
+        points = self.tool.surface.shares(place)
+        carried = np.einsum("na,aik->nik", points, self.tool.motion.tangent(0.0))
+        rows, own = place.size, int(np.count_nonzero(free))
+        follow = carried[:, :, : len(free)][:, :, free].reshape(rows, own)
+        flat = moved.reshape(rows, moved.shape[2])
+        sums = problem.comm.allreduce(follow.T @ np.concatenate([follow, flat], axis=1))
+        out = flat - follow @ (np.linalg.pinv(sums[:, :own]) @ sums[:, own:])
+        left: Floats = out.reshape(moved.shape)
+        return left
+
+
+@dataclass(frozen=True, slots=True)
+class JoinedBodies:
+    """Bodies that are supported, or not, together.
+
+    Attributes:
+        groups: bodies, those together that share nodes; ties join the groups.
+        grips: contacts that tie one of them to a tool.
+    """
+
+    groups: tuple[tuple[Solid, ...], ...]
+    grips: tuple[Grip, ...] = ()
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """All bodies."""
+        return tuple(solid for group in self.groups for solid in group)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(solid.name for solid in self.solids)
+
+    @property
+    def cells(self) -> Ints:
+        """Local cells of all of them."""
+        return np.concatenate([solid.cells for solid in self.solids])
+
+
+def joined_bodies(problem: Equilibrium, tied: Sequence[bool] | None = None) -> list[JoinedBodies]:
+    """All bodies, in the order of the first of each; the same on all ranks; collective.
+
+    Args:
+        problem: the equilibrium.
+        tied: of each contact, whether it is a tie that counts; None: those that act at present.
+    """
+    if tied is None:
+        tied = [term.tied and term.active for term in problem.contacts]
+    groups = bonded_groups(problem)
+    number = {solid.name: at for at, group in enumerate(groups) for solid in group}
+    of, grips = list(range(len(groups))), []
+    for term, counts in zip(problem.contacts, tied, strict=True):
+        if counts:
+            pair = bodies_of(problem, term)
+            if isinstance(pair.master, RigidTool):
+                grip = Grip(pair.master, _owned(problem, term.surface.slave.nodes))
+                grips.append((number[pair.slave.name], grip))
+                continue
+            first, second = sorted(of[number[one.name]] for one in (pair.slave, pair.master))
+            of = [first if one == second else one for one in of]
+    return [
+        JoinedBodies(
+            tuple(tuple(group) for at, group in enumerate(groups) if of[at] == first),
+            tuple(grip for at, grip in grips if of[at] == first),
+        )
+        for first in dict.fromkeys(of)
+    ]
+
+
+def _owned(problem: Equilibrium, nodes: Longs) -> Ints:
+    """Owned local nodes, each once, of the global ``nodes``, that any rank names; collective."""
+    first, last = problem.space.dofmap.index_map.local_range
+    every = np.unique(np.concatenate(problem.comm.allgather(np.unique(nodes))))
+    return (every[(every >= first) & (every < last)] - first).astype(np.int32)
+
+
+# -- Directions in which nothing supports a body or a tool -----------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,3 +327,127 @@ def sprung_dofs(problem: Equilibrium) -> Ints:
     sprung = [platen.dofs for platen in aligned if platen.stiffness > 0.0]
     sprung += [load.held for load in loads if isinstance(load, Foundation) and load.acts]
     return np.concatenate([problem.constrained_dofs(), *sprung]).astype(np.int32)
+
+
+# -- Bodies that are free to move as a whole, in any direction or by turning -----------------------
+
+SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid motions of a free body
+
+
+@dataclass(frozen=True, slots=True)
+class FreeBody:
+    """A body, or several that are joined, with a rigid motion that no support prevents.
+
+    Attributes:
+        joined: the bodies; nodes: local nodes that this rank owns.
+        extent: m, its largest along an axis.
+    """
+
+    joined: JoinedBodies
+    nodes: Ints
+    extent: float
+
+    @property
+    def name(self) -> str:
+        """The name, or the names of joined bodies."""
+        return " and ".join(self.joined.names)
+
+
+def free_bodies(problem: Equilibrium) -> list[FreeBody]:
+    """The bodies that the constraints at hand leave free, undeformed; collective.
+
+    Bodies that common nodes or ties join are one, with what supports any of them. A platen under a
+    given force keeps its surface from turning, springs and foundations hold, as do tools that a
+    surface is tied to.
+    """
+    return [body for one in joined_bodies(problem) if (body := _free(problem, one)) is not None]
+
+
+def supports_at_hand(problem: Equilibrium) -> tuple[object, ...]:
+    """What :func:`free_bodies` depends on, and stages change; the same on all ranks."""
+    ties = tuple(term.active for term in problem.contacts if term.tied)
+    beds = tuple(load.acts for load in problem.loads if isinstance(load, Foundation))
+    return problem.constraints.controls, ties, beds
+
+
+def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
+    nodes = body_nodes(problem, joined.cells)
+    modes, extent = motions_of(problem, nodes, joined.solids[0].section == "axisymmetric")
+    mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
+    beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
+    resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
+    gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
+    for platen in problem.platens:
+        oblique = isinstance(platen, SlantedPlaten)
+        if platen.acts and (oblique or platen.displacement is None):
+            gram = gram + _as_one(problem, platen, modes, mine)
+    for grip in joined.grips:
+        moved = modes.transpose(0, 2, 1)[np.searchsorted(nodes, grip.nodes)]
+        free = free_slots(problem, grip.tool, sprung_dofs(problem))
+        left = grip.resisted(problem, moved, free)
+        gram = gram + problem.comm.allreduce(np.einsum("nia,nib->ab", left, left))
+    return None if leave_none(problem, gram, nodes) else FreeBody(joined, nodes, extent)
+
+
+def motions_of(
+    problem: Equilibrium, nodes: Ints, axisymmetric: bool = False
+) -> tuple[Floats, float]:
+    """Rigid motions of a body in the measure of its extent; collective.
+
+    Args:
+        problem: the equilibrium.
+        nodes: (n,) local ones of the body that this rank owns.
+        axisymmetric: whether it is a body of revolution.
+
+    Returns:
+        The motions (n, r, i), and the body's largest extent along an axis, m.
+    """
+    at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
+    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
+    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
+    return rigid_motions((at - middle) / extent, axisymmetric), extent
+
+
+def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:
+    """Whether supports leave no motion of a body free; collective.
+
+    Args:
+        problem: the equilibrium.
+        gram: (r, r), what the supports do to the motions, summed over all ranks.
+        nodes: local ones of the body that this rank owns.
+    """
+    values = np.linalg.eigvalsh(gram)
+    count = problem.comm.allreduce(len(nodes))
+    return bool(values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1)))
+
+
+def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:
+    """Small rigid motions (n, r, i) of places (n, i): along the axes, then about them.
+
+    A body of revolution moves along its axis only.
+    """
+    count, dim = place.shape
+    along = np.broadcast_to(np.eye(dim), (count, dim, dim))
+    if axisymmetric:
+        return along[:, 1:2]
+    if dim == 2:
+        about: Floats = np.stack([-place[:, 1], place[:, 0]], axis=1)[:, None]
+    else:
+        about = np.asarray(np.cross(np.eye(3)[None], place[:, None]), dtype=np.float64)
+    return np.concatenate([along, about], axis=1)
+
+
+def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> Floats:
+    """What a platen does (r, r) to the motions of a body: its nodes move alike; collective."""
+    here = np.isin(mine, platen.dofs)
+    rows: Floats = modes.transpose(0, 2, 1)[here]
+    if isinstance(platen, SlantedPlaten):
+        rows = modes[here.all(axis=1)] @ platen.normal
+    local = np.concatenate([rows.sum(axis=0), [len(rows)]])
+    total = problem.comm.allreduce(local)
+    mean = total[:-1] / max(total[-1], 1.0)
+    fixed = platen.stiffness > 0.0 or platen.displacement is not None
+    apart = rows if fixed else rows - mean
+    out: Floats = problem.comm.allreduce(apart.T @ apart)
+    return out

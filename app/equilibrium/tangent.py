@@ -19,11 +19,11 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.kept_tangent import KeptTangent
 from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.app.equilibrium.slanted import room_of
+from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
+from tribox.app.equilibrium.undeformed_tangent import UndeformedTangent
 from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.compiled_tangent import Entries
@@ -32,7 +32,6 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
-from tribox.forms.contact.tie import TieTerm
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
@@ -52,8 +51,8 @@ class Tangent:
         constraints: with the numbering of the unknowns; bodies, contacts, loads: the parts.
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
-        seen: which of the aligned platens have acted together, of all there is room for.
-        keeper: of the tangents of stiff bodies.
+        platen_sets: which of the aligned platens have acted together, of all there is room for.
+        undeformed: the tangents of stiff bodies that hardly move.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -69,22 +68,22 @@ class Tangent:
         """Begin without a matrix."""
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
-        self.keeper = KeptTangent(bodies, contacts)
+        self.undeformed = UndeformedTangent(bodies, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
         self._raw: PETSc.Mat | None = None
         self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
-        self.seen: list[tuple[bool, ...]] = []
+        self.platen_sets: list[tuple[bool, ...]] = []
         self._rooms: dict[tuple[bool, ...], list[Longs]] = {}  # pairs of nodes, see `make_room`
         self._fitted: int | None = None  # pattern that a tangent with slanted platens has room for
 
     def new_matrix(self, trials: Sequence[ContactTrial]) -> PETSc.Mat:
         """A matrix with room for solids, platens and these contacts; collective."""
         self.windows = [None] * len(self.contacts)
-        self._raw, self.seen, self._rooms = None, [], {}
+        self._raw, self.platen_sets, self._rooms = None, [], {}
         if self.constraints.aligned:
-            self.seen = [tuple(platen.acts for platen in self.constraints.aligned)]
+            self.platen_sets = [tuple(platen.acts for platen in self.constraints.aligned)]
         A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
         A.assemble()
         self._plain_map = A.getLGMap()
@@ -120,8 +119,8 @@ class Tangent:
             self._keep_pattern(raw, trials, timer)
             self._renumber(raw)
         with timer("assembly"):
-            self.keeper.decide()
-            self.keeper.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
+            self.undeformed.decide()
+            self.undeformed.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
             self._assemble_forms(raw, carried)
         with timer("contact"):
             for term, trial in zip(self.contacts, trials, strict=True):
@@ -157,22 +156,17 @@ class Tangent:
     def _renumber(self, A: PETSc.Mat) -> None:
         """Send the unknowns of the platens that act now to their leaders; collective."""
         acting = tuple(platen.acts for platen in self.constraints.aligned)
-        if acting and acting not in self.seen:
-            self.seen.append(acting)
+        if acting and acting not in self.platen_sets:
+            self.platen_sets.append(acting)
             self.make_room(A)
         if self._mapped != acting:
             maps = self.constraints.condensed_map() if any(acting) else None
             A.setLGMap(*(self._plain_map if maps is None else (maps, maps)))
             self._mapped = acting
 
-    @property
-    def kept(self) -> tuple[bool, ...]:
-        """Of each solid, whether the last tangent is that of its undeformed state."""
-        return self.keeper.on
-
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
         """Add all but what is kept."""
-        solids = self.keeper.others
+        solids = self.undeformed.others
         self._add_solids(A, solids, carried)
         for load in self.loads:
             if load.tangent is not None and load.acts:
@@ -258,7 +252,7 @@ class Tangent:
         """Widen the pattern when a contact has left its window; collective."""
         missing = False
         for term, trial, window in zip(self.contacts, trials, self.windows, strict=True):
-            missing |= window is None or not window.holds(term, trial)
+            missing |= window is None or not window.fitted(term.surface).holds(term, trial)
         if self.constraints.unknowns.comm.allreduce(missing, op=MPI.LOR):
             with timer("pattern"):
                 self._widen(A, trials)
@@ -275,10 +269,12 @@ class Tangent:
         What it has been given before is not looked up again.
         """
         self.pattern_changes += 1
-        self.keeper.forget()
+        self.undeformed.forget()
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
-        for acting in self.seen or [()]:
+        beside = self.constraints.unknowns.beside_nodes
+        self._add_blocks(extra, beside[:, None], None, [])  # no cell gives them a diagonal
+        for acting in self.platen_sets or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
             room = self._rooms.get(acting)
@@ -301,7 +297,7 @@ class Tangent:
         pairs = []
         for term, window in zip(self.contacts, self.windows, strict=True):
             assert window is not None, "windows come first"
-            pairs.append(coupled_nodes(term, window))
+            pairs.append(coupled_nodes(term, window.fitted(term.surface)))
         return pairs
 
     def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:
@@ -355,10 +351,21 @@ class ContactWindow:
         """The same neighbours, with the tables that :meth:`arrays` gave."""
         tables = {}
         for name in ("touching", "together"):
-            columns = arrays[f"{name}_columns"]
-            parts = (np.ones(len(columns), dtype=np.int32), columns, arrays[f"{name}_ends"])
-            tables[name] = scipy.sparse.csr_matrix(parts, shape=getattr(self, name).shape)
+            columns, ends = arrays[f"{name}_columns"], arrays[f"{name}_ends"]
+            width = max(int(columns.max(initial=-1)) + 1, self.rings.shape[0])
+            parts = (np.ones(len(columns), dtype=np.int32), columns, ends)
+            tables[name] = scipy.sparse.csr_matrix(parts, shape=(len(ends) - 1, width))
         return replace(self, **tables)
+
+    def fitted(self, surface: ContactSurface) -> ContactWindow:
+        """The same over all facets of the master that are known by now."""
+        facets = len(_movers(surface))
+        if self.rings.shape[0] == self.together.shape[0] == facets:
+            return self
+        touching, together = self.touching.copy(), self.together.copy()
+        touching.resize(touching.shape[0], facets)
+        together.resize(facets, facets)
+        return ContactWindow(touching, together, _rings_of(surface))
 
     def holds(self, term: ContactTerm, trial: ContactTrial) -> bool:
         """Whether the tangent of a trial fits in."""
@@ -410,11 +417,8 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     current, before = _pieces(term, trial, near)
     facets = len(_movers(surface))
     count = int(surface.slave.facet.max(initial=-1)) + 1
-    if window is None:
-        neighbours = np.ones((1, 1)) if _is_tool(surface) else surface.target.neighbours
-        rings = _rings(_present(neighbours), MARGIN[surface.shape.directions])
-    else:
-        rings = window.rings
+    window = None if window is None else window.fitted(surface)
+    rings = _rings_of(surface) if window is None else window.rings
     used = _table(np.tile(slave, 2), np.concatenate([current, before]), (count, facets))
     touching = _present(used @ rings)
     pairs = _table(current, before, (facets, facets))
@@ -425,6 +429,12 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     inside = np.bincount(touching.indices, minlength=facets) > 0
     keep = scipy.sparse.diags(inside.astype(np.int32), dtype=np.int32)
     return ContactWindow(touching, _present(keep @ pairs @ keep), rings)
+
+
+def _rings_of(surface: ContactSurface) -> scipy.sparse.csr_matrix:
+    """The neighbours of each facet that room is made for."""
+    neighbours = np.ones((1, 1)) if _is_tool(surface) else surface.target.neighbours
+    return _rings(_present(neighbours), MARGIN[surface.shape.directions])
 
 
 def _rings(neighbours: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:
@@ -505,12 +515,15 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     An averaged pressure couples all nodes of the facets around a vertex, and of those that they
     touch; of a vertex at the seam of two ranks those of both.
     """
-    if isinstance(term, TieTerm):
-        return term.coupled_pairs()
+    pairs = term.coupled_pairs()
+    if pairs is not None:
+        return pairs
     surface = term.surface
     _, first = np.unique(surface.slave.facet, return_index=True)
     mine = surface.slave.nodes[first]
     others = _movers(surface)
+    of_blocks = _beside(term, first)
+    mine = np.concatenate([mine, of_blocks], axis=1)
     nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
     active = np.diff(window.touching.indptr) > 0
     slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
@@ -519,6 +532,9 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     touched = slaves + window.touching @ masters
     pattern = slaves.T @ touched + touched.T @ slaves + masters.T @ (window.together @ masters)
     pairs = _upper(pattern, nodes)
+    if of_blocks.size:  # coupled along the surface, touched or not
+        linked = _incidence(np.searchsorted(nodes, of_blocks), len(nodes))
+        pairs = _distinct(np.concatenate([pairs, _upper(linked.T @ linked, nodes)]))
     if not isinstance(term.rule, AveragedPressure):
         return pairs
     if surface.normals is not None:  # those take the vertices of the next facets too
@@ -529,6 +545,14 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
         around = scipy.sparse.csr_matrix(np.ones((1, around.shape[0]), dtype=np.int32)) @ around
     patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
     return _distinct(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]))
+
+
+def _beside(term: ContactTerm, first: Longs) -> Longs:
+    """Nodes (f, b) of blocks that belong to the vertices of the facets of points ``first`` (f,)."""
+    if term.beside is None:
+        return np.empty((len(first), 0), dtype=np.int64)
+    nodes: Longs = term.beside[term.surface.vertices.of_point[first]]
+    return nodes.reshape(len(first), nodes.shape[1] * nodes.shape[2])
 
 
 def _distinct(pairs: Longs) -> Longs:

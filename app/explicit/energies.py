@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_of_largest, place_text
 from tribox.app.equilibrium.snapshot import Partial, Snapshot, scattered
+from tribox.app.equilibrium.unknowns import place_of_largest, place_text
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog
 from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import oedometric_modulus

@@ -22,9 +22,9 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_of_largest
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.app.explicit.options import MassScaling
 from tribox.forms.bodies.element_frequency import element_frequencies
@@ -135,7 +135,7 @@ class _Limits:
 
     def of(self, mass: Floats, scale: dolfinx.fem.Function | None = None) -> Floats:
         """ω² (c,) of the cells for nodal masses (local unknowns) and a factor per cell."""
-        bound = np.zeros_like(mass)  # carriers' nodes, which no body has, are without mass
+        bound = np.zeros_like(mass)  # nodes beside those of bodies are without mass
         np.divide(self._stiffness, mass, out=bound, where=mass > 0.0)
         per_node = bound.reshape(-1, self._dim).max(axis=1)
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0

@@ -18,8 +18,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import (
     AtPoints,
     Local,
@@ -27,7 +25,10 @@ from tribox.app.equilibrium.snapshot import (
     Snapshot,
     of_bodies,
     of_contacts,
+    of_parts,
 )
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog, LumpedDynamics
 from tribox.app.explicit.options import ExplicitOptions, MassScaling
@@ -88,8 +89,10 @@ class ExplicitStepper:
             masses: of a run that is resumed; None: scaled for the state taken over.
 
         Raises:
-            ValueError: a body has no density.
+            ValueError: a body has no density, or there are fields, which have no mass.
         """
+        for field in problem.fields:
+            raise ValueError(f"{field.name}: fields do not go with explicit steps")
         self.problem, self.options = problem, options or ExplicitOptions()
         self.rate_dependent = rate_dependent
         self.state = ExplicitState(problem.u, displacement, velocity)
@@ -310,7 +313,7 @@ class ExplicitStepper:
 
     def snapshot(self) -> Snapshot:
         """All that the next step depends on, beside the loads; views, not copies."""
-        state, masses = self.state, self.masses
+        state, masses, terms = self.state, self.masses, self.problem.contacts
         vectors = {name: Nodal(getattr(state, name).owned) for name in ("u", "v", "a")}
         films = [c.film_arrays() for c in self.contacts]
         places = [c.searched_at for c in self.contacts]
@@ -323,7 +326,8 @@ class ExplicitStepper:
             "masses": [masses.added, masses.original, masses.scaled],
             "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
             "bodies": of_bodies(self.problem.solids),
-            "contacts": of_contacts([term.state for term in self.problem.contacts]),
+            "known": of_parts(terms),
+            "contacts": of_contacts(terms, [term.state for term in terms]),
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}
                 for pair, film in enumerate(films)
@@ -462,7 +466,13 @@ class FilmCorrection:
         self.contacts = list(contacts)
         self._dynamics, self._damping = dynamics, damping
         self._scratch = NodalVector(space)
-        self._touched = dynamics.touched([c.exchange for c in self.contacts], self._scratch)
+        self._touch()
+
+    def _touch(self) -> None:
+        """Find the unknowns that the films' forces can reach; collective."""
+        pairs = [contact.exchange for contact in self.contacts]
+        self._exchanges = pairs
+        self._touched = self._dynamics.touched(pairs, self._scratch)
 
     def hold(self) -> None:
         """Put the films' tractions of the step before in place of those just evaluated."""
@@ -477,6 +487,8 @@ class FilmCorrection:
             residual: forces; the change of the films' is added.
             dt: s, length of the step.
         """
+        if any(c.exchange is not e for c, e in zip(self.contacts, self._exchanges, strict=True)):
+            self._touch()  # contacts know more of their masters now
         if state.steps % REFRESH == 0:
             for contact in self.contacts:
                 contact.refresh_compliance(self._dynamics.inverse, self._scratch)

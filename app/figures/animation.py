@@ -17,12 +17,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tribox.app.errors import InputError
-from tribox.app.figures.body_shapes import Bodies, read_bodies
-from tribox.app.figures.field_values import ColourScale, common_scale
+from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale, read_bodies
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
-from tribox.app.figures.rendering import render
-from tribox.app.figures.scenes import facets_seen
-from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
 from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE
 from tribox.app.figures.tool_surfaces import (
@@ -188,15 +185,13 @@ def _in_space(
     drawn = [some for some in tools if some is not None]
     low, high = room_for(low, high, np.concatenate(drawn) if drawn else None)
     scenes = [scene_of(state, scale, low, high) for state in states]
-    pictures = render(scenes)
     width, height = scenes[0].size
     figure, axes = _page(scale, states, 0.75 * height / width)
 
     def draw(number: int) -> None:
         axes.clear()
-        picture = None if pictures is None else pictures[number]
         scene = scenes[number]
-        view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
+        view = View(scene, facets_seen(scene), veil_of(scene, tools[number]))
         draw_space(axes, view, states[number].names)
 
     return figure, draw

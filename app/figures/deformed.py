@@ -14,9 +14,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from tribox.app.figures.body_shapes import Bodies, read_bodies
+from tribox.app.figures.body_shapes import (
+    Bodies,
+    CellField,
+    ColourScale,
+    common_scale,
+    named_after,
+    read_bodies,
+)
 from tribox.app.figures.deformed_space import draw_states_in_space, mesh_in_space
-from tribox.app.figures.field_values import CellField, ColourScale, common_scale, named_after
 from tribox.app.figures.plane_bodies import (
     Frame,
     close_up,

@@ -18,12 +18,9 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
-from tribox.app.figures.body_shapes import Bodies
-from tribox.app.figures.field_values import ColourScale, common_scale
+from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale
 from tribox.app.figures.plane_bodies import pair_colour
-from tribox.app.figures.rendering import render
-from tribox.app.figures.scenes import facets_seen
-from tribox.app.figures.space_bodies import View, draw_space, scene_of
+from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
 from tribox.app.figures.states import State
 from tribox.app.figures.style import CASE_STYLE, Floats, panels_in, save
 from tribox.app.figures.tool_surfaces import room_for, tool_triangles, veil_of
@@ -62,12 +59,10 @@ def draw_states_in_space(
         for bodies, triangles in zip(drawn, tools, strict=True)
     ]
     scenes = [scene_of(b, scale, *frame) for b, frame in zip(drawn, frames, strict=True)]
-    pictures = render(scenes)
     files = []
     with rc_context(CASE_STYLE):
         for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
-            picture = None if pictures is None else pictures[number]
-            view = View(scene, facets_seen(scene), picture, veil_of(scene, tools[number]))
+            view = View(scene, facets_seen(scene), veil_of(scene, tools[number]))
             figure = _figure(results, state, drawn[number], scale, view)
             files.append(figures / f"{state.name}.png")
             save(figure, files[-1])
@@ -78,7 +73,7 @@ def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
     """The outer facets of the bodies, a colour for each body."""
     scene = scene_of(bodies, scale)
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
-    draw_space(figure.subplots(), View(scene, facets_seen(scene), None), bodies.names)
+    draw_space(figure.subplots(), View(scene, facets_seen(scene)), bodies.names)
     return figure
 
 

@@ -18,8 +18,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
-from tribox.app.figures.body_shapes import Bodies, Ints
-from tribox.app.figures.field_values import ColourScale
+from tribox.app.figures.body_shapes import Bodies, ColourScale, Ints
 from tribox.app.figures.style import RED, Floats
 from tribox.app.figures.tractions import facets_of, line_starts
 from tribox.app.figures.units import Unit, fitting

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from tribox.app.case.friction import FrictionMap
 from tribox.app.errors import InputError
+from tribox.app.figures.body_shapes import DEFAULT_FIELD, named_after
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.field_values import DEFAULT_FIELD, named_after
 from tribox.app.figures.force_displacement import draw_phases, force_displacement_figure
 from tribox.app.figures.history import energies_figure, forces_figure
 from tribox.app.figures.steady_points import draw_steady, steady_series
@@ -111,7 +110,7 @@ def _saved(drawn: dict[str, Figure | None], figures: Path) -> list[Path]:
 
 def _has_film(case: Case) -> bool:
     """Whether the first pair follows the friction map."""
-    return bool(case.contact) and isinstance(case.contact[0].friction, FrictionMap)
+    return bool(case.contact) and case.contact[0].map is not None
 
 
 def _steady_rows(load_steps: Table) -> list[dict[str, Any]]:

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.case import Case
-from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.style import (
     COLOURS,
     Floats,
@@ -71,7 +70,7 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
         label: what to call them; by default after the film thickness.
     """
     contact = case.contact[0]
-    assert isinstance(contact.friction, FrictionMap) and contact.given_film is not None
+    assert contact.map is not None and contact.given_film is not None
     speed, viscosity, friction, normal, area, mu, steady = columns(
         sorted(load_steps, key=lambda load_step: abs(load_step["velocity"])),
         *("velocity", "effective_viscosity", "friction_force", "normal_force"),
@@ -82,7 +81,7 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
     return Series(
         label=label or f"D = {thickness * 1e9:g} nm",
         thickness=thickness,
-        parameters=contact.friction.parameters(),
+        parameters=contact.map,
         speed=np.abs(speed),
         viscosity=viscosity,
         traction=friction / area,

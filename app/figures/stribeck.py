@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.friction import FrictionMap
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import film_numbers
@@ -132,9 +131,9 @@ def _film(case: Case, ends: Table) -> tuple[float, FrictionMapParameters] | None
     if len(case.contact) != 1 or not len(pressed):
         return None
     contact = case.contact[0]
-    if not isinstance(contact.friction, FrictionMap) or contact.film is None:
+    law = contact.map
+    if law is None or contact.film is None:
         return None
-    law = contact.friction.parameters()
     film = contact.film.at(float(np.mean(pressed["normal_force"] / pressed["contact_area"])))
     return (film, law) if film > law.D_min else None
 
@@ -154,18 +153,16 @@ def _viscosity(case: Case, pair: int) -> float:
     film = contact.film
     if film is not None and film.is_unknown and film.eta_b is not None:
         return film.eta_b
-    if film is not None and film.is_unknown and isinstance(contact.friction, FrictionMap):
-        return float(contact.friction.eta_b)
-    wet = isinstance(contact.friction, FrictionMap) and contact.given_film is not None
-    return float(contact.friction.eta_b) if wet else np.nan  # type: ignore[union-attr]
+    return np.nan if contact.map is None or film is None else contact.map.eta_b
 
 
 def _threshold(case: Case, pair: int, pressure: float) -> float:
     """V* of a pair's film at a mean pressure, m/s; NaN where friction does not jump."""
     contact = case.contact[pair]
-    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
+    law = contact.map
+    if law is None or contact.given_film is None:
         return math.nan
-    law, film = contact.friction.parameters(), contact.given_film.at(pressure)
+    film = contact.given_film.at(pressure)
     return float(threshold_speed(film, law)) if law.D_min < film < law.D_max else math.nan
 
 

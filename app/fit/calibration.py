@@ -23,16 +23,21 @@ from scipy.stats import f as f_distribution
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
+    BROAD,
+    CONFIDENCE,
+    NOISE,
     RANGES,
     Coordinate,
     Estimate,
     FitResult,
     Found,
     Parameters,
+    Slopes,
+    factor_of,
     friction,
+    interval,
     with_values,
 )
-from tribox.app.fit.slopes import BROAD, CONFIDENCE, NOISE, Slopes, factor_of, interval
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity, QuantityError
-from tribox.app.case.text_files import read_text
+from tribox.app.case.toml_files import read_text
 from tribox.app.errors import InputError
 
 # -- A CSV file with units in its header, in SI: what all fits read their measurements from --------

@@ -22,7 +22,7 @@ from tribox.app.fit.material_data import (
     read_material,
 )
 from tribox.app.fit.metal import LAWS, MOST_GIVEN, MetalFit, fit_metal
-from tribox.app.fit.model import Estimate
+from tribox.app.fit.model import NOISE, Estimate, Slopes, interval
 from tribox.app.fit.prony import (
     LONG_TERM,
     MOST_BRANCHES,
@@ -32,7 +32,6 @@ from tribox.app.fit.prony import (
     fit_prony,
 )
 from tribox.app.fit.setup import hint, settings
-from tribox.app.fit.slopes import NOISE, Slopes, interval
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, save, thin_log_ticks
 from tribox.app.fit.material import (
     ASSUMED_METAL,
@@ -32,9 +32,9 @@ from tribox.app.fit.material import (
     shift_factors,
 )
 from tribox.app.fit.metal import LAWS, MetalFit, paths, response
+from tribox.app.fit.model import CONFIDENCE, stated
 from tribox.app.fit.prony import LONG_TERM, PronyFit, PronyProblem
 from tribox.app.fit.run import NEEDED, value_and_ends
-from tribox.app.fit.slopes import CONFIDENCE
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_json, write_table, write_text
@@ -412,16 +412,7 @@ def numbers(result: MaterialResult, data_file: Path) -> dict[str, Any]:
         "test": result.data.kind,
         "law": result.law,
         "rows": len(result.data),
-        "parameters": {
-            e.coordinate.name: {
-                "value": e.value,
-                "low": e.low,
-                "high": e.high,
-                "unit": e.coordinate.unit,
-                "determined": e.warning is None,
-            }
-            for e in result.estimates
-        },
+        "parameters": stated(result.estimates),
         "confidence": CONFIDENCE,
         "scatter": result.scatter,
         "degrees_of_freedom": result.fit.degrees,

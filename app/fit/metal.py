@@ -27,8 +27,8 @@ from scipy.optimize import least_squares
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
-from tribox.app.fit.prony import MaterialParameter, information
-from tribox.app.fit.slopes import Slopes
+from tribox.app.fit.model import Slopes
+from tribox.app.fit.prony import MaterialFit, MaterialParameter
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
 Floats = NDArray[np.float64]
@@ -289,34 +289,8 @@ class MetalProblem:
 
 
 @dataclass(frozen=True, slots=True)
-class MetalFit:
-    """A metal that was found.
-
-    Attributes:
-        problem: What it was fitted to.
-        x: (c,), search coordinates.
-        at_bound: (c,), whether the search ended at a bound.
-    """
-
-    problem: MetalProblem
-    x: Floats
-    at_bound: NDArray[np.bool_]
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squares of the residual."""
-        residual = self.problem.residual(self.x)
-        return float(residual @ residual)
-
-    @property
-    def degrees(self) -> int:
-        """Rows less parameters."""
-        return len(self.problem.measured) - len(self.x)
-
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion; that of the best metal is least."""
-        return information(self.squares, len(self.problem.measured), len(self.x))
+class MetalFit(MaterialFit[MetalProblem]):
+    """A metal that was found."""
 
     @property
     def values(self) -> dict[str, float]:

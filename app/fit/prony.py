@@ -18,6 +18,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from scipy.optimize import least_squares, nnls
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
-from tribox.app.fit.slopes import Searched, Slopes
+from tribox.app.fit.model import Searched, Slopes
 
 Floats = NDArray[np.float64]
 Branch = Callable[[Floats], tuple[Floats, Floats]]
@@ -94,6 +95,55 @@ class MaterialParameter(Searched):
     name: str
     unit: str = ""
     bounded: bool = False
+
+
+class _Problem(Protocol):
+    """What any material is fitted to."""
+
+    @property
+    def measured(self) -> Floats: ...
+
+    def residual(self, x: Floats) -> Floats: ...
+
+
+Problem = TypeVar("Problem", bound=_Problem)
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialFit(Generic[Problem]):
+    """A material that was found.
+
+    Attributes:
+        problem: What it was fitted to.
+        x: (c,), search coordinates.
+        at_bound: (c,), whether the search ended at a bound.
+    """
+
+    problem: Problem
+    x: Floats
+    at_bound: NDArray[np.bool_]
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the residual."""
+        residual = self.problem.residual(self.x)
+        return float(residual @ residual)
+
+    @property
+    def degrees(self) -> int:
+        """Values less parameters."""
+        return len(self.problem.measured) - len(self.x)
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion; that of the best material is least."""
+        return information(self.squares, len(self.problem.measured), len(self.x))
+
+
+def information(squares: float, values: int, parameters: int) -> float:
+    """Bayesian information criterion, n ln(squares/n) + c ln n; data may count as exact."""
+    variance = max(squares / values, EXACT**2)
+    return values * math.log(variance) + parameters * math.log(values)
 
 
 LONG_TERM = MaterialParameter("long-term G", "Pa")
@@ -304,39 +354,13 @@ class PronyProblem:
 
 
 @dataclass(frozen=True, slots=True)
-class PronyFit:
-    """A series that was found.
-
-    Attributes:
-        problem: What it was fitted to.
-        x: (c,), search coordinates.
-        at_bound: (c,), whether the search ended at a bound.
-    """
-
-    problem: PronyProblem
-    x: Floats
-    at_bound: NDArray[np.bool_]
+class PronyFit(MaterialFit[PronyProblem]):
+    """A series that was found."""
 
     @property
     def branches(self) -> int:
         """Their number."""
         return self.problem.branches(self.x)
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squares of the residual."""
-        residual = self.problem.residual(self.x)
-        return float(residual @ residual)
-
-    @property
-    def degrees(self) -> int:
-        """Values less parameters."""
-        return len(self.problem.measured) - len(self.x)
-
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion; that of the best series is least."""
-        return information(self.squares, len(self.problem.measured), len(self.x))
 
     @property
     def series(self) -> Prony:
@@ -413,12 +437,6 @@ class PronyFit:
             rows = "times"
         fewer = "" if self.branches == 1 else f", or take --branches {self.branches - 1}"
         return f"add rows at {rows} around it, or beyond those there are{fewer}"
-
-
-def information(squares: float, values: int, parameters: int) -> float:
-    """Bayesian information criterion, n ln(squares/n) + c ln n; data may count as exact."""
-    variance = max(squares / values, EXACT**2)
-    return values * math.log(variance) + parameters * math.log(values)
 
 
 def fit_prony(

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.friction import FrictionMap
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.friction import MAP, TABLES
+from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import tell
 from tribox.app.figures.steady_points import film_numbers
 from tribox.app.figures.style import CASE_STYLE, colour_of, marker_of, save, thin_log_ticks
@@ -23,6 +23,7 @@ from tribox.app.figures.units import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISC
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
+    CONFIDENCE,
     RANGES,
     Coordinate,
     Estimate,
@@ -31,9 +32,9 @@ from tribox.app.fit.model import (
     Which,
     coordinates,
     friction,
+    stated,
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
-from tribox.app.fit.slopes import CONFIDENCE
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_json, write_table, write_text
@@ -124,7 +125,7 @@ IDLE = ("switch", "reentry", "reset_slip_on_opening", "zeta", "eta_inf", "barus"
 def _is_default(key: str, value: Any) -> bool:
     if key not in IDLE:
         return False
-    default = FrictionMap.model_fields[key].default
+    default = TABLES[MAP].model_fields[key].default
     return bool(_number(value) == default) if isinstance(default, float) else value == default
 
 
@@ -247,16 +248,7 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
         "law": setup.law,
         "rows": len(setup.data),
         "observed": setup.data.observed,
-        "parameters": {
-            e.coordinate.name: {
-                "value": e.value,
-                "low": e.low,
-                "high": e.high,
-                "unit": e.coordinate.unit,
-                "determined": e.warning is None,
-            }
-            for e in result.estimates
-        },
+        "parameters": stated(result.estimates),
         "confidence": CONFIDENCE,
         "scatter": result.scatter,
         "degrees_of_freedom": result.degrees,

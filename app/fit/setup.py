@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.friction import Coulomb, FrictionMap, Stribeck
-from tribox.app.case.overrides import apply_override
+from tribox.app.case.friction import TABLES, LawTable
 from tribox.app.case.quantities import QuantityError, parse_quantity
+from tribox.app.case.toml_files import apply_override
 from tribox.app.errors import InputError
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
 from tribox.app.fit.model import LAWS, RANGES, RIGID, Parameters
 from tribox.app.friction_map.setup import validated_contact
-from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 ASSUMED: dict[str, Any] = {
@@ -29,11 +28,6 @@ ASSUMED: dict[str, Any] = {
 """What is neither fitted nor fixed."""
 WEAKENING = ("mu_d", "A_d", "B")
 EXCLUSIVE = (("alpha", "beta"), ("V_star", "gamma"))
-TABLES: dict[str, type[FrictionMap] | type[Stribeck] | type[Coulomb]] = {
-    "friction-map": FrictionMap,
-    "stribeck": Stribeck,
-    "coulomb": Coulomb,
-}
 NOT_FIXABLE = ("law", "switch", "reentry")
 TOLD = (
     *("mu_s", "A_d", "B", "K_T", "eta_b", "D_min", "D_max", "alpha", "beta", "V_star"),
@@ -61,7 +55,7 @@ class FitSetup:
     names: tuple[str, ...]
     fixed: dict[str, Any]
     base: Parameters
-    friction: FrictionMap | Stribeck | Coulomb
+    friction: LawTable
     starts: dict[str, float]
 
     @property
@@ -97,7 +91,7 @@ def fit_setup(
         suggested = _suggested(data, given) if law == "friction-map" else _usual(law, data)
         names = tuple(name for name in suggested if name not in given)
     _check_names(names, given)
-    friction: FrictionMap | Stribeck | Coulomb
+    friction: LawTable
     base: Parameters
     if law == "friction-map":
         friction, base = _base(names, given, data)
@@ -230,7 +224,7 @@ def _displaced(names: Sequence[str]) -> tuple[str, ...]:
 
 def _base(
     names: Sequence[str], given: Mapping[str, Any], data: TribometerData
-) -> tuple[FrictionMap, FrictionMapParameters]:
+) -> tuple[LawTable, FrictionMapParameters]:
     """The law before the fit: what is given over what is assumed, and a value for the rest."""
     table: dict[str, Any] = {"law": "friction-map", **ASSUMED}
     if "gamma" in given or "gamma" in names:
@@ -248,8 +242,7 @@ def _base(
     if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
         table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
     friction = _validated(table, film)
-    assert isinstance(friction, FrictionMap)
-    base = friction.parameters()
+    base: FrictionMapParameters = friction.parameters()
     if "mu_d" not in (*names, *given):
         base = dataclasses.replace(base, mu_d=None)
     return friction, base
@@ -257,7 +250,7 @@ def _base(
 
 def _base_without_film(
     law: str, names: Sequence[str], given: Mapping[str, Any]
-) -> tuple[Stribeck | Coulomb, Parameters]:
+) -> tuple[LawTable, Parameters]:
     """The law before the fit, of one that asks for no film."""
     table: dict[str, Any] = {"law": law, **given}
     table |= {name: RANGES[name].start for name in names}
@@ -270,24 +263,23 @@ def _base_without_film(
     if law == "stribeck" and "mu_d" in names and "mu_s" not in names:
         table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
     friction = _validated(table, None)
-    assert isinstance(friction, Stribeck | Coulomb)
-    K_T = RIGID if friction.K_T is None else friction.K_T
-    if isinstance(friction, Stribeck):
-        return friction, friction.model_copy(update={"K_T": K_T}).parameters()
-    if not isinstance(friction.mu, float):
+    if friction.changes:
         raise InputError("--fix mu: must be a number, not a program of time")
-    return friction, CoulombParameters(mu=friction.mu, K_T=K_T)
+    K_T = RIGID if friction.K_T is None else friction.K_T
+    return friction, friction.model_copy(update={"K_T": K_T}).parameters()
 
 
-def _validated(table: dict[str, Any], film: float | None) -> object:
+def _validated(table: dict[str, Any], film: float | None) -> LawTable:
     """A table of friction as a case has it; its faults are told as those of --fix."""
     contact: dict[str, Any] = {"slave": "a", "master": "b", "friction": table}
     if film is not None:
         contact["film"] = {"thickness": film}
     try:
-        return validated_contact(contact).friction
+        friction = validated_contact(contact).friction
     except InputError as error:
         raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
+    assert isinstance(friction, LawTable)
+    return friction
 
 
 def _number(key: str, value: object) -> float:

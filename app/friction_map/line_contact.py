@@ -17,18 +17,18 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.film import Film
-from tribox.app.case.friction import Coulomb, Frictionless
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
 from tribox.app.results.directory import write_json, write_table
-from tribox.forms.film.reynolds import FilmCells, FilmError, FilmStep, ReynoldsFilm
+from tribox.forms.film.places import FilmCells
+from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 
@@ -189,7 +189,8 @@ class LineContact:
         area = self._cells().area
         rate: Floats = np.asarray(speed / film, dtype=np.float64)
         eta = self.rheology.viscosity(rate, wet).value
-        gradient = 0.25 * (film[1:] + film[:-1]) @ np.diff(wet)
+        faces = wedge_film(np.stack([film[1:], film[:-1]], axis=1))[0]
+        gradient = 0.5 * faces @ np.diff(wet)
         return float(area @ (self.mu * dry + filled * eta * rate) - gradient)
 
 
@@ -281,7 +282,7 @@ def film_map(case: Case) -> FilmMap:
         raise InputError(f'contact.0.master = "{pair.master}": {where} takes a circle as tool')
     if film.share != "contact" or film.sigma == 0.0:
         raise InputError(f'contact.0.film: {where} takes share = "contact" and sigma > 0')
-    if not isinstance(pair.friction, (Coulomb, Frictionless)):
+    if pair.friction.law not in ("coulomb", "frictionless"):
         raise InputError(
             f'contact.0.friction.law = "{pair.friction.law}": {where} takes "coulomb", of the '
             'asperities, or "frictionless"'
@@ -340,9 +341,9 @@ def _load(case: Case, tool: CircleTool) -> float:
     return largest
 
 
-def _coefficient(friction: Coulomb | Frictionless) -> float:
+def _coefficient(friction: Any) -> float:
     """μ of the asperities; of a program its largest."""
-    if isinstance(friction, Frictionless):
+    if friction.law == "frictionless":
         return 0.0
     return friction.mu if isinstance(friction.mu, float) else max(friction.mu.values)
 

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from tribox.app.build.case_notes import notes_on_choices
 from tribox.app.case.contact import Contact
 from tribox.app.case.film import Film
-from tribox.app.case.friction import FrictionMap
-from tribox.app.case.overrides import apply_override
+from tribox.app.case.friction import LawTable
+from tribox.app.case.toml_files import apply_override
 from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError
 from tribox.forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
@@ -65,7 +65,7 @@ class MapSetup:
     """
 
     title: str
-    friction: FrictionMap
+    friction: LawTable
     parameters: FrictionMapParameters
     films: tuple[float, ...]
     film: float
@@ -93,7 +93,7 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
     """
     if case_file is None:
         contact = _built_in(overrides)
-        assert isinstance(contact.friction, FrictionMap) and contact.given_film is not None
+        assert isinstance(contact.friction, LawTable) and contact.given_film is not None
         note = (
             "no case: preset friction-map with assumed mu_s, mu_d, A_d, B, K_T, V_star; "
             f"{PRESSURE / 1e6:g} MPa as in the paper"
@@ -106,11 +106,12 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
 
     case = load_case(case_file, overrides)
     contact = case.contact[0]
-    if not isinstance(contact.friction, FrictionMap) or contact.given_film is None:
+    if contact.map is None or contact.given_film is None:
         raise InputError(
             f'{case_file}: contact.0.friction.law is "{contact.friction.law}"; tribox map draws '
             'the law "friction-map"'
         )
+    assert isinstance(contact.friction, LawTable)
     pressure = _case_pressure(case)
     note = "" if pressure else f"the case gives no pressure: {PRESSURE / 1e6:g} MPa assumed"
     title, swept = case.title or case_file.stem, _swept_films(case, pressure or PRESSURE)
@@ -119,7 +120,7 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
 
 def _setup(
     title: str,
-    friction: FrictionMap,
+    friction: LawTable,
     lubricant: Film,
     swept: tuple[float, ...],
     pressure: float | None,

@@ -17,8 +17,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import supports_at_hand
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
 from tribox.app.implicit.factor import DIRECT, Factor, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies

@@ -62,7 +62,7 @@ def _of_contact(problem: Equilibrium) -> Bools:
     """Whether unknowns (n,) may be coupled by a contact."""
     out = np.zeros(problem.owned, dtype=bool)
     for term in problem.contacts:
-        for nodes in (term.surface.slave.nodes, term.surface.master.nodes):
+        for nodes in (term.surface.slave.nodes, term.surface.own_master):
             unknowns = problem.unknowns.of_nodes(np.unique(nodes))
             out[problem.tangent.constraints.condensed(unknowns)] = True
     return out

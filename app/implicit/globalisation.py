@@ -17,8 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
 from tribox.app.implicit.attempt import Attempt, Phase
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies

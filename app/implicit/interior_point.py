@@ -29,7 +29,7 @@ from tribox.forms.contact.interior_point import TINY, InteriorPoint, InteriorSli
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
-from tribox.forms.friction.settling import presliding_length
+from tribox.forms.friction.law import presliding_length
 from tribox.geometry.surfaces.facets import Floats
 
 

@@ -15,12 +15,16 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import leave_none, motions_of
-from tribox.app.equilibrium.joined_bodies import JoinedBodies, joined_bodies
-from tribox.app.equilibrium.kept_tangent import undeformed
-from tribox.app.equilibrium.pair_bodies import bodies_of
 from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.supports import (
+    JoinedBodies,
+    bodies_of,
+    joined_bodies,
+    leave_none,
+    motions_of,
+)
 from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.undeformed_tangent import undeformed
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm

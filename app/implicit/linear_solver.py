@@ -22,11 +22,13 @@ from tribox.app.equilibrium.snapshot import (
     Snapshot,
     of_contacts,
     of_origin,
+    of_parts,
     of_searches,
     of_step,
     repeat_searches,
     to_contacts,
     to_origin,
+    to_parts,
     to_step,
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
@@ -58,7 +60,8 @@ def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:
     """The linear solver that a case asks for, "auto" by what each would cost."""
     if kind != "auto":
         return kind
-    return "direct" if problem.size <= DIRECT_LIMIT[problem.dim] else "krylov"
+    few = problem.size <= DIRECT_LIMIT[problem.dim]
+    return "direct" if few or problem.fields else "krylov"
 
 
 class LinearSolver:
@@ -96,8 +99,9 @@ class LinearSolver:
         self._ksp = ksp
         ksp.setOperators(self.matrix)
         iterative = ksp.getType() != PETSc.KSP.Type.PREONLY
-        stiff = [] if as_it_is else stiff_solids(self.problem)
-        if stiff or (iterative and not as_it_is):
+        whole = as_it_is or bool(self.problem.fields)  # fields belong to no body
+        stiff = [] if whole else stiff_solids(self.problem)
+        if stiff or (iterative and not whole):
             self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff, self._count)
         elif iterative:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
@@ -244,6 +248,7 @@ class LinearSolver:
             "first_room": None if first is None else self._first_room,
             "last": None if self._last is None else self._last.snapshot(self.problem),
             "room": self._room(),
+            "known": of_parts(self.problem.contacts),
             "assembled": self.assembled,
             "way": self.way.snapshot(),
         }
@@ -257,7 +262,7 @@ class LinearSolver:
             windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
         return {
             "windows": Local(windows),
-            "platens": [list(acting) for acting in tangent.seen],
+            "platens": [list(acting) for acting in tangent.platen_sets],
             "patterns": tangent.pattern_changes,
         }
 
@@ -268,6 +273,7 @@ class LinearSolver:
         the rest to the last one. Contacts and loads are left as they were; collective.
         """
         self.way.renew()
+        to_parts(self.problem.contacts, kept["known"])
         self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
         self._pattern = self.problem.pattern_changes
         self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
@@ -276,7 +282,7 @@ class LinearSolver:
     def _restore_room(self, kept: Snapshot) -> None:
         """Give the matrix the room of :meth:`_room`."""
         tangent, windows = self.problem.tangent, kept["windows"] or {}
-        tangent.seen = [tuple(acting) for acting in kept["platens"]]
+        tangent.platen_sets = [tuple(acting) for acting in kept["platens"]]
         for pair, window in enumerate(tangent.windows):
             ending = f"_{pair}"
             arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}
@@ -350,8 +356,8 @@ class Assembly:
             "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
             "x": Nodal(self.x),
             "before": None if self.before is None else Nodal(self.before),
-            "step": of_step(self.step),
-            "states": of_contacts(self.states),
+            "step": of_step(problem.contacts, self.step),
+            "states": of_contacts(problem.contacts, self.states),
             "searches": self.searches,
             "loads": list(self.loads),
             "platens": list(self.platens),
@@ -364,7 +370,7 @@ class Assembly:
         return cls(
             kept["x"],
             kept["before"],
-            to_step(kept["step"]),
+            to_step(problem.contacts, kept["step"]),
             tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
             Local(kept["searches"] or {}),

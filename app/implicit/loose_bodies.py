@@ -8,10 +8,15 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.equilibrium.bonded import bonded_groups
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.supports import Loose, body_nodes, loose_directions, sprung_dofs
+from tribox.app.equilibrium.step_mode import HoldingSprings
+from tribox.app.equilibrium.supports import (
+    Loose,
+    body_nodes,
+    bonded_groups,
+    loose_directions,
+    sprung_dofs,
+)
 from tribox.geometry.surfaces.facets import Floats
 
 

@@ -9,14 +9,20 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.matrix_values import blocks_in_place
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
+from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.facets import Floats, Ints
+
+SOURCE = "block_sweeps.c"
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -168,6 +174,7 @@ class MultigridSolver:
         self.multigrid = Multigrid(self._ksp, matrix, near)
         self._matrix, self._count = matrix, count
         self._blocks: PETSc.Mat | None = None
+        self._sweeps = BlockSweeps()
         self.solution, self._rhs = matrix.createVecs()
         self.image = self._rhs.duplicate()
         self.converged, self.anew = True, False
@@ -193,6 +200,9 @@ class MultigridSolver:
         if finest > 0:
             smoother = pc.getMGSmoother(finest)
             smoother.setOperators(self._blocks)
+            if self._sweeps.take(self._blocks):
+                smoother.getPC().setType(PETSc.PC.Type.PYTHON)
+                smoother.getPC().setPythonContext(self._sweeps)
             smoother.setUp()
             _leave_residual_to(pc, finest, self._blocks)
         self._ksp.setOperators(self._blocks, self._matrix)
@@ -226,6 +236,44 @@ class MultigridSolver:
                 part.destroy()
 
 
+class BlockSweeps:
+    """A symmetric sweep of Gauss-Seidel over blocks of three, as PETSc's preconditioner in Python.
+
+    Within each rank, in single precision: a third of the time of PETSc's.
+    """
+
+    def __init__(self) -> None:
+        """Begin without a matrix."""
+        self._code = library(SOURCE)
+        self._code.tribox_split_blocks.restype = ctypes.c_int64
+        self._arrays: tuple[NDArray[Any], ...] = ()
+
+    def take(self, matrix: PETSc.Mat) -> bool:
+        """Take over the values of a matrix in blocks; whether these sweeps can be used."""
+        if matrix.getBlockSize() != 3 or np.dtype(PETSc.IntType) != np.int32:
+            return False
+        with blocks_in_place(matrix) as (start, column, values):
+            n, more = len(start) - 1, 4  # a block is read by fours
+            if not self._arrays or len(self._arrays[1]) != len(column):
+                ends, columns = np.empty((2, n + 1), np.int32), np.empty(len(column), np.int32)
+                sizes = 9 * len(column) + more, 9 * n + more, 4 * n
+                self._arrays = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
+            self._count = ctypes.c_int64(n)
+            every: tuple[NDArray[Any], ...] = (start, column, values, *self._arrays[:-1])
+            arrays = [_at(one) for one in every]
+            return bool(self._code.tribox_split_blocks(self._count, *arrays) < 0)
+
+    def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Sweep from zero to ``x`` with the right-hand side ``b``."""
+        *fixed, scratch = map(_at, self._arrays)
+        right, found = b.array_r, x.array
+        self._code.tribox_sweep(self._count, *fixed, _at(right), _at(found), scratch)
+
+
+def _at(array: NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
 def _leave_residual_to(pc: PETSc.PC, level: int, matrix: PETSc.Mat) -> None:
     """Let a level of PETSc's multigrid find residuals by a matrix; petsc4py has no word for it."""
     handles = ctypes.c_void_p(pc.handle), ctypes.c_int(level), None, ctypes.c_void_p(matrix.handle)
@@ -243,8 +291,7 @@ def rigid_motions_of(problem: Equilibrium, dofs: Ints | None = None) -> PETSc.Nu
         problem: the equilibrium.
         dofs: owned local unknowns, of whole nodes, that alone move; None: all.
     """
-    dim, nodes = problem.dim, problem.owned // problem.dim
-    position = problem.space.tabulate_dof_coordinates()[:nodes, :dim].reshape(-1)
+    dim, position = problem.dim, problem.unknowns.node_places().reshape(-1)
     values = position if dofs is None else position[dofs]
     coordinates = PETSc.Vec().createMPI((len(values), PETSc.DECIDE), bsize=dim, comm=problem.comm)
     coordinates.array[:] = values

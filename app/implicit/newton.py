@@ -296,8 +296,7 @@ class Newton:
 
     def _relative_residual(self) -> float:
         """Of the last evaluation; collective."""
-        norm: float = self._residual.norm()
-        scale = self.problem.reference_force
+        norm, scale = self.problem.judged(self._residual, self.problem.reference_force)
         return norm / scale if scale > 0.0 else norm
 
     def step(self, step: StepMode, falling: bool) -> None:
@@ -472,6 +471,8 @@ class Newton:
         holding = self._step.holding
         least = 1.0 if holding is not None and holding.weak else LEAST_FORCE
         scale = max(self.problem.reference_force, least * self.largest_force)
+        if self.problem.fields:
+            norm, scale = self.problem.judged(self._residual, scale)
         self.residuals.append(norm / scale if scale > 0.0 else norm)
         idle = self._phase is WHOLE_STEPS and iteration == 0  # a change may hide in the tolerance
         small = norm <= self._tolerance * scale or norm <= self._noise()

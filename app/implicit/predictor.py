@@ -235,7 +235,9 @@ class Predictor:
         self._path = list(zip(kept["at"], kept["path"], strict=True))
         self._loads, self._drive = kept["loads"], None
         if drive is not None:
-            dofs = np.nonzero(drive["prescribed"])[0].astype(np.int32)
+            held = drive["prescribed"].copy()
+            held[problem.unknowns.padding] = 1.0  # no rank keeps those
+            dofs = np.nonzero(held)[0].astype(np.int32)
             self._drive = Drive(dofs, drive["constrained"][dofs], drive["loads"], drive["total"])
 
     def _ahead(self, ratio: float) -> float:

@@ -13,7 +13,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import supports_at_hand
 from tribox.app.equilibrium.snapshot import (
     Nodal,
     Snapshot,
@@ -27,6 +26,7 @@ from tribox.app.equilibrium.snapshot import (
     to_step,
 )
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import solve
 from tribox.app.implicit.linear_solver import LinearSolver
@@ -167,6 +167,9 @@ class ImplicitStepper:
     def _solve(self, step: StepMode) -> tuple[int, int, float]:
         """Solve a step, with weak springs if a body floats; collective.
 
+        An attempt that fails while contacts press on all bodies fails for another reason, which no
+        springs as weak as these would change.
+
         Returns:
             Iterations, PETSc's converged reason, force of the springs over the largest of the run.
         """
@@ -177,9 +180,9 @@ class ImplicitStepper:
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)
-            if not may_float or (reason > 0 and not self._weak.floating(largest)):
-                return iterations, reason, 0.0
-            if self._weak.is_loaded(largest):
+            sure = reason > 0 or not newton.strayed
+            held = sure and not self._weak.floating(largest)
+            if not may_float or held or self._weak.is_loaded(largest):
                 return iterations, reason, 0.0
         springs = self._weak.springs(self.x.array_r, largest)
         more, reason = self._tried(step.held(springs), True)
@@ -223,8 +226,8 @@ class ImplicitStepper:
         contacts = self.problem.contacts
         return {
             "x": Nodal(self.x.array_r.copy()),
-            "mode": of_step(self._mode),
-            "from": of_contacts(self._from),
+            "mode": of_step(contacts, self._mode),
+            "from": of_contacts(contacts, self._from),
             "bodies": of_bodies(self.problem.solids),
             "searches": of_searches(contacts),
             "pressed": self._pressed,
@@ -249,7 +252,8 @@ class ImplicitStepper:
         ):
             term.adopt(state)
         self.x.array[:] = kept["x"]
-        self._mode, self._from = to_step(kept["mode"]), [t.state for t in problem.contacts]
+        self._mode = to_step(problem.contacts, kept["mode"])
+        self._from = [term.state for term in problem.contacts]
         residual = problem.new_vector()
         problem.residual(None, self.x, residual, self._mode)
         residual.destroy()

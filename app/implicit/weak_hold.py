@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import FreeBody, free_bodies
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.step_mode import HoldingSprings
+from tribox.app.equilibrium.supports import FreeBody, bodies_of, free_bodies
 from tribox.app.implicit.loose_bodies import nodal_shares
 from tribox.geometry.surfaces.facets import Floats
 

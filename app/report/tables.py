@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tribox.app.errors import SaidOnce
 from tribox.app.figures import units
 from tribox.app.figures.units import Unit, fitting
+from tribox.app.simulation.history import DECLARED
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -341,15 +342,6 @@ class Column:
     unit: str = ""
 
 
-_SYMBOLS = {
-    "time": units.TIME,
-    "velocity": units.VELOCITY,
-    "normal_force": units.NORMAL_FORCE,
-    "friction_force": units.FRICTION_FORCE,
-    "friction_coefficient": units.RATIO,
-    "film_thickness": units.FILM,
-    "effective_viscosity": units.VISCOSITY,
-}
 _VECTORS = {
     "displacement": units.DISPLACEMENT,
     "force": units.REACTION,
@@ -358,8 +350,6 @@ _VECTORS = {
 _KNOWN = {
     column.name: column
     for column in (
-        Column("step", "step"),
-        Column("stage", "stage"),
         Column("label", "load step"),
         Column("steady", "steady"),
         Column("pair", "pair"),
@@ -379,20 +369,7 @@ _KNOWN = {
         Column("thinnest_at", "thinnest at", "m"),
         Column("rotation", "rotation θ", "rad"),
         Column("driving_moment", "driving moment", "N m"),
-        Column("slip_speed", "slip speed", "m/s"),
-        Column("driven_displacement", "driven path", "m"),
-        Column("tangential_force", "signed friction force", "N"),
-        Column("normal_resultant", "normal resultant", "N"),
-        Column("drag", "drag", "N"),
-        Column("mu", "μ of the law"),
-        Column("contact_area", "contact area A", "m²"),
-        Column("stick_fraction", "share that sticks"),
-        Column("viscous_fraction", "share only the film carries"),
-        Column("max_penetration", "largest penetration", "m"),
-        Column("twist_moment", "twisting moment", "N m"),
         Column("radial_force", "radial force", "N"),
-        Column("newton_iterations", "Newton iterations"),
-        Column("linear_iterations", "linear iterations"),
     )
 }
 _KINDS = {
@@ -410,9 +387,8 @@ def column(name: str) -> Column:
     Args:
         name: in the file, such as "force_x".
     """
-    if name in _SYMBOLS:
-        known = _SYMBOLS[name]
-        return Column(name, f"{known.name} {known.symbol}", known.unit)
+    if (known := DECLARED.get(name)) is not None:
+        return Column(name, known.title, known.unit.replace("text", ""))
     if name in _KNOWN:
         return _KNOWN[name]
     kind, _, axis = name.rpartition("_")

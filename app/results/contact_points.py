@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
-from tribox.app.results.gathered_mesh import gathered
+from tribox.app.results.fields import gathered
 from tribox.app.results.vtu import Array
 from tribox.app.simulation.contact_resultants import turned_right
 from tribox.forms.contact.lubricated import LubricatedTerm

@@ -30,13 +30,11 @@ from tribox.app.results.contact_points import (
     slave_facets,
 )
 from tribox.app.results.directory import Place, write_text
-from tribox.app.results.fields import CellStrain, ContactPressureField, StressField
-from tribox.app.results.gathered_mesh import GatheredMesh
+from tribox.app.results.fields import CellStrain, ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.compat import cell_submesh
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.surface import ContactSurface
 
@@ -346,7 +344,7 @@ class FieldSeries:
         self._stress = StressField(u, solids)
         self._strain = CellStrain(u, solids[0].section)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        self._mesh = GatheredMesh(space, np.concatenate([solid.cells for solid in solids]))
+        self._mesh = GatheredMesh(space)
         body = self._mesh.cellwise(_numbers(solids, space.mesh))
         self.series: Series | None = None
         if self._comm.rank == 0:
@@ -463,8 +461,8 @@ class BpWriter:
         cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
         if self._stress.flows:
             cells.append(self._stress.plastic_strain)
-        self._bodies = _BodiesAlone(u.function_space.mesh, solids)
-        nodes, cells = map(self._bodies.copies, (nodes, cells))
+        self._plain = _OnTheMesh()
+        nodes = self._plain.copies(nodes)
         self._directory, self._comm = directory, comm
         self._arrays = [function.x.array for function in (*nodes, *cells)]
         # The default engine writes garbage from a rank without cells; BP4 does not.
@@ -489,7 +487,7 @@ class BpWriter:
         self._stress.update()
         if self._contact is not None:
             self._contact.update(pressures)
-        self._bodies.update()
+        self._plain.update()
         self._see_room()
         for writer in self._writers:
             with _errors_of_the_system(self._comm.size):
@@ -523,29 +521,24 @@ class BpWriter:
                 writer.close()
 
 
-class _BodiesAlone:
-    """Functions on the bodies' cells alone, where the mesh has carrier cells beside them."""
+class _OnTheMesh:
+    """Functions with the values of others, which have nodes beside those of the mesh."""
 
-    def __init__(self, mesh: dolfinx.mesh.Mesh, solids: Sequence[Solid]) -> None:
-        """Make a mesh of the bodies if there is need; collective."""
+    def __init__(self) -> None:
+        """Begin without any."""
         self._copies: list[tuple[dolfinx.fem.Function, dolfinx.fem.Function]] = []
-        self._mesh: dolfinx.mesh.Mesh | None = None
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        cells = np.unique(np.concatenate([solid.cells for solid in solids])) if solids else None
-        count = owned if cells is None else len(cells)
-        if mesh.comm.allreduce(count < owned, op=MPI.LOR):
-            assert cells is not None
-            self._mesh, self._cells = cell_submesh(mesh, cells.astype(np.int32))
 
     def copies(self, functions: Sequence[dolfinx.fem.Function]) -> list[dolfinx.fem.Function]:
         """Functions that :meth:`update` keeps equal to these; these themselves without need."""
-        if self._mesh is None:
-            return list(functions)
         out = []
         for function in functions:
-            element = function.function_space.ufl_element()
-            space = dolfinx.fem.functionspace(self._mesh, element)
-            out.append(dolfinx.fem.Function(space, name=function.name))
+            space = function.function_space
+            plain = dolfinx.fem.functionspace(space.mesh, space.ufl_element())
+            indices = (space.dofmap.index_map, plain.dofmap.index_map)
+            if indices[0].size_global == indices[1].size_global:
+                out.append(function)
+                continue
+            out.append(dolfinx.fem.Function(plain, name=function.name))
             self._copies.append((function, out[-1]))
         return out
 
@@ -554,7 +547,7 @@ class _BodiesAlone:
         for whole, part in self._copies:
             rows, there = (f.function_space.dofmap for f in (whole, part))
             values = whole.x.array.reshape(-1, rows.index_map_bs)
-            part.x.array.reshape(-1, rows.index_map_bs)[there.list] = values[rows.list[self._cells]]
+            part.x.array.reshape(-1, rows.index_map_bs)[there.list] = values[rows.list]
 
 
 @contextmanager

@@ -21,11 +21,10 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
-from tribox.app.results.inputs import NOTHING, KeptInputs, write_case
+from tribox.app.results.inputs import NOTHING, KeptInputs, host, kernels, versions, write_case
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
-from tribox.app.results.versions import host, kernels, versions
 from tribox.app.results.watches import Watches
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
@@ -318,6 +317,7 @@ class Recorder(Observer):
             "memory_MiB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, 1),
             "cells": sum(len(solid.cells) for solid in problem.solids),
             "contact_points": sum(len(term.surface.slave.weight) for term in problem.contacts),
+            "contact_nodes": sum(len(term.surface.nodes) for term in problem.contacts),
         }
 
     def _known(self, status: str) -> dict[str, Any]:
@@ -438,7 +438,23 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
             "happens in them, or for the trapezoidal rule under forces that rise steeply (smaller "
             "steps), or facets of a curved master catch (a finer master, or smoothing_angle)"
+            f"{_worst_step(simulation.rows)}"
         )
+
+
+def _worst_step(rows: Sequence[Row]) -> str:
+    """Words on the step that the larger part of the energy error is from, if it is one step."""
+    errors = np.array([0.0, *(row.energy_error for row in rows)])
+    grown = np.diff(errors)
+    at = int(np.argmax(np.abs(grown)))
+    if abs(grown[at]) < 0.5 * abs(errors[-1]) or grown[at] * errors[-1] < 0.0 or len(rows) == 1:
+        return ""
+    row = rows[at]
+    return (
+        f"; {100.0 * grown[at] / errors[-1]:.0f} % of it is from the step to time "
+        f"{time_text(row.time, row.dt)}, stage {row.stage}: a load that begins more gently there "
+        "follows the way that the trapezoidal rule has to guess"
+    )
 
 
 # -- The tables of a run: a row for each converged step, and each pair, surface, body, tool at it

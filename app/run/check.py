@@ -6,8 +6,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tribox.app.case.overrides import without_effect
 from tribox.app.case.reading import check_case, load_case
+from tribox.app.case.toml_files import without_effect
 from tribox.app.case.trust import require_trust
 from tribox.app.errors import InputError, SaidOnce, tell
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tribox.app.case.case import Case
-from tribox.app.case.overrides import without_effect
 from tribox.app.case.reading import load_case
+from tribox.app.case.toml_files import without_effect
 from tribox.app.case.trust import require_trust
 from tribox.app.checkpoint.same_case import is_whole
 from tribox.app.errors import InputError
-from tribox.app.results.claim import check_not_in_use, sweep_labels
+from tribox.app.results.claim import check_not_in_use, is_done, sweep_labels
 from tribox.app.results.directory import check_free, checkpoint_numbers, default_directory
 from tribox.app.results.inputs import input_files
-from tribox.app.results.status import is_done
 from tribox.app.run.process import lasting_imports, nothing_begun, ranks_around
 from tribox.app.run.ranks import run_on_ranks
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, given_keys
@@ -17,20 +21,111 @@ from tribox.app.checkpoint.checkpointer import Checkpointer
 from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError
 from tribox.app.implicit.petsc_options import silence
-from tribox.app.results.claim import Claim
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.results.claim import Claim, check_may_begin_anew
 from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving, on_first
-from tribox.app.results.status import check_may_begin_anew
-from tribox.app.run.interruption import Interruption
-from tribox.app.run.meshed import meshed
+from tribox.app.run.mesh_files import meshed
 from tribox.app.run.progress import Reporter, Together
+from tribox.app.run.ranks import (
+    INTERRUPTED,
+    give_back,
+    repeats,
+    say_stopping,
+    stopping_signals,
+    taken,
+    tell_exit_code,
+)
 from tribox.app.simulation.explicit_stage import notes_on_steps
-from tribox.app.simulation.history import energy_gap, time_text
+from tribox.app.simulation.history import Row, energy_gap, time_text
 from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.surfaces.facets import Floats
+
+
+class Interruption(Observer):
+    """Context in which a signal to stop is noted, and obeyed after the step it came in.
+
+    SIGINT, SIGTERM, SIGHUP unless it was ignored before, and SIGUSR1, by which ranks are told.
+    Ranks that stop at different places wait for each other for ever. Ctrl-C, or the same signal
+    again, does what it would have done outside, at once. A write that has failed on a rank ends
+    the run likewise.
+
+    Attributes:
+        noted: called at once when a signal comes, on this rank alone.
+        asked: whether one has come to this rank.
+    """
+
+    def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
+        """No signal is taken before the context is entered.
+
+        Args:
+            comm: ranks that stop together.
+            saving: that the run writes its files in.
+        """
+        self._comm, self._saving = comm, saving
+        self.noted: Callable[[], None] | None = None
+        self.asked = False
+        self._before: dict[signal.Signals, signal._HANDLER] = {}
+
+    def __enter__(self) -> Self:
+        self._before = taken(dict.fromkeys(stopping_signals(), self._note))
+        if self._before:
+            # PETSc, unless told not to, takes this one too, and ends the process at a closed pipe.
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.restore()
+
+    def ready(self, state: RunState) -> None:
+        """Stop here if any rank has been asked to, or could not write."""
+        self.look()
+
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
+        """Stop here if any rank has been asked to, or could not write."""
+        self.look()
+
+    def load_step(
+        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
+    ) -> None:
+        """Stop here if any rank could not write."""
+        self._saving.raise_together(self._comm)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        first, self.asked = not self.asked, True
+        self.restore(repeats(number))
+        if not first:
+            return
+        # mpirun, if it is the one that was asked, will not wait for long.
+        if self._comm.rank == 0 and not tell_exit_code(INTERRUPTED):
+            say_stopping()  # else the process that waits for the ranks has said it
+        if self.noted is not None:
+            self.noted()
+
+    def restore(self, numbers: Collection[int] | None = None) -> None:
+        """Take no more signals, or none of these numbers."""
+        chosen = [n for n in self._before if numbers is None or n in numbers]
+        give_back({number: self._before.pop(number) for number in chosen})
+
+    def look(self) -> None:
+        """Stop here if any rank has been asked to, or could not write; collective.
+
+        Raises:
+            OutputError: a rank could not write.
+            Interrupted: a rank has been asked to stop.
+        """
+        self._saving.raise_together(self._comm)
+        if self._comm.allreduce(self.asked, op=MPI.LOR):
+            raise Interrupted
+
 
 NOTES_REPEATED = 3  # at most, beside a failure
 

@@ -29,7 +29,14 @@ from tribox.app.errors import (
     folded,
 )
 from tribox.app.results import read
-from tribox.app.results.claim import Claim, claimed, command
+from tribox.app.results.claim import (
+    Claim,
+    check_may_begin_anew,
+    claimed,
+    command,
+    is_beginning,
+    is_done,
+)
 from tribox.app.results.directory import (
     checkpoint_numbers,
     json_of,
@@ -38,10 +45,9 @@ from tribox.app.results.directory import (
     write_table,
 )
 from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
-from tribox.app.results.status import check_may_begin_anew, is_beginning, is_done
 from tribox.app.run.process import PARENT, lasting_imports, tribox_command, with_sources
+from tribox.app.run.progress import clock
 from tribox.app.run.ranks import INTERRUPTED, Forwarding
-from tribox.app.run.stage_progress import clock
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:

@@ -329,12 +329,6 @@ def _least(density: Floats, position: Floats, comm: MPI.Comm) -> tuple[float, tu
     return least, worst
 
 
-# Columns of :func:`contact_columns` beside the vectors.
-SCALAR_COLUMNS = (
-    *("slip_speed", "normal_force", "friction_force", "tangential_force", "normal_resultant"),
-    *("drag", "friction_coefficient", "mu", "film_thickness", "effective_viscosity"),
-    *("contact_area", "area_ratio", "stick_fraction", "viscous_fraction", "max_penetration"),
-)
 # Columns of a pair alone.
 FILM_COLUMNS = ("asperity_force", "oil_volume", "oil_supplied")
 _FORCES = ("normal_force", "friction_force", "tangential_force", "normal_resultant", "drag")
@@ -448,10 +442,14 @@ def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> Floats:
 
 def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
     """Refuse a contact whose surfaces would snap apart; collective."""
-    table, surface = model.case.contact[index], model.problem.contacts[index].surface
+    table, term = model.case.contact[index], model.problem.contacts[index]
+    surface = term.surface
     values = surface.gather(x)
     points = surface.slave_positions(values[surface.slave_rows])
-    depth = overlap(surface, surface.project(points, surface.master_positions(values)))
+    at = surface.project(points, surface.master_positions(values))
+    if term.offset is not None:
+        at.shift(term.offset)
+    depth = overlap(surface, at)
     if depth > OVERLAP * surface.facet_length:
         raise SolutionError(
             f"stage {stage}: contact.{index} begins to act while {table.slave} is {depth:.3g} m "

@@ -30,17 +30,18 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import BENT, SHARP, Sunk, SunkVertices, bend
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import corner_spacing
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 
 # Largest penetration over the local facet length, and mean one over the approach, from which on
 # they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and
@@ -52,6 +53,8 @@ SCATTER = 0.2  # standard deviation over mean of the pressure within facets
 FEW = 4.0  # facets as long as those at the rim, up to the middle, below which a contact is coarse
 NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
 SUNK = 0.05  # depth of a vertex of the master in a slave facet, over the length of the facet
+ASTRAY = 0.03  # resultant of pressures along the slave's normals, off that along the master's
+HIDDEN = 0.15  # depth of a point beyond that of the mean gaps, over the facet's length
 WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 
@@ -70,6 +73,9 @@ class PairState:
             sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
         waves: of the pressure from vertex to vertex over its mean, where the master has corners; 0
             point by point. corners: m, how far these are apart.
+        astray: how far the resultant of the pressures is off that along the master's own normals,
+            over it. hidden: m, depth of the deepest point beyond the mean gaps', and over the
+            length of its facet, undeformed: hidden_share.
     """
 
     force: float
@@ -85,6 +91,9 @@ class PairState:
     sagitta: float = 0.0
     waves: float = 0.0
     corners: float = 0.0
+    astray: float = 0.0
+    hidden: float = 0.0
+    hidden_share: float = 0.0
 
     @property
     def facets(self) -> float:
@@ -106,7 +115,7 @@ class PairProbe:
         xi = self._by_facet(term.surface.slave.xi)
         ones = np.ones((*xi.shape[:2], 1))
         linear = np.concatenate([ones, xi], axis=2)
-        self._corners = _corner_spacing(self.surface)
+        self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
         # Takes values at the points of a facet to what is left of them beside a linear function.
         self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
 
@@ -131,8 +140,38 @@ class PairProbe:
             uneven = self._unevenness(trial, patch)
             return PairState(float(force), float(area), *depth, *rim, *uneven)
         inside = self._inside(self._inside(patch))
-        found = self._waves(trial, inside)
-        return PairState(float(force), float(area), *depth, *rim, waves=found[0], corners=found[1])
+        found = dict(zip(("waves", "corners"), self._waves(trial, inside), strict=True))
+        found["astray"] = self._astray(trial)
+        found |= zip(("hidden_share", "hidden"), self._hidden(trial, depth[0]), strict=True)
+        return PairState(float(force), float(area), *depth, *rim, **found)
+
+    def _astray(self, trial: ContactTrial) -> float:
+        """How far pressures along the slave's normals are off those along the master's; collective.
+
+        Over sharp corners the slave's normals are taken. Without friction a face can only be
+        pressed along its own, but where facets lie on it these are the same, or off it to either
+        side in turn.
+        """
+        at, load = trial.projection, self.surface.slave.weight * trial.pressure
+        if self.surface.normals is None:
+            return 0.0
+        own = unit_normals(at.tangents)
+        own *= np.sign(np.einsum("qi,qi->q", own, at.normal))[:, None]
+        local = np.concatenate([load @ (at.normal - own), load @ own])
+        off, whole = np.split(self._total(*map(float, local)), 2)
+        return _over(float(np.linalg.norm(off)), float(np.linalg.norm(whole)))
+
+    def _hidden(self, trial: ContactTrial, penetration: float) -> tuple[float, float]:
+        """Depth of the deepest pressed point beyond the mean gaps'; over its facet's length, and m.
+
+        Collective.
+        """
+        felt = trial.projection.on_surface & (trial.pressure > 0.0)
+        beyond = np.where(felt, -trial.kinematics.gap - penetration, 0.0)
+        share = beyond / self.surface.slave.facet_length
+        at = int(np.argmax(share)) if len(share) else -1
+        mine = (float(share[at]), float(beyond[at])) if at >= 0 else (0.0, 0.0)
+        return max((0.0, 0.0), *self._comm.allgather(mine))
 
     def _depths(self, trial: ContactTrial) -> tuple[float, float, float]:
         """Largest penetration, the largest over facet length, the mean by pressure; collective."""
@@ -167,6 +206,8 @@ class PairProbe:
         Corners are those of the undeformed master, or where it has none those between its facets,
         which may have bent since.
         """
+        if self._parts != self.surface.parts:
+            self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
         if self._corners is None or trial.nodal_pressure is None:
             return 0.0, 0.0
         weight = self.surface.slave.weight * inside
@@ -320,7 +361,9 @@ class ContactWarnings:
             probe = self._sunk_in[index]
             if probe is None or not term.active or state.force <= 0.0:
                 continue
-            sunk = probe.deepest(term.surface.gather(x), state.deepest)
+            larger = 0.0 if term.offset is None else float(np.max(-term.offset, initial=0.0))
+            larger = self._problem.comm.allreduce(abs(larger), op=MPI.MAX)
+            sunk = probe.deepest(term.surface.gather(x), state.deepest + larger)
             if sunk.share > self._sunk[index][0].share:
                 self._sunk[index] = (sunk, row.time, row.stage, row.dt)
 
@@ -395,6 +438,10 @@ class ContactWarnings:
             if self._sunk[index][0].share > SUNK:
                 yield self._edge(index)
             widest = self._widest[index]
+            if state.astray > ASTRAY:
+                yield _astray_text(index, state)
+            if state.hidden_share > HIDDEN:
+                yield _hidden_text(index, state)
             if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
 
@@ -470,6 +517,24 @@ class ContactWarnings:
 def _percent(share: float) -> str:
     """A share with two digits, without a power of ten where it is 100 % or more."""
     return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
+
+
+def _astray_text(index: int, state: PairState) -> str:
+    return (
+        f"contact.{index}: at its largest the contact force is {_percent(state.astray)} off what "
+        "the master's faces can be pressed with, as facets of the slave lie across its sharp "
+        "corners and pressures act along the slave's normals: its components are off by about as "
+        "much; round the corners (fillet_radius), or refine the slave there"
+    )
+
+
+def _hidden_text(index: int, state: PairState) -> str:
+    return (
+        f"contact.{index}: at the largest force points of the slave lie {state.hidden:.3g} m "
+        f"deeper in the master, {state.hidden_share:.2g} of a slave facet's length, than the mean "
+        "gaps that the pressure answers to and max_penetration tells of: the facets are too long "
+        "for its shape, or have been stretched; refine the slave there"
+    )
 
 
 def _few_facets(index: int, state: PairState) -> str:

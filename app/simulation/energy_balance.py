@@ -36,12 +36,13 @@ class Work:
     Attributes:
         force: owned part of the forces of supports, platens and loads, N/m.
         position: owned unknowns, m.
-        contacts: of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,).
+        contacts: of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and
+            the offset of the gaps of a fit, m.
     """
 
     force: Floats
     position: Floats
-    contacts: list[tuple[Floats, Floats]]
+    contacts: list[tuple[Floats, Floats, Floats]]
 
     @classmethod
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
@@ -54,7 +55,9 @@ class Work:
         given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
         force[given] += problem.unbalanced[given]
         pairs = zip(problem.contacts, problem.trials, strict=True)
-        contacts = [gaps_and_pressures(term, trial) for term, trial in pairs]
+        contacts = [
+            (*gaps_and_pressures(term, trial), offsets(term, trial)) for term, trial in pairs
+        ]
         return cls(force, position.copy(), contacts)
 
     def until(self, other: Work, problem: Equilibrium) -> float:
@@ -65,7 +68,8 @@ class Work:
         mean = 0.5 * (self.force + other.force)
         work = float(mean @ (other.position - self.position))
         pairs = zip(problem.contacts, self.contacts, other.contacts, strict=True)
-        work -= sum(kinks(term, before, after) for term, before, after in pairs)
+        for term, before, after in pairs:
+            work += fit_work(term, before, after) - kinks(term, before[:2], after[:2])
         return float(problem.comm.allreduce(work))
 
 
@@ -106,6 +110,36 @@ def kinks(term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats,
     closes, opens = (low <= 0.0) & (high > 0.0), (low > 0.0) & (high <= 0.0)
     density = 0.5 * np.where(closes, high, 0.0) * np.maximum(first, 0.0)
     density -= 0.5 * np.where(opens, low, 0.0) * np.maximum(last, 0.0)
+    if _by_vertices(term):
+        density = term.surface.vertices.at_points(density)
+    return float(term.surface.slave.weight @ density)
+
+
+def offsets(term: ContactTerm, trial: ContactTrial) -> Floats:
+    """Offset of the gaps, m, of a pair's vertices (v,) or point by point (q,); collective."""
+    offset = trial.projection.offset
+    vertices = term.surface.vertices
+    if offset is None:
+        return np.zeros(vertices.count if _by_vertices(term) else len(term.surface.slave.weight))
+    if not _by_vertices(term):
+        return offset
+    return vertices.sums(term.surface.slave.weight * offset) / vertices.area
+
+
+def fit_work(
+    term: ContactTerm, before: tuple[Floats, Floats, Floats], after: tuple[Floats, Floats, Floats]
+) -> float:
+    """Work of what makes the surfaces of a fit larger, −∫ p do, J/m, of this rank.
+
+    The energy of the contact is a function of the gap g + o: whoever changes the offset o does the
+    work −p do per area, as a body that warms up in a bore does.
+
+    Args:
+        term: the pair.
+        before: gaps, pressures and offsets at the start of a step; after: at its end.
+        after: see before.
+    """
+    density = -0.5 * (before[1] + after[1]) * (after[2] - before[2])
     if _by_vertices(term):
         density = term.surface.vertices.at_points(density)
     return float(term.surface.slave.weight @ density)
@@ -221,7 +255,7 @@ class EnergyBalance:
             setattr(self, name, kept["sums"][name])
         self._flow = np.array(kept["flow"])
         self._start = (kept["start"][0], kept["start"][1])
-        contacts = [(gap, pressure) for gap, pressure in kept["contacts"]]
+        contacts = [(gap, pressure, offset) for gap, pressure, offset in kept["contacts"]]
         self._last = Work(kept["force"], kept["position"], contacts)
 
     @property

@@ -16,9 +16,9 @@ from tribox.app.build.contact_notes import penalty_note
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import Loose
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import KINKED
 from tribox.app.implicit.stepper import StepResult

@@ -27,8 +27,9 @@ from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 LOADED = 0.01  # of the largest pressure, from which on a vertex counts as loaded
 PRESSED = 0.1  # the same, from which on it counts to the width of the contact
 FELT = 0.02  # share of the load from which on the film's accuracy matters
-COARSE = 0.5  # facet over the length of the inlet
-FINER = 2.5  # times that facets may be longer where films have four or more cells on each
+# Facet over the length of the inlet, up to which friction in the mixed regime is within 5 % of that
+# of the finest mesh, and cell of the film over the same.
+COARSE, COARSE_CELL = 2.5, 2.0
 DEEP = 0.25  # cell over the half-width of the contact; .35 of it left friction 10 % too high
 GIVES = 1.0  # of the film, that a column of a cell's depth gives way by: less moves no film
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
@@ -107,17 +108,17 @@ class FilmWatch:
         inlet = int(at[np.argmax(length[at])])
         inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
         growth = outside / inside - 1.0
-        finer = min(0.5 * (1.0 + cells), FINER)
-        if growth > 0.0 and growth ** (2.0 / 3.0) > COARSE * finer:
+        most = min(COARSE, COARSE_CELL * cells)
+        if growth > 0.0 and growth ** (2.0 / 3.0) > most:
             size = length[inlet] / growth ** (2.0 / 3.0)
             self._keep(
                 f"inlet {place}",
-                length[inlet] / (finer * size),
+                length[inlet] / size,
                 f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
-                f"there {length[inlet]:.2g} m ({when}): too much load is left to the asperities, "
-                "and friction is too high; refine the slave at the edges of the contact to "
-                f"{COARSE * finer * size:.2g} m (film.cells = 4 lets facets be {FINER:g} times as "
-                "long)",
+                f"there {length[inlet]:.2g} m ({when}): film and asperities do not share the load "
+                "as they should, and friction may be off by a tenth and more; refine the slave at "
+                f"the edges of the contact to {most * size:.2g} m"
+                + (", or give film.cells = 4" if most < COARSE else ""),
             )
         pressed = carried > PRESSED * carried.max()
         width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())

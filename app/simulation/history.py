@@ -4,7 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of the history.
+
+    Attributes:
+        title: what it is called in tables for people.
+        unit: SI; "text" of a text, "" of a plain number.
+        pair: whether a pair of surfaces has one for itself.
+        count: whether it tells of the way to the result, not of the physics.
+        difference: whether it can be a small difference of large numbers, and is to be compared
+            with those.
+    """
+
+    title: str
+    unit: str
+    pair: bool = False
+    count: bool = False
+    difference: bool = False
+
+
+def column(title: str, unit: str, *, default: Any = MISSING, **more: bool) -> Any:
+    """Declare a column; see :class:`Column`."""
+    return field(default=default, metadata={"column": Column(title, unit, **more)})
 
 
 @dataclass(slots=True)
@@ -26,65 +52,61 @@ class Row:
     In an explicit run a row stands for many time steps: forces are means over them, the rest is as
     it is at their end, ``dt`` is the length of one and ``attempts`` their number.
 
-    There are more than twenty attributes because each is a column of ``history.csv``.
+    There are more than twenty attributes because each is a column of ``history.csv``: name, title
+    and unit stand here alone, what it is in docs/results.md.
     """
 
-    step: int
-    time: float
-    stage: str
-    dt: float
-    velocity: float
-    slip_speed: float
-    driven_displacement: float
-    normal_force: float
-    friction_force: float
-    tangential_force: float
-    normal_resultant: float
-    drag: float
-    friction_coefficient: float
-    mu: float
-    film_thickness: float
-    effective_viscosity: float
-    contact_area: float
-    area_ratio: float
-    stick_fraction: float
-    viscous_fraction: float
-    max_penetration: float
-    newton_iterations: int
-    linear_iterations: int
-    attempts: int
-    strain_energy: float
-    kinetic_energy: float
-    interface_energy: float
-    dissipation: float
-    plastic_dissipation: float
-    viscous_dissipation: float
-    numerical_dissipation: float
-    damping_dissipation: float
-    external_work: float
-    energy_error: float
-    force_x: float = 0.0
-    force_y: float = 0.0
-    force_z: float = 0.0
-    friction_x: float = 0.0
-    friction_y: float = 0.0
-    friction_z: float = 0.0
-    twist_moment: float = 0.0
+    step: int = column("step", "", count=True)
+    time: float = column("time t", "s")
+    stage: str = column("stage", "text", count=True)
+    dt: float = column("length of the step", "s")
+    velocity: float = column("sliding velocity V", "m/s")
+    slip_speed: float = column("slip speed", "m/s", pair=True)
+    driven_displacement: float = column("driven path", "m")
+    normal_force: float = column("normal force N", "N", pair=True)
+    friction_force: float = column("friction force F_T", "N", pair=True)
+    tangential_force: float = column("signed friction force", "N", pair=True)
+    normal_resultant: float = column("normal resultant", "N", pair=True)
+    drag: float = column("drag", "N", pair=True)
+    friction_coefficient: float = column("friction coefficient F_T/N", "", pair=True)
+    mu: float = column("μ of the law", "", pair=True)
+    film_thickness: float = column("film thickness D", "m", pair=True)
+    effective_viscosity: float = column("effective viscosity η_eff", "Pa s", pair=True)
+    contact_area: float = column("contact area A", "m²", pair=True)
+    area_ratio: float = column("area_ratio", "", pair=True)
+    stick_fraction: float = column("share that sticks", "", pair=True)
+    viscous_fraction: float = column("share only the film carries", "", pair=True)
+    max_penetration: float = column("largest penetration", "m", pair=True)
+    newton_iterations: int = column("Newton iterations", "", count=True)
+    linear_iterations: int = column("linear iterations", "", count=True)
+    attempts: int = column("attempts", "", count=True)
+    strain_energy: float = column("strain energy", "J")
+    kinetic_energy: float = column("kinetic energy", "J")
+    interface_energy: float = column("interface energy", "J")
+    dissipation: float = column("dissipation", "J")
+    plastic_dissipation: float = column("plastic dissipation", "J")
+    viscous_dissipation: float = column("viscous dissipation", "J")
+    numerical_dissipation: float = column("numerical dissipation", "J")
+    damping_dissipation: float = column("damping dissipation", "J")
+    external_work: float = column("external work", "J")
+    energy_error: float = column("energy error", "J", difference=True)
+    force_x: float = column("force R_x", "N", difference=True, default=0.0)
+    force_y: float = column("force R_y", "N", difference=True, default=0.0)
+    force_z: float = column("force R_z", "N", difference=True, default=0.0)
+    friction_x: float = column("friction_x", "N", difference=True, default=0.0)
+    friction_y: float = column("friction_y", "N", difference=True, default=0.0)
+    friction_z: float = column("friction_z", "N", difference=True, default=0.0)
+    twist_moment: float = column("twisting moment", "N m", difference=True, default=0.0)
 
 
-RESULTANTS = (*(f"{kind}_{i}" for kind in ("force", "friction") for i in "xyz"), "twist_moment")
 COLUMNS = tuple(f.name for f in fields(Row))
-# Columns that describe the physics alone. The energy error and the resultants are left out: they
-# can be small differences of large numbers, and are to be compared with those.
-PHYSICAL = tuple(
-    name
-    for name in COLUMNS
-    if name
-    not in (
-        *("step", "stage", "newton_iterations", "linear_iterations", "attempts", "energy_error"),
-        *RESULTANTS,
-    )
-)
+DECLARED: dict[str, Column] = {f.name: f.metadata["column"] for f in fields(Row)}
+"""What each column is called."""
+RESULTANTS = tuple(n for n, c in DECLARED.items() if c.difference and n != "energy_error")
+PHYSICAL = tuple(n for n, c in DECLARED.items() if not (c.count or c.difference))
+"""Columns that describe the physics alone."""
+PAIR_COLUMNS = tuple(n for n, c in DECLARED.items() if c.pair)
+"""Columns that a pair of surfaces has for itself, in ``contacts.csv``; beside the resultants."""
 
 
 def energy_gap(rows: Sequence[Row]) -> float:

@@ -17,9 +17,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.build.tools import extent
 from tribox.app.case.boundary import COMPONENTS
-from tribox.app.equilibrium.bonded import bonded_groups
 from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
+from tribox.app.equilibrium.supports import bonded_groups
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.simulation.contact_resultants import ContactResultants
 from tribox.forms.bodies.nodal_weights import body_weights, surface_weights

@@ -10,8 +10,7 @@ from mpi4py import MPI
 
 from tribox.app.build.contacts import penalty_modulus
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.supports import Loose, loose_directions
+from tribox.app.equilibrium.supports import Loose, bodies_of, loose_directions
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PointwisePressure, PressureKind
 from tribox.forms.contact.state import ContactTrial

@@ -17,7 +17,6 @@ from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import (
     FILM_COLUMNS,
-    SCALAR_COLUMNS,
     ContactResultants,
     along_force,
     contact_columns,
@@ -26,7 +25,7 @@ from tribox.app.simulation.contact_resultants import (
     with_released_energy,
 )
 from tribox.app.simulation.energy_balance import EnergyBalance, Inertia
-from tribox.app.simulation.history import Row
+from tribox.app.simulation.history import PAIR_COLUMNS, Row
 from tribox.app.simulation.motion_history import KEYS, MotionHistory, OutsideForces
 from tribox.app.simulation.steady import NOT_SLID, SlidWay, Steadiness, measure_settling
 from tribox.forms.contact.shared_slave import keep_what_went_over
@@ -91,7 +90,7 @@ class RunState:
         self.rows: list[Row] = []
         dim = model.problem.dim
         vectors = [f"{kind}_{axis}" for kind in ("force", "friction") for axis in COMPONENTS[:dim]]
-        self._columns = (*SCALAR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
+        self._columns = (*PAIR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
         self.pair_columns = (*KEYS, "pair", *self._columns, *FILM_COLUMNS)
         self.pair_rows: list[tuple[int | float | str, ...]] = []
         self.resultants: list[ContactResultants] = []

@@ -37,9 +37,9 @@ from numpy.typing import NDArray
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
-from tribox.forms.friction.law import FrictionLaw
-from tribox.forms.friction.settling import (
+from tribox.forms.friction.law import (
     SETTLED,
+    FrictionLaw,
     knows_its_end,
     presliding_length,
     settling_slip,

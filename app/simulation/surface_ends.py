@@ -16,9 +16,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.pair_bodies import bodies_of
-from tribox.app.equilibrium.places import place_text
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.equilibrium.supports import bodies_of
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval
@@ -28,8 +28,9 @@ from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import OuterFacets
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.rigid import RigidSurface
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 from tribox.geometry.surfaces.target import Projection
 
 FEW = 0.05  # share of the area above the master that may leave it without a word
@@ -49,8 +50,10 @@ def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
         off: (q,) those of this rank that are past an end.
     """
     places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
+    master = surface.master
+    extent = master.extent if isinstance(master, MasterFacets) else _extent(master.position)
     found = np.concatenate(surface.space.mesh.comm.allgather(places))
-    return _places_text(found, float(np.ptp(surface.master.position, axis=0).max()))
+    return _places_text(found, extent)
 
 
 def _places_text(found: Floats, extent: float) -> str:
@@ -125,10 +128,17 @@ class SmoothEnds:
         np.maximum.at(nearest, facet, share)
         # (q,) the points of each facet that are nearest to an end.
         self._last: Bools = (share > 0.0) & (share > nearest[facet] - ON_END)
-        nodes = _master_facets(surface)
+        self._master, self._parts = master, surface.parts
+        self._sides = self._find_sides()
+
+    def _find_sides(self) -> list[Bools]:
+        """(s, f) whether a side of the master's facets that are known is an end."""
+        surface, master = self._surface, self._surface.master
+        if not isinstance(master, MasterFacets):
+            return []
+        nodes = master.nodes[master.facets]
         sides = [np.sort(nodes[:, side.nodes[:2]], axis=1) for side in surface.shape.sides]
-        # (s, f) whether a side of the master's facets is an end.
-        self._sides = [(of[:, None] == master[None]).all(axis=2).any(axis=1) for of in sides]
+        return [(of[:, None] == self._master[None]).all(axis=2).any(axis=1) for of in sides]
 
     def pressed(self, trial: ContactTrial) -> tuple[PressedEnd, PressedEnd]:
         """Contact at the ends of the slave and of the master; collective.
@@ -173,6 +183,8 @@ class SmoothEnds:
         if isinstance(surface.target, RigidSurface):
             return off & surface.target.cut_off(at.facet, at.xi)
         past = np.zeros_like(off)
+        if self._parts != surface.parts:
+            self._parts, self._sides = surface.parts, self._find_sides()
         for side, is_end in zip(surface.shape.sides, self._sides, strict=True):
             if is_end.any():
                 on_side = corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END
@@ -197,13 +209,10 @@ def _extent(places: Floats) -> float:
     return float(np.ptp(places, axis=0).max())
 
 
-def _master_facets(surface: ContactSurface) -> Longs:
-    """Global nodes (f, a) of the master's facets; none of a tool."""
-    master = surface.master
-    if not isinstance(master, MasterFacets):
-        return surface.slave.nodes[:0]
-    nodes: Longs = master.nodes[master.facets]
-    return nodes
+def _own_master(surface: ContactSurface) -> Longs:
+    """Global nodes (f, a) of this rank's facets of the master; none of a tool."""
+    meshed = isinstance(surface.master, MasterFacets)
+    return surface.own_master if meshed else surface.slave.nodes[:0]
 
 
 def _is_tool(problem: Equilibrium, index: int) -> bool:
@@ -220,7 +229,7 @@ def smooth_ends(problem: Equilibrium) -> list[SmoothEnds]:
     pairs = [(term.surface, bodies_of(problem, term)) for term in terms]
     # Of each pair: facets of slave and master, each with the body that it meets.
     both = [
-        ((surface.slave.nodes, of.master), (_master_facets(surface), of.slave))
+        ((surface.slave.nodes, of.master), (_own_master(surface), of.slave))
         for surface, of in pairs
     ]
     out = []
@@ -248,10 +257,7 @@ class PressedEnds:
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
-        for index, trial in enumerate(self._problem.committed):
-            term = self._problem.contacts[index]
-            if term.tied or not term.active:
-                continue
+        for index, _, trial in self._problem.sliding(self._problem.committed):
             for side, end in enumerate(self._ends[index].pressed(trial)):
                 now = f", from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
                 most, since = self._found.get((index, side), (PressedEnd(), now))
@@ -284,9 +290,7 @@ def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
     """
     ends, found = smooth_ends(problem), dict[tuple[int, int], PressedEnd]()
     for trials in (problem.committed, problem.trials):
-        for index, trial in enumerate(trials):
-            if problem.contacts[index].tied or not problem.contacts[index].active:
-                continue
+        for index, _, trial in problem.sliding(trials):
             for side, end in enumerate(ends[index].pressed(trial)):
                 most = found.get((index, side), PressedEnd())
                 found[index, side] = max(most, end, key=lambda one: one.share)
@@ -342,10 +346,7 @@ class LeftMaster:
         """Look at a converged step; collective."""
         lost, whole = np.zeros(len(self._above)), np.zeros(len(self._above))
         gone: dict[int, Bools] = {}
-        for index, trial in enumerate(self._problem.committed):
-            term = self._problem.contacts[index]
-            if term.tied or not term.active:
-                continue
+        for index, term, trial in self._problem.sliding(self._problem.committed):
             here = trial.projection.on_surface
             left = self._above[index] & ~here & (trial.kinematics.gap < 0.0)
             self._above[index] |= here

@@ -12,14 +12,15 @@ from scipy.spatial import cKDTree
 
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.places import place_text
+from tribox.app.equilibrium.unknowns import place_text
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import outward_facets
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, unit_normals
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import shared_sides
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 
 Findings = Iterator[tuple[str, str]]  # what is wrong, and what to do about it
 
@@ -49,9 +50,7 @@ def rests_on_edges(problem: Equilibrium, contacts: Sequence[Contact]) -> Finding
         problem: at the state evaluated last.
         contacts: of the case, for the names.
     """
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         target, at = term.surface.target, trial.projection
         edge = (target.excess(at.facet, at.xi) > -ON_EDGE) & (trial.pressure > 0.0)
         where = _one_place(problem.comm, term.surface.slave.position[edge])
@@ -81,9 +80,7 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
         contacts: of the case, for the names.
     """
     worst = np.array(problem.worst_place())
-    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=True)):
-        if term.tied:
-            continue
+    for index, term, trial in problem.sliding(problem.trials):
         angle, here = bend(problem, term, trial), _is_on(term.surface, worst)
         if angle > (BENT if here else CLEARLY_BENT):
             slave, master = names_of(contacts, index)
@@ -95,12 +92,12 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
 
 
 def _is_on(surface: ContactSurface, place: Floats) -> bool:
-    """Whether an undeformed place is a vertex of the slave or a node of a master of facets."""
+    """Whether a place is a vertex of the slave or a node of a master of facets; collective."""
     if not isinstance(surface.master, MasterFacets):
         return False
     nodes = np.concatenate([surface.vertices.position, surface.master.position])
-    near = SAME * float(np.ptp(nodes, axis=0).max())
-    return bool(np.linalg.norm(nodes - place, axis=1).min() <= near)
+    here = bool(np.linalg.norm(nodes - place, axis=1).min() <= SAME * surface.master.extent)
+    return bool(surface.space.mesh.comm.allreduce(here, op=MPI.LOR))
 
 
 def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:

@@ -27,16 +27,19 @@ from tribox.app.results.directory import write_text
 from tribox.app.results.fields import StressField
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import (
+    block_slide,
     cattaneo_mindlin,
+    film_sliding,
+    friction_law,
     hertz_line,
     hertz_two_cylinders,
     mindlin_reversal,
+    penalty,
 )
 from tribox.app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
 from tribox.app.verify.flowing import considere, thick_tube, upset
 from tribox.app.verify.flowing_bending import cook, pure_bending
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
-from tribox.app.verify.sliding import block_slide, film_sliding, friction_law, penalty
 from tribox.app.verify.space import curved_sliding, hertz_point, isotropy, patch_space, sphere_twist
 from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tribox.app.case.friction import Coulomb
+from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import SphereGeometry
 from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
@@ -333,7 +333,8 @@ def sphere_twist(overrides: Sequence[str] = ()) -> Verification:
     """A sphere pressed and turned about its axis, from stick to slip."""
     case, simulation = solve("sphere-on-block", [*TWIST, *overrides])
     friction, geometry = case.contact[0].friction, case.geometry
-    assert isinstance(friction, Coulomb) and isinstance(geometry, SphereGeometry)
+    assert isinstance(friction, LawTable) and friction.law == "coulomb"
+    assert isinstance(geometry, SphereGeometry)
     shear = 1.0 / sum(1.0 / body.shear_modulus for body in case.bodies.values())
     mu = value_at(friction.mu, 0.0)
     checks, rows = [], [row for row in simulation.rows if row.stage == "twist"]

@@ -22,8 +22,8 @@ from benchmarks.comparison import level_options
 from benchmarks.curved_contact.runs import Outcome, run
 from benchmarks.curved_contact.shapes import ridge, tool_on_rubber
 from tribox.app.case.reading import load_case
+from tribox.app.verify.contact import REFERENCE
 from tribox.app.verify.result import CASES
-from tribox.app.verify.sliding import REFERENCE
 
 MM = 1e-3
 

@@ -218,7 +218,6 @@ def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | 
         table = _points(space, solid)
     else:
         position = space.tabulate_dof_coordinates()[:, :2]
-        nodes = _right_handed(nodes, position)
         table = _edges(_four(nodes), position)
     assert solid.elastic is not None
     return PlaneCells(code, nodes, table, solid.elastic, reduced=solid.reduced)
@@ -244,16 +243,6 @@ def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
         around = 2.0 * np.pi * rows.place[:, 0] * rows.volume * weight
         out += [gradients[:, :, 0], gradients[:, :, 1], hoop, around[:, None]]
     return np.concatenate(out, axis=1)
-
-
-def _right_handed(nodes: Ints, position: Floats) -> Ints:
-    """Nodes (c, a) of each cell, those of clockwise cells turned round."""
-    x = position[nodes]
-    along, up = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    turned = along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0] < 0.0
-    out = nodes.astype(np.int32)
-    out[turned, 1:3] = out[turned, 2:0:-1]
-    return out
 
 
 def _four(nodes: Ints) -> Ints:

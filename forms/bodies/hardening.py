@@ -8,12 +8,16 @@ in bands as wide as the mesh, and is refused. Functions take and give arrays of 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tribox.forms.parameters import Bounds, Declared, Refused, parameter
 
 Floats = NDArray[np.float64]
 
@@ -85,16 +89,13 @@ class Metal(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Linear:
+class Linear(Declared):
     """σ_Y = σ₀ + H α; perfectly plastic with H = 0."""
 
-    yield_stress: float
-    modulus: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the parameters; ValueError says which and why."""
-        _positive("yield_stress", self.yield_stress)
-        _not_negative("modulus", self.modulus)
+    yield_stress: float = parameter("yield stress σ₀ before any plastic strain", "Pa", gt=0.0)
+    modulus: float = parameter(
+        "rise H of the yield stress per plastic strain", "Pa", ge=0.0, default=0.0
+    )
 
     def stress(self, alpha: Floats) -> Floats:
         """σ_Y(α), Pa."""
@@ -111,25 +112,27 @@ class Linear:
 
 
 @dataclass(frozen=True, slots=True)
-class Voce:
+class Voce(Declared):
     """σ_Y = σ₀ + H α + (σ∞ − σ₀)(1 − e^(−δα)) (Voce, J. Inst. Metals 74 (1948) 537; H: Simo)."""
 
-    yield_stress: float
-    saturation_stress: float
-    exponent: float
-    modulus: float = 0.0
+    yield_stress: float = parameter("yield stress σ₀ before any plastic strain", "Pa", gt=0.0)
+    saturation_stress: float = parameter(
+        "stress σ∞ that the yield stress tends to, but for H α; at least yield_stress",
+        "Pa",
+        gt=0.0,
+    )
+    exponent: float = parameter(
+        "rate δ of that in the plastic strain: half way at α = 0.69/δ", gt=0.0
+    )
+    modulus: float = parameter(
+        "rise H of the yield stress per plastic strain that stays", "Pa", ge=0.0, default=0.0
+    )
 
-    def __post_init__(self) -> None:
-        """Check the parameters; ValueError says which and why."""
-        _positive("yield_stress", self.yield_stress)
-        _positive("exponent", self.exponent)
-        _not_negative("modulus", self.modulus)
-        _positive("saturation_stress", self.saturation_stress)
+    def faults(self) -> Iterator[Refused]:
+        """A yield stress that falls."""
         if self.saturation_stress < self.yield_stress:
-            raise ValueError(
-                f"saturation_stress is {self.saturation_stress:g}, below the yield_stress "
-                f"{self.yield_stress:g}: the yield stress would fall with strain"
-            )
+            reason = f"must be >= yield_stress = {self.yield_stress:g} Pa"
+            yield Refused("saturation_stress", reason, self.saturation_stress)
 
     def stress(self, alpha: Floats) -> Floats:
         """σ_Y(α), Pa."""
@@ -149,20 +152,12 @@ class Voce:
 
 
 @dataclass(frozen=True, slots=True)
-class Swift:
-    """σ_Y = K (ε₀ + α)ⁿ (Swift, J. Mech. Phys. Solids 1 (1952) 1), 0 ≤ n ≤ 1."""
+class Swift(Declared):
+    """σ_Y = K (ε₀ + α)ⁿ (Swift, J. Mech. Phys. Solids 1 (1952) 1)."""
 
-    K: float
-    strain0: float
-    n: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters; ValueError says which and why."""
-        _positive("K", self.K)
-        _positive("strain0", self.strain0)
-        _not_negative("n", self.n)
-        if self.n > 1.0:
-            raise ValueError(f"n is {self.n:g}; allowed is 0 to 1")
+    K: float = parameter("strength coefficient K: the yield stress at ε₀ + α = 1", "Pa", gt=0.0)
+    strain0: float = parameter("strain ε₀, by which the body yields first at K ε₀ⁿ", gt=0.0)
+    n: float = parameter("hardening exponent", ge=0.0, le=1.0)
 
     def stress(self, alpha: Floats) -> Floats:
         """σ_Y(α), Pa."""
@@ -179,7 +174,7 @@ class Swift:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class Table(Declared):
     """Straight lines between points (α, σ_Y), the first at α = 0; level beyond the last point.
 
     A table ends where its test ended. Beyond, the stress stays the last one: forces are not
@@ -188,41 +183,24 @@ class Table:
     say that a run went beyond. At a point the slope is that of the line after it.
     """
 
-    points: tuple[tuple[float, float], ...]
+    points: tuple[tuple[float, float], ...] = parameter(
+        "rows [[plastic strain, yield stress], ...] from strain 0 on; straight between them, level "
+        "after the last",
+        "Pa",
+        gt=0.0,
+        name="yield stress",
+        over=Bounds(ge=0.0, name="plastic strain"),
+    )
 
-    def __init__(self, points: Sequence[Sequence[float]]) -> None:
-        """Take and check the points.
-
-        Args:
-            points: pairs of equivalent plastic strain and yield stress (Pa), by rising strain.
-
-        Raises:
-            ValueError: says what is wrong with which point.
-        """
-        for number, point in enumerate(points, start=1):
-            if len(point) != 2:
-                raise ValueError(f"point {number} has {len(point)} numbers; a strain and a stress")
-        pairs = tuple((float(strain), float(stress)) for strain, stress in points)
-        object.__setattr__(self, "points", pairs)
-        self._check()
-
-    def _check(self) -> None:
-        if not self.points:
-            raise ValueError("points is empty; at least one is needed, at plastic strain 0")
+    def faults(self) -> Iterator[Refused]:
+        """A table that begins late, or falls."""
         if self.points[0][0] != 0.0:
-            raise ValueError(f"the first point is at plastic strain {self.points[0][0]:g}, not 0")
-        last = (-1.0, 0.0)
-        for number, (strain, stress) in enumerate(self.points, start=1):
-            _positive(f"the stress of point {number}", stress)
-            _not_negative(f"the plastic strain of point {number}", strain)
-            if strain <= last[0]:
-                raise ValueError(f"the plastic strain of point {number}, {strain:g}, does not rise")
-            if stress < last[1]:
-                raise ValueError(
-                    f"the stress of point {number}, {stress:g}, is below the one before, "
-                    f"{last[1]:g}: the yield stress would fall with strain"
-                )
-            last = (strain, stress)
+            reason = "must be 0: where the body yields first"
+            yield Refused("points.0.0", reason, self.points[0][0])
+        for row, ((_, before), (_, stress)) in enumerate(pairwise(self.points), start=1):
+            if stress < before:
+                reason = f"must be >= {before:g} Pa, that of the row before: it may not fall"
+                yield Refused(f"points.{row}.1", reason, stress)
 
     def stress(self, alpha: Floats) -> Floats:
         """σ_Y(α), Pa."""
@@ -243,7 +221,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Backstress:
+class Backstress(Declared):
     """One branch of kinematic hardening: at small strain Ẋ = ⅔ c ε̇ᵖ − b X α̇.
 
     Armstrong & Frederick, CEGB report RD/B/N731 (1966); several branches add up: Chaboche, Int. J.
@@ -251,13 +229,8 @@ class Backstress:
     the stress, c α with b = 0, and takes the same from the yield stress against that direction.
     """
 
-    modulus: float
-    recovery: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check c and b; ValueError says which and why."""
-        _positive("modulus", self.modulus)
-        _not_negative("recovery", self.recovery)
+    modulus: float = parameter("c", "Pa", gt=0.0)
+    recovery: float = parameter("b", ge=0.0, default=0.0)
 
     def pulled(self, alpha: float) -> float:
         """What it adds to the stress, Pa, in a pull to α from the virgin state."""
@@ -266,19 +239,20 @@ class Backstress:
 
 
 @dataclass(frozen=True, slots=True)
-class JohnsonCook:
+class JohnsonCook(Declared):
     """R = 1 + C ln(rate/reference) above the reference rate (1/s), 1 below it.
 
     Johnson & Cook, Proc. 7th Int. Symp. on Ballistics (1983) 541: the factor for the rate alone.
     """
 
-    C: float
-    reference_rate: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the parameters; ValueError says which and why."""
-        _positive("C", self.C)
-        _positive("reference_rate", self.reference_rate)
+    C: float = parameter(
+        "coefficient of R = 1 + C ln(rate/reference_rate), the factor of the yield stress above "
+        "the reference rate",
+        gt=0.0,
+    )
+    reference_rate: float = parameter(
+        "rate of plastic strain up to which R = 1", "1/s", gt=0.0, default=1.0
+    )
 
     def factor(self, rate: Floats) -> Floats:
         """R at a rate, 1/s."""
@@ -296,22 +270,19 @@ class JohnsonCook:
 
 
 @dataclass(frozen=True, slots=True)
-class Perzyna:
-    """R = 1 + (rate/reference)^m, the rate in 1/s, 0 < m ≤ 1.
+class Perzyna(Declared):
+    """R = 1 + (rate/reference)^m, the rate in 1/s.
 
     The overstress model rate = reference · (σ/σ_Y − 1)^(1/m) (Perzyna, Adv. Appl. Mech. 9 (1966)
     243) solved for σ; with m = 1/p and D the reference rate it is Cowper and Symonds' factor.
     """
 
-    reference_rate: float
-    exponent: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters; ValueError says which and why."""
-        _positive("reference_rate", self.reference_rate)
-        _positive("exponent", self.exponent)
-        if self.exponent > 1.0:
-            raise ValueError(f"exponent is {self.exponent:g}; allowed is above 0, at most 1")
+    reference_rate: float = parameter(
+        "rate of plastic strain at which the yield stress is doubled", "1/s", gt=0.0
+    )
+    exponent: float = parameter(
+        "m of R = 1 + (rate/reference_rate)^m, the factor of the yield stress", gt=0.0, le=1.0
+    )
 
     def factor(self, rate: Floats) -> Floats:
         """R at a rate, 1/s."""
@@ -329,11 +300,10 @@ class Perzyna:
             return np.asarray(self.reference_rate * (factor - 1.0) ** (1.0 / self.exponent))
 
 
-def _positive(name: str, value: Any) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} is {value:g}; it must be above 0")
-
-
-def _not_negative(name: str, value: Any) -> None:
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(f"{name} is {value:g}; it must be at least 0")
+HARDENING: Mapping[str, type[Declared]] = MappingProxyType(
+    {"linear": Linear, "voce": Voce, "swift": Swift, "table": Table}
+)
+RATES: Mapping[str, type[Declared]] = MappingProxyType(
+    {"johnson-cook": JohnsonCook, "perzyna": Perzyna}
+)
+"""The laws by the names that case files have for them."""

@@ -7,16 +7,20 @@ centre. Parameters enter the forms as constants, so another value compiles nothi
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
-import ufl
+from tribox.forms.parameters import Declared, Refused, parameter
 
-from tribox.forms.bodies.kinematics import Kinematics, PlanePart
-from tribox.forms.bodies.point_state import MaterialPoints
-from tribox.forms.bodies.principal_powers import power_sum, squared_arcosh
+if TYPE_CHECKING:  # UFL is loaded when forms are made, not when a case file is read
+    from tribox.forms.bodies.kinematics import Kinematics, PlanePart
+    from tribox.forms.bodies.point_state import MaterialPoints
 
 Expr = Any
+MOST_TERMS = 6  # of Ogden's sum
+HIGHEST_POWER = 30.0  # of its stretches
 LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
 
 
@@ -52,9 +56,14 @@ class Material(Protocol):
 
 
 class Elastic:
-    """What materials have in common whose stress follows from the present deformation alone."""
+    """What materials have in common whose stress follows from the present deformation alone.
+
+    Attributes:
+        always_stable: whether more strain needs more stress, whatever the constants and the strain.
+    """
 
     __slots__ = ()
+    always_stable: ClassVar[bool] = False
 
     def points(self, space: bool) -> None:
         """None: there is nothing to remember."""
@@ -80,6 +89,7 @@ def shear_and_bulk(E: float, nu: float) -> tuple[float, float]:
 class NeoHookean(Elastic):
     """W = G/2 (I1 − 3) − G ln J + Λ/2 (ln J)², Λ = K − 2G/3 (Simo & Pister 1984)."""
 
+    always_stable: ClassVar[bool] = True
     shear_modulus: float
     bulk_modulus: float
 
@@ -93,21 +103,29 @@ class NeoHookean(Elastic):
 
     def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
         """See the class; the term in Λ is the volumetric part."""
+        import ufl
+
         log_j = ufl.ln(k.J)
         return 0.5 * c["G"] * (k.I1 - 3.0) - c["G"] * log_j, 0.5 * c["L"] * log_j**2
 
 
 @dataclass(frozen=True, slots=True)
-class MooneyRivlin(Elastic):
+class MooneyRivlin(Elastic, Declared):
     """W = C10 (Ī1 − 3) + C01 (Ī2 − 3) + K/4 (J² − 1 − 2 ln J), Ī the isochoric invariants.
 
     Mooney, J. Appl. Phys. 11 (1940) 582; the volumetric function is that of Simo & Taylor,
     Comput. Methods Appl. Mech. Engng 85 (1991) 273.
     """
 
-    C10: float
-    C01: float
-    bulk_modulus: float
+    C10: float = parameter("constant of the first invariant", "Pa")
+    C01: float = parameter("constant of the second invariant", "Pa")
+    bulk_modulus: float = parameter("bulk modulus", "Pa", gt=0.0, key="K")
+
+    def faults(self) -> Iterator[Refused]:
+        """A shear modulus that is not positive."""
+        if self.C10 + self.C01 <= 0.0:
+            half = f"C10 + C01 = {self.C10 + self.C01:g} Pa"
+            yield Refused("", f"{half}: must be > 0 Pa (half the shear modulus)")
 
     @property
     def shear_modulus(self) -> float:
@@ -131,17 +149,21 @@ class MooneyRivlin(Elastic):
 
 
 @dataclass(frozen=True, slots=True)
-class Yeoh(Elastic):
+class Yeoh(Elastic, Declared):
     """W = C10 (Ī1 − 3) + C20 (Ī1 − 3)² + C30 (Ī1 − 3)³ + K/4 (J² − 1 − 2 ln J).
 
     Yeoh, Rubber Chem. Technol. 66 (1993) 754: the upturn at large strain, and with C20 < 0 the
     softening before it, of filled rubber.
     """
 
-    C10: float
-    C20: float
-    C30: float
-    bulk_modulus: float
+    C10: float = parameter("constant of the first invariant, half the shear modulus", "Pa", gt=0.0)
+    C20: float = parameter(
+        "constant of its square; negative where the body softens first", "Pa", otherwise=0.0
+    )
+    C30: float = parameter(
+        "constant of its cube; positive where the body stiffens at last", "Pa", otherwise=0.0
+    )
+    bulk_modulus: float = parameter("bulk modulus", "Pa", gt=0.0, key="K")
 
     @property
     def shear_modulus(self) -> float:
@@ -163,29 +185,38 @@ class Yeoh(Elastic):
 
 
 @dataclass(frozen=True, slots=True)
-class Ogden(Elastic):
+class Ogden(Elastic, Declared):
     """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + K/4 (J² − 1 − 2 ln J).
 
     Ogden, Proc. R. Soc. Lond. A 326 (1972) 565, with his μ_p, in isochoric principal stretches λ̄. A
     convention that writes 2 μ_i/α_i² instead has μ_i = μ_p α_p/2. See
     :mod:`tribox.forms.bodies.principal_powers` for how stretches that coincide are treated.
-
-    Attributes:
-        mu: μ_p, Pa, of any sign.
-        alpha: α_p, as many, of any sign but not 0.
-        bulk_modulus: K, Pa.
     """
 
-    mu: tuple[float, ...]
-    alpha: tuple[float, ...]
-    bulk_modulus: float
+    mu: tuple[float, ...] = parameter(
+        "moduli mu_p of the terms mu_p/alpha_p (sum of stretches to the power alpha_p, less 3), "
+        "Ogden's own convention: sum of mu_p alpha_p/2 is the shear modulus",
+        "Pa",
+        nonzero=True,
+        most=MOST_TERMS,
+    )
+    alpha: tuple[float, ...] = parameter(
+        "exponents of the terms, as many as mu",
+        ge=-HIGHEST_POWER,
+        le=HIGHEST_POWER,
+        nonzero=True,
+        most=MOST_TERMS,
+    )
+    bulk_modulus: float = parameter("bulk modulus", "Pa", gt=0.0, key="K")
 
-    def __post_init__(self) -> None:
-        """Check that the lists go together; ValueError says how they do not."""
-        if not self.mu or len(self.mu) != len(self.alpha):
-            raise ValueError(f"{len(self.mu)} mu and {len(self.alpha)} alpha; as many are needed")
-        if 0.0 in self.alpha:
-            raise ValueError("an alpha is 0; its term would have no energy")
+    def faults(self) -> Iterator[Refused]:
+        """Lists of different length, or a shear modulus that is not positive."""
+        if len(self.mu) != len(self.alpha):
+            reason = f"has {len(self.alpha)} entries and mu {len(self.mu)}: must be as many"
+            yield Refused("alpha", reason)
+        elif self.shear_modulus <= 0.0:
+            found = f"half the sum of mu alpha, is {self.shear_modulus:g} Pa"
+            yield Refused("", f"the shear modulus, {found}: must be > 0 Pa")
 
     @property
     def shear_modulus(self) -> float:
@@ -205,6 +236,8 @@ class Ogden(Elastic):
 
     def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
         """See the class."""
+        from tribox.forms.bodies.principal_powers import power_sum
+
         numbers = range(1, len(self.mu) + 1)
         terms = [(c[f"mu{n}"] / c[f"alpha{n}"], c[f"alpha{n}"]) for n in numbers]
         return power_sum(k, terms), _volumetric(k, c)
@@ -212,6 +245,8 @@ class Ogden(Elastic):
 
 def _volumetric(k: Kinematics, c: dict[str, Expr]) -> Expr:
     """K/4 (J² − 1 − 2 ln J), Simo & Taylor's."""
+    import ufl
+
     return 0.25 * c["K"] * (k.J**2 - 1.0 - 2.0 * ufl.ln(k.J))
 
 
@@ -224,6 +259,7 @@ class Hencky(Elastic):
     h₃² − (ln J)²/3. In space see `_squared_logarithm`.
     """
 
+    always_stable: ClassVar[bool] = True
     shear_modulus: float
     bulk_modulus: float
 
@@ -233,6 +269,8 @@ class Hencky(Elastic):
 
     def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
         """See the class."""
+        import ufl
+
         log_j = ufl.ln(k.J)
         deviator = _squared_logarithm(k) if k.plane is None else _plane_deviator(k.plane, log_j)
         return c["G"] * deviator, 0.5 * c["K"] * log_j**2
@@ -240,6 +278,10 @@ class Hencky(Elastic):
 
 def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
     """|dev ln U|² of a deformation that does not tilt the normal of the plane."""
+    import ufl
+
+    from tribox.forms.bodies.principal_powers import squared_arcosh
+
     excess = plane.I1 / (2.0 * plane.J) - 1.0
     in_plane = 0.5 * (squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
     return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
@@ -267,3 +309,9 @@ def _squared_logarithm(k: Kinematics) -> Expr:
         factor += 1.0 / (2 * n - 1)
         total = total + factor / n * power
     return total
+
+
+ENERGIES: Mapping[str, type[Declared]] = MappingProxyType(
+    {"mooney-rivlin": MooneyRivlin, "yeoh": Yeoh, "ogden": Ogden}
+)
+"""Energies that declare their constants, by the names that case files have for them."""

@@ -120,23 +120,36 @@ class MemorySolid(Solid):
         dt = self._seen(dt)
         found = points.known(u, dt)
         if found is None:
+            self.point_cells.moduli.end = None  # it may be in the arrays that are used again
             origin = Origin(points.committed, dt)
             found = points.trial = self._evaluated(origin, points.spare())
         if tangent:
             self._tangent_origin = self._remade or self._tangent_start(u, dt)
-            self._prepare_tangent(found.F, self._tangent_origin)
+            self._prepare_tangent(self._tangent_origin)
         self._forces = found.forces
         return found.valid
 
-    def _prepare_tangent(self, F: Floats, origin: Origin) -> None:
-        """Let the loop know how to come to the moduli, or give it those at ``F`` (k, p)."""
+    def _prepare_tangent(self, origin: Origin) -> None:
+        """Let the loop know how to come to the moduli from ``origin``, or give it those."""
         law, moduli = self._frozen if origin.elastic else self.law, self.point_cells.moduli
         moduli.kernel, moduli.state = self._kernel(law, origin.dt), origin.values
         if moduli.kernel is None:
-            reduced = self._reduced
-            update = law.update(F, origin.values, origin.dt, True, volumetric=not reduced)
+            F = self._gradients()
+            update = law.update(F, origin.values, origin.dt, True, volumetric=not self._reduced)
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
+            return
+        known = (self.points.trial, self.points.last)
+        u = self._u.x.array
+        same = (one for one in known if one is not None and one.led_from(origin, u))
+        found = next(same, None) or self._evaluated(origin)
+        moduli.end = found.values if found.valid else None
+
+    def _gradients(self) -> Floats:
+        """Deformation gradients (k, p) at the present displacement."""
+        F = np.empty((len(self.points.committed), self._width))
+        self.point_cells.gradients(self._u.x.array, F)
+        return F
 
     def _tangent_start(self, u: Floats, dt: float) -> Origin:
         """From where the tangent at ``u`` (n,), m, is taken."""
@@ -173,31 +186,26 @@ class MemorySolid(Solid):
             origin: from where.
             spare: of whose arrays to make it.
         """
-        law, points = self._frozen if origin.elastic else self.law, len(origin.values)
+        law = self._frozen if origin.elastic else self.law
+        energies: Floats = np.zeros(3)
         kernel = self._kernel(law, origin.dt)
-        u: Floats
-        F: Floats
-        P: Floats
-        end: Floats
-        energies: Floats
         if spare is None or kernel is None:
-            u, F = np.empty_like(self._u.x.array), np.empty((points, self._width))
-            forces, energies = np.empty_like(u), np.empty((3, points))
-            P, end = np.empty_like(F), np.empty_like(origin.values)
+            u: Floats = np.empty_like(self._u.x.array)
+            forces: Floats = np.empty_like(self._u.x.array)
+            end: Floats = np.empty_like(origin.values)
         else:
-            u, F, P, end = spare.u, spare.F, spare.stress, spare.values
-            energies, forces = spare.energies, spare.forces
+            u, forces, end = spare.u, spare.forces, spare.values
         u[:], forces[:] = self._u.x.array, 0.0
         if kernel is None:
-            self.point_cells.gradients(u, F)
+            F = self._gradients()
             update = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
             self.point_cells.add_forces(u, update.P, forces)
-            P, end, valid = update.P, update.state, update.valid
-            energies = np.stack([update.elastic, update.dissipation])
+            end, valid = update.state, update.valid
+            energies = np.array([self._integral(x) for x in (update.elastic, update.dissipation)])
         else:
-            out = {"F": F, "P": P, "end": end, "energies": energies, "forces": forces}
+            out = {"end": end, "energies": energies, "forces": forces}
             valid = self.point_cells.evaluate(kernel, u, origin.values, **out)
-        return Evaluation(u, F, origin, self.points.number, P, end, energies, forces, valid)
+        return Evaluation(u, origin, self.points.number, end, energies, forces, valid)
 
     def _present(self) -> Evaluation:
         """The points at the present displacement, evaluated at rest if that was not done last."""
@@ -211,8 +219,7 @@ class MemorySolid(Solid):
         before = self.points.last
         done = self.points.commit(self._u.x.array)
         if done is not None and self._adopted is None:
-            parts = (done.dissipation, done.numerical(before))
-            self._dissipated = self._dissipated + [self._integral(part) for part in parts]
+            self._dissipated = self._dissipated + done.dissipation(before)
         self._adopted = None
 
     def _integral(self, values: Floats) -> float:
@@ -232,7 +239,7 @@ class MemorySolid(Solid):
 
     def point_energy(self) -> float:
         """See :meth:`tribox.forms.bodies.solid.Solid.point_energy`."""
-        return self._integral(self._present().elastic)
+        return float(self._present().energies[0])
 
     def history(self) -> PointHistory:
         """See :meth:`tribox.forms.bodies.solid.Solid.history`."""
@@ -281,8 +288,11 @@ class MemorySolid(Solid):
 
         All of it, of ``q1-sri`` the distortional part, or what is added to a strain energy's.
         """
-        found = self._present()
-        F, P = as_tensors(found.F), as_tensors(found.stress)
+        origin = self._present().origin
+        law = self._frozen if origin.elastic else self.law
+        F = self._gradients()
+        found = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
+        F, P = as_tensors(F), as_tensors(found.P)
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
 

@@ -43,13 +43,23 @@ class Moduli:
     """Where the moduli of the tangent come from: a kernel and the state it starts at, or arrays.
 
     Attributes:
-        kernel: None: ``A`` is given; state: (k, s).
+        kernel: None: ``A`` is given; state: (k, s); end: (k, s), what the kernel has made of the
+            state before; None: that is found anew.
         A: (k, p, p), Pa.
     """
 
     kernel: Kernel | None = None
     state: Floats | None = None
+    end: Floats | None = None
     A: Floats | None = None
+
+    def arrays(self) -> dict[str, Floats]:
+        """What the loop reads."""
+        if self.kernel is None:
+            assert self.A is not None, "the points have not been evaluated for a tangent"
+            return {"A": self.A}
+        assert self.state is not None
+        return {"state": self.state} | ({} if self.end is None else {"end": self.end})
 
 
 class _Work(ctypes.Structure):
@@ -58,11 +68,11 @@ class _Work(ctypes.Structure):
     _fields_ = (
         *(
             (name, ctypes.c_int64)
-            for name in ("blocks", "lanes_of_last", "points", "nodes", "width", "symmetric", "all")
+            for name in ("blocks", "lanes_of_last", "points", "nodes", "width", "symmetric")
         ),
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
         *((name, ctypes.c_void_p) for name in ("update", "material", "state")),
-        *((name, ctypes.c_void_p) for name in ("F", "P", "end", "energies", "A")),
+        *((name, ctypes.c_void_p) for name in ("P", "A", "F", "end", "energies")),
         *((name, ctypes.c_void_p) for name in ("forces", "values", "start")),
     )
 
@@ -71,7 +81,7 @@ class Beside(ctypes.Structure):
     """``Beside`` of ``lanes.h``."""
 
     work: _Work  # that ``cells`` points to
-    arrays: tuple[Floats, ...]
+    arrays: dict[str, Floats]
     _fields_ = (("add", ctypes.c_void_p), ("cells", ctypes.c_void_p))
 
 
@@ -151,7 +161,6 @@ class PointCells:
             "lanes_of_last": len(cells.nodes) - (blocks - 1) * LANES,
             "points": cells.shape.shape[0],
             "nodes": cells.shape.shape[1],
-            "all": cells.count,
             "shape": cells.shape.ctypes.data,
             "table": table,
             "node": node,
@@ -187,9 +196,9 @@ class PointCells:
         of = self.moduli
         if of.kernel is None or not of.kernel.symmetric:
             return None
-        assert of.state is not None
         found = Beside(ctypes.cast(self._block, ctypes.c_void_p).value)
-        found.work, found.arrays = self._work(of.kernel, True, u=u, state=of.state), (u, of.state)
+        found.arrays = {"u": u} | of.arrays()
+        found.work = self._work(of.kernel, True, **found.arrays)
         found.cells = ctypes.addressof(found.work)
         return found
 
@@ -200,11 +209,11 @@ class PointCells:
             kernel: what updates them.
             u: m.
             state: (k, s).
-            out: what is written: F, P (k, p), end (k, s), energies (3, k) stored, dissipated and
-                the part of that due to the step's length; or added to: forces (n,), N (N/m).
+            out: what is written: end (k, s); or added to: energies (3,), J (J/m), stored,
+                dissipated and the part of that due to the step's length; forces (n,), N (N/m).
 
         Returns:
-            Whether all could be evaluated; where not, P, energies and forces are NaN.
+            Whether all could be evaluated; where not, energies and forces are NaN.
         """
         return self._run(kernel, False, u=u, state=state, **out)
 
@@ -228,11 +237,5 @@ class PointCells:
         assert starts.flags.c_contiguous and starts.dtype == np.int32
         assert starts.shape[:2] == self.nodes.shape
         of = self.moduli
-        if of.kernel is not None:
-            assert of.state is not None
-            given: dict[str, Any] = {"state": of.state}
-            symmetric = of.kernel.symmetric
-        else:
-            assert of.A is not None, "the points have not been evaluated for a tangent"
-            given, symmetric = {"A": of.A}, False
-        self._run(of.kernel, symmetric, u=u, values=values, start=starts, **given)
+        symmetric = of.kernel is not None and of.kernel.symmetric
+        self._run(of.kernel, symmetric, u=u, values=values, start=starts, **of.arrays())

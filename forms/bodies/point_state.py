@@ -27,7 +27,6 @@ from tribox.forms.native.libraries import library
 Floats = NDArray[np.float64]
 DISSIPATED = "dissipated"  # of variables that sum up, J/m³, what each part of a point has lost
 CELLS = "point_cells.c"
-IN_PLANE = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # no deformation: 11, 12, 21, 22, 33
 
 
 class PointUpdate(Protocol):
@@ -209,53 +208,48 @@ class Evaluation:
     """Material points at one displacement.
 
     Attributes:
-        u: (n,), m, local unknowns; F: (k, p) deformation gradients there.
+        u: (n,), m, local unknowns.
         origin: from where; number: of the committed values.
-        stress: (k, p), Pa, first Piola–Kirchhoff stress; values: (k, s), what is remembered.
-        energies: (2 or 3, k), J/m³: stored, and dissipated since the origin.
+        values: (k, s), what is remembered.
+        energies: (2 or 3,), J, of this rank's part of the body: stored, and dissipated since the
+            origin.
         forces: (n,), N (N/m), of the stress on the nodes of this rank.
         valid: whether all points could be evaluated; where not, all but the values are NaN.
     """
 
     u: Floats
-    F: Floats
     origin: Origin
     number: int
-    stress: Floats
     values: Floats
     energies: Floats
     forces: Floats
     valid: bool
 
-    @property
-    def elastic(self) -> Floats:
-        """Energy stored (k,), J/m³."""
-        return self.energies[0]
+    def led_from(self, origin: Origin, u: Floats) -> bool:
+        """Whether this is where ``origin`` leads at the displacements ``u`` (n,), m."""
+        own = self.origin
+        same = own.values is origin.values and (own.dt, own.elastic) == (origin.dt, origin.elastic)
+        return same and np.array_equal(self.u, u)
 
-    @property
-    def dissipation(self) -> Floats:
-        """Energy dissipated since the origin (k,), J/m³."""
-        return self.energies[1]
+    def dissipation(self, before: Evaluation | None) -> Floats:
+        """Energy (2,), J, dissipated since the origin, and the part that the step's length makes.
 
-    def numerical(self, before: Evaluation | None) -> Floats:
-        """The part of the dissipation (k,), J/m³, that belongs to the length of the step.
-
-        External forces do work by the trapezoidal rule, so that of the stress is the mean of both
-        ends times the change of F. What that leaves beside the stored energy is less than the
-        dissipation by the stress at the end of the step. While a point flows all through a step
-        that is ½ Δσ_Y Δα; where it begins to flow within it is more, and falls with the step too.
+        External forces do work by the trapezoidal rule, so that of the stress is the mean of the
+        forces at both ends times the change of the displacements. What that leaves beside the
+        stored energy is less than the dissipation by the stress at the end of the step. While a
+        point flows all through a step that is ½ Δσ_Y Δα; where it begins to flow within it is
+        more, and falls with the step too.
 
         Args:
-            before: what was committed before; None: undeformed points without stress.
+            before: what was committed before; None: an undeformed body without stress.
         """
-        stress, change, stored = self.stress, self.F, self.elastic
-        if before is None:
-            change = change - (np.eye(3).reshape(-1) if change.shape[1] == 9 else IN_PLANE)
-        else:
-            stress, change = stress + before.stress, change - before.F
-            stored = stored - before.elastic
-        work = 0.5 * np.einsum("kp,kp->k", stress, change)
-        return np.where(self.dissipation > 0.0, self.dissipation - (work - stored), 0.0)
+        stored, lost = self.energies[:2]
+        forces, moved = self.forces, self.u
+        if before is not None:
+            forces, moved = forces + before.forces, moved - before.u
+            stored = stored - before.energies[0]
+        work = 0.5 * (forces @ moved)
+        return np.array([lost, lost - (work - stored) if lost > 0.0 else 0.0])
 
 
 @dataclass(frozen=True, slots=True)

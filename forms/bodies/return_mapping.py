@@ -5,11 +5,12 @@ and the rate Δα/Δt
 
     g(Δα) = q̂ − 3G Δα − σ_Y(α + Δα) R(Δα/Δt) = 0.
 
-g falls (σ_Y and R do not), so its root lies in [0, (q̂ − σ_Y(α))/3G] and is the only one. Newton's
-method from the left is monotone where σ_Y and R are concave; a step that leaves the bracket of
-the root is replaced by one to its middle, so that tables and kinks converge as well. Where the
-law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less is asked
-of it there.
+g falls (σ_Y and R do not), so its root lies in [0, (q̂ − σ_Y(α))/3G] and is the only one; where a
+backstress fades, which may leave more stress than there was, q̂ there is the most that can be left.
+Newton's method from the left is monotone where σ_Y and R are concave; a step that leaves the
+bracket of the root is replaced by one to its middle, so that tables and kinks converge as well.
+Where the law is steep and Δα small beside α, g jumps with the round-off of α + Δα, and nothing less
+is asked of it there.
 
 **Backstress** has axes of its own, and the flow turns with it. Fᵖ = Fᵖᵉ Fᵖⁱ (Lion, Int. J.
 Plasticity 16 (2000) 469; Dettmer & Reese, Comput. Methods Appl. Mech. Engng 193 (2004) 87;
@@ -134,6 +135,10 @@ class _FlowStress:
         R, by_rate = self.rate.factor(speed), self.rate.slope(speed)
         return stress * R, slope * R + stress * by_rate / self.dt, roundoff * R
 
+    def most(self, trial: Floats) -> Floats:
+        """What is left of the stress ``trial`` (n,), Pa, at any Δα, but for 3G Δα, at most."""
+        return trial
+
     def start(self, over: Floats, shear: float) -> Floats:
         """A Δα left of the root for concave laws, from the overstress ``over`` (n,), Pa.
 
@@ -157,7 +162,7 @@ def plastic_step(trial: Floats, shear: float, law: _FlowStress) -> Floats:
     """
     begin = law.hardening.stress(law.alpha)
     over = np.where(trial > (1.0 + STILL) * begin, trial - begin, 0.0)
-    low, high = np.zeros_like(over), over / (3.0 * shear)
+    low, high = np.zeros_like(over), (law.most(trial) - begin) / (3.0 * shear)
     x = law.start(over, shear)
     done = ~(x > 0.0)
     for _ in range(ITERATIONS):
@@ -304,6 +309,12 @@ class _WithBackstress(_FlowStress):
     def aim(self, stress: Floats) -> None:
         """Set s less the rest (n, a, b), Pa."""
         self._aim = stress
+
+    def most(self, trial: Floats) -> Floats:
+        """See ``_FlowStress``: that with all of the branches against the aim."""
+        parts = [self._aim, *(branch.start for branch in self.branches)]
+        size = np.sum([np.sqrt((part**2).sum(axis=(1, 2))) for part in parts], axis=0)
+        return np.asarray(np.sqrt(1.5) * size)
 
     def over(self, step: Floats) -> tuple[Floats, Floats, Floats]:
         """Aim less Σ e^(−bΔα) X (n, a, b), Pa; √(3/2) of its size, and the slope of that (n,)."""

@@ -80,7 +80,7 @@ def steady_traction(
     wet = parameters.D_min < D
     p = np.asarray(pressure, dtype=np.float64)
     rate = np.where(wet, V / np.where(wet, D, 1.0), 0.0)
-    viscosity = parameters.rheology.viscosity(rate, np.broadcast_to(p, rate.shape)).value
+    viscosity = parameters.viscosity(rate, np.broadcast_to(p, rate.shape)).value
     return np.asarray(omega * np.asarray(mu) * p + alpha * viscosity * rate)
 
 

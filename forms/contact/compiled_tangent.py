@@ -23,8 +23,9 @@ from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed, outside_parts
 from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets
+from tribox.geometry.surfaces.surface import ContactSurface
 
 if TYPE_CHECKING:
     from tribox.forms.contact.tangent import PairTangent
@@ -203,7 +204,7 @@ class CompiledTangent:
             "xi": at.xi,
             "normal": at.normal,
             "tangents": at.tangents,
-            "gap": at.gap,
+            "gap": at.distance,
             "curvature": at.curvature,
             "clamped": at.clamped,
             "along": at.along,

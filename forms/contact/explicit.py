@@ -61,14 +61,12 @@ class ExplicitContact:
         """Allocate the values at the points and nodes of ``term``; collective."""
         self.term = term
         surface = term.surface
-        self.exchange = SurfaceExchange(surface)
         q, dim = len(surface.slave.weight), surface.dim
         self.film_traction = np.zeros((q, dim))
         self.film: Floats = np.zeros(q)
         self.compliance = np.zeros(q)
         self.trial: ContactTrial | None = None
-        self._values = np.zeros((len(self.exchange.nodes), dim))
-        self._other = np.zeros_like(self._values)
+        self._make_room()
         self._dry = np.zeros((q, dim))
         self.dashpots: tuple[Floats, Floats] | None = None
         self.damped: Floats = np.zeros(len(term.rule.penalty))
@@ -78,6 +76,21 @@ class ExplicitContact:
         own = np.zeros(vertices.count)
         np.add.at(own, vertices.of_point, vertices.shape * weight[:, None])
         self._own_area: Floats = weight if self.by_points else own
+
+    def _make_room(self) -> None:
+        """For values at the pair's nodes."""
+        self.exchange = SurfaceExchange(self.term.surface)
+        self._values = np.zeros((len(self.exchange.nodes), self.term.surface.dim))
+        self._other = np.zeros_like(self._values)
+
+    def _gather(self, u: NodalVector) -> bool:
+        """Gather displacements ``u``, m; whether there are more nodes now; collective."""
+        self.exchange.gather(u, self._values)
+        more = self.term.surface.follow(u.vec, self._values)
+        if more:
+            self._make_room()
+            self.exchange.gather(u, self._values)
+        return more
 
     @property
     def searches(self) -> int:
@@ -117,7 +130,7 @@ class ExplicitContact:
             rate_dependent: whether rates count in the law. Where they do, :meth:`hold_film` and
                 :meth:`correct_film` may follow.
         """
-        self.exchange.gather(u, self._values)
+        self._gather(u)
         term, surface, mode = self.term, self.term.surface, self._mode(dt)
         slave = self._values[self.exchange.slave_rows]
         points = surface.slave_positions(slave)

@@ -32,8 +32,8 @@ from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facet_search import TIE
 from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
-from tribox.geometry.surfaces.surface import MasterFacets
 
 
 class CompiledContact(ExplicitContact):
@@ -56,15 +56,19 @@ class CompiledContact(ExplicitContact):
         ]
         code.tribox_pair_correct_film.argtypes = [ctypes.c_void_p, ctypes.c_double]
         code.tribox_pair_commit.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        self._load = np.zeros_like(self._values)
+        self._adopted: ContactState | None
+        self._lay_out()
+        self._turn = 0
+        self._nothing_ahead = np.zeros_like(term.state.ahead)
+
+    def _lay_out(self) -> None:
+        """Make the arrays that the loops work on, over the master's facets that are known."""
+        term, self._load, self._adopted = self.term, np.zeros_like(self._values), None
         self._inputs = {n: np.ascontiguousarray(a) for n, a in self._input_arrays().items()}
         q, n = len(term.surface.slave.weight), len(term.surface.master.nodes)
         self._sets = [PairArrays(q, n, term.surface.dim) for _ in range(2)]
         for mine, other in (self._sets, self._sets[::-1]):
             self._connect(mine, other)
-        self._turn = 0
-        self._adopted: ContactState | None = None
-        self._nothing_ahead = np.zeros_like(term.state.ahead)
 
     def _input_arrays(self) -> dict[str, NDArray[Any]]:
         """What both sets of results read, by the fields of the structure."""
@@ -137,7 +141,8 @@ class CompiledContact(ExplicitContact):
 
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
         """See ``ExplicitContact.evaluate``."""
-        self.exchange.gather(u, self._values)
+        if self._gather(u):
+            self._lay_out()
         now, term, mode = self._sets[self._turn], self.term, self._mode(dt)
         self._take_over(self._sets[1 - self._turn])
         if self._code.tribox_pair_project(now.at):

@@ -207,7 +207,7 @@ class _Arc:
     def of(cls, slip: Floats, points: Floats, at: Projection, anchor: Anchor) -> _Arc:
         """Of images ``slip`` (q, i); across a corner, or clamped to an end, they stay."""
         length = np.sqrt(_dot(slip, slip))
-        sunk = _dot(at.normal, points - anchor.foot) - at.gap
+        sunk = _dot(at.normal, points - anchor.foot) - at.distance
         bent = ~at.clamped & (np.abs(sunk) < 0.5 * length)
         length, sunk = np.where(bent, length, 1.0), np.where(bent, sunk, 0.0)
         return cls(length, sunk, np.sqrt(1.0 + 4.0 / 3.0 * (sunk / length) ** 2))
@@ -245,7 +245,7 @@ def _vary_projection(projection: Projection, size: int) -> tuple[Floats, Floats]
     Inside a facet H_αβ δξ^β = τ_α·a + g n·b_α with H_αβ = τ_α·τ_β − g n·ȳ_,αβ, and
     δn = −(n·(b_α + ȳ_,αβ δξ^β)) τ^α.
     """
-    n, gap, tau = projection.normal, projection.gap, projection.tangents
+    n, gap, tau = projection.normal, projection.distance, projection.tangents
     count, surface, dim = tau.shape
     metric = np.einsum("qai,qbi->qab", tau, tau)
     inverse = _inverse(metric)
@@ -275,7 +275,7 @@ def _vary_clamped(projection: Projection, at: Longs, size: int) -> tuple[Floats,
     Along an edge ξ = ξ_0 + s e, with t = e^α τ_α: (t·t − g n·t_,s) δs = t·a + g n·e^α b_α and
     δξ^α = e^α δs; at a corner δξ = 0. As n lies along x − ȳ, δn = (I − n⊗n)(a − τ_α δξ^α)/g.
     """
-    n, gap, tau = projection.normal[at], projection.gap[at], projection.tangents[at]
+    n, gap, tau = projection.normal[at], projection.distance[at], projection.tangents[at]
     count, surface, dim = tau.shape
     d_xi = np.zeros((count, surface, size))
     if projection.along is not None:
@@ -310,7 +310,7 @@ def _vary_along_rays(
 
         δξ = (t·a − g t·δn)/(t·τ),   δg = n·a − n·τ δξ.
     """
-    n, gap, tau = projection.normal, projection.gap, projection.tangents[:, 0]
+    n, gap, tau = projection.normal, projection.distance, projection.tangents[:, 0]
     count, dim = n.shape
     along = np.stack([n[:, 1], -n[:, 0]], axis=1)
     d_normal = np.zeros((count, dim, size))

@@ -38,7 +38,13 @@ from tribox.forms.contact.state import (
     Lubrication,
     NormalContact,
 )
-from tribox.forms.film.reynolds import FilmError, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import (
+    FilmError,
+    FilmSolution,
+    FilmStep,
+    ReynoldsFilm,
+    wedge_film,
+)
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
@@ -54,7 +60,7 @@ class LubricatedTerm(ContactTerm):
     """A contact pair whose film is an unknown.
 
     Attributes:
-        model: of the film; faces: (f, 2) vertices of the slave's facets.
+        model: of the film; asperities: the rule; faces: (f, 2) vertices of the slave's facets.
     """
 
     bounds_steps = True
@@ -82,7 +88,7 @@ class LubricatedTerm(ContactTerm):
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.forgets = model.steady
-        self.rule = AsperityPressure(surface, model)
+        self.rule = self.asperities = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
@@ -97,6 +103,8 @@ class LubricatedTerm(ContactTerm):
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
+        # The next slip begins at the place below, pressed or not: films feel it in open gaps.
+        self.state.ahead[:] = 0.0
 
     # -- film ---------------------------------------------------------------------------------
 
@@ -104,9 +112,10 @@ class LubricatedTerm(ContactTerm):
         """Before the first step."""
         vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
-        gap = vertices.sums(self.surface.slave.weight * np.where(at.on_surface, at.gap, np.inf))
-        gap = gap / vertices.area
-        film = self.model.rough.film(places.between @ gap)[0]
+        gap = self.asperities.gaps(at)
+        part = places.part(np.isfinite(gap))
+        film = np.full(places.count, self.model.reach)
+        film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside]))[0]
         film = np.minimum(film, self.model.reach)
         content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
         parts = self._parts(np.ones(len(self._face)))
@@ -218,7 +227,8 @@ class LubricatedTerm(ContactTerm):
         cells = part.of(self.places.cells(history.length, history.parts))
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
         fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
-        thickness = model.rough.film(part.between @ gap)[0]
+        length = history.length[part.inside]
+        thickness = model.rough.film(part.gaps(gap, length))[0]
         before = history.film[part.here]
         before = np.where(np.isfinite(before), before, thickness)
         felt = felt_speeds(model.steady, part.inside, self._weight)
@@ -236,8 +246,9 @@ class LubricatedTerm(ContactTerm):
         film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
             return replace(film, pressure=np.where(film.members, np.nan, 0.0))
-        length, pulled = history.length[part.inside], np.zeros(len(self.faces))
-        pulled[part.inside] = part.pulls(thickness, solution.pressure, length)
+        pulled = np.zeros(len(self.faces))
+        faces = wedge_film(thickness[cells.ends])[0]
+        pulled[part.inside] = part.pulls(faces, solution.pressure, length)
         whole = np.where(film.members, part.sums(cells.area, np.ones(len(thickness))), 1.0)
         full = part.sums(cells.area, solution.filled) / whole
         return replace(
@@ -272,8 +283,10 @@ class LubricatedTerm(ContactTerm):
         vertices = self.surface.vertices
         nodal = np.where(film.members, film.ratio * (film.asperity + film.pressure), 0.0)
         normal.nodal_pressure, normal.lubrication = nodal, film
+        spread = vertices.at_points(nodal, self.asperities.shape)
+        normal.spring = np.where(normal.closed, spread, 0.0)
         at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
-        normal.spring = normal.pressure = at_points
+        normal.pressure = at_points
         largest = float(np.max(at_points, initial=0.0))
         normal.cover = np.where(at_points > _LOADED * largest, 1.0, 0.0)
 
@@ -290,9 +303,8 @@ class LubricatedTerm(ContactTerm):
         points = surface.slave_positions(values[surface.slave_rows])
         normals = surface.slave_normals(values)
         at = surface.project(points, surface.master_positions(values), None, normals, True)
-        weight = np.where(at.on_surface, surface.slave.weight, 0.0)
-        gap = surface.vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
-        change = gap / surface.vertices.area - trial.nodal_gap
+        gap = self.asperities.gaps(at)
+        change = np.where(np.isfinite(gap), gap - trial.nodal_gap, np.inf)
         rough = 4.0 * self.model.rough.sigma
         here = film.members & np.isfinite(change)
         carried = film.asperity + film.pressure
@@ -405,8 +417,7 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
-        # Where a film is, the next slip begins at the place below, pressed or not.
-        self.state.ahead[trial.kinematics.closed] = 0.0
+        self.state.ahead[:] = 0.0  # see __init__
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
@@ -422,7 +433,8 @@ class LubricatedTerm(ContactTerm):
         length, parts = self._length * longer, self._parts(trial.area_ratio)
         area = self.places.cells(length, parts).area
         thickness = np.full(self.places.count, self.model.reach)
-        thickness[here] = self.model.rough.film(film.part.between @ gap)[0]
+        before = history.length[film.part.inside]
+        thickness[here] = self.model.rough.film(film.part.gaps(gap, before))[0]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:

@@ -30,6 +30,7 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.contact.vertex_rows import Coupling
+from tribox.forms.film.reynolds import wedge_film
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 
@@ -111,8 +112,9 @@ class LubricatedTangent(PairTangent):
         assert film.solution is not None and history is not None and gap is not None
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
-        d_film = scipy.sparse.diags(self.rule.model.rough.film(part.between @ gap)[1])
-        d_film = d_film @ part.between
+        length = history.length[part.inside]
+        d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
+        d_film = scipy.sparse.diags(d_film) @ part.gap_slopes(gap, length)
         slopes = film.solver.slopes(film.step, film.solution)
         faces = np.arange(slopes.by_speed.shape[1])
         feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
@@ -126,8 +128,9 @@ class LubricatedTangent(PairTangent):
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
         out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
         out += filled.T @ d_filled
-        length = history.length[part.inside]
-        by_film, by_pressure = part.pull_slopes(film.step.film, film.solution.pressure, length)
+        of_face, d_of_face = wedge_film(film.step.film[part.ends])
+        pulls = part.pull_slopes(of_face, d_of_face, film.solution.pressure, length)
+        by_film, by_pressure = pulls
         out += pulled.T @ (by_pressure @ d_pressure)
         out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
         return out
@@ -141,7 +144,8 @@ class LubricatedTangent(PairTangent):
         """
         vertices, n = self.surface.vertices, trial.kinematics.normal[take]
         shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
-        ratio, carried = film.ratio[at][:, :, None], -shape * n[:, None, :]
+        assert isinstance(self.rule, AsperityPressure)
+        ratio, carried = film.ratio[at][:, :, None], -self.rule.shape[take][:, :, None] * n[:, None]
         by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
         own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
         own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]

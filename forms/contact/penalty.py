@@ -38,8 +38,12 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.forms.friction.film import FilmThickness, film_thickness
-from tribox.forms.friction.law import FrictionLaw, FrictionResponse, FrictionState
-from tribox.forms.friction.settling import presliding_length
+from tribox.forms.friction.law import (
+    FrictionLaw,
+    FrictionResponse,
+    FrictionState,
+    presliding_length,
+)
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, solve_small, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
@@ -68,9 +72,13 @@ class ContactTerm:
         state: the committed :class:`ContactState`; changed by :meth:`commit` only.
         surface, law, film: of the pair; modulus: Pa, E*, or None.
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
+        offset: (q,), m, by which the gap that is felt is wider than that between the surfaces:
+            less than 0 where one is to be larger than it is drawn; None: nowhere.
         rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
             it, None without.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
+        beside: (v, b) global nodes of the entries of blocks that belong to the slave's vertices,
+            and couple with all that these do; None without any.
         tied: whether the surfaces are bonded (:mod:`tribox.forms.contact.tie`).
         bounds_steps: whether :meth:`bearable` may be less than 1.
         forgets: whether the way of the last steps says nothing of the next, as where each is the
@@ -78,6 +86,7 @@ class ContactTerm:
     """
 
     tied = bounds_steps = forgets = False
+    beside: Longs | None = None
 
     def __init__(
         self,
@@ -106,10 +115,10 @@ class ContactTerm:
         """
         self.surface = surface
         self.law, self.active, self.modulus = law, True, modulus
+        self.offset: Floats | None = None
         self.neighbours: list[Neighbour] = []
         self.rule = normal_rule(pressure, surface, penalty)
-        self.linearised = PairTangent(surface, self.rule)
-        self.compiled = compiled_tangent(surface)
+        self._prepare_tangent()
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
         self.film.at(np.zeros(q))  # Refuses a field that is not one of these points.
@@ -120,6 +129,12 @@ class ContactTerm:
         history = law.initial_state(q, surface.dim)
         self.state = ContactState.undeformed(at, ahead, way, history)
         self._last: _Evaluation | None = None
+
+    def _prepare_tangent(self) -> None:
+        """Lay out the tangent over the master's facets that are known."""
+        surface, self._known_parts = self.surface, self.surface.parts
+        self.linearised = PairTangent(surface, self.rule)
+        self.compiled = compiled_tangent(surface)
 
     @classmethod
     def between(
@@ -162,6 +177,8 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         values = self.surface.gather(x)
+        if self._known_parts != self.surface.parts:
+            self._prepare_tangent()
         last = self._last
         # An averaged pressure is summed over the ranks: they must all evaluate, or none.
         known = last is not None and last.answers(dt, mode, values)
@@ -180,6 +197,8 @@ class ContactTerm:
         normals = surface.slave_normals(values) if averaged else None
         self.leave_to_others()
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
+        if self.offset is not None:
+            current.shift(self.offset)
         anchor = self.anchor(nodes)
         # Friction under the pressure of a rounded gap would tell at random where points stick.
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
@@ -338,6 +357,17 @@ class ContactTerm:
         length = np.linalg.norm(before.elastic_slip, axis=1)
         return Anchor(foot, components, image, np.where(taken, length, state.slip_length))
 
+    def coupled_pairs(self) -> Longs | None:
+        """Pairs (p, 2) of global nodes that are coupled wherever bodies move, if they are known."""
+        return None
+
+    def roundoff_squared(self, x: PETSc.Vec) -> float:
+        """Square, N², of what rounded displacements leave of the forces; collective.
+
+        That of gaps is not counted: it is 1e-12 of a contact's force.
+        """
+        return 0.0
+
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
 
@@ -380,15 +410,22 @@ class ContactTerm:
         )
         self._last = None
 
-    def renew(self, active: bool | None = None, law: FrictionLaw | None = None) -> None:
+    def renew(
+        self,
+        active: bool | None = None,
+        law: FrictionLaw | None = None,
+        offset: Floats | None = None,
+    ) -> None:
         """Take what a stage or a program of time has changed, from the next evaluation on.
 
         Args:
             active: whether the surfaces feel each other; None: as before.
             law: friction law with the same kind of state; None: as before.
+            offset: (q,), m, see above; None: as before.
         """
         self.active = self.active if active is None else active
         self.law = self.law if law is None else law
+        self.offset = self.offset if offset is None else offset
         self._last = None
 
     def adopt(self, state: ContactState) -> None:
@@ -418,7 +455,7 @@ class ContactTerm:
 
         The third is the sum of the squares of what each point adds. A node may occur twice.
         """
-        if self.compiled is not None and not self.tied:
+        if self.compiled is not None:
             return self.surface.nodes, *self.compiled.forces(trial)
         nodes, values = self.nodal_forces(trial)
         squared = float(np.sum(values**2))
@@ -434,7 +471,7 @@ class ContactTerm:
             entries: part of the matrix; None: nothing is added.
         """
         compiled = self.compiled if trial.projection.share_slope is None else None
-        if entries is None or compiled is None or self.tied:
+        if entries is None or compiled is None:
             coupling = self.coupling(trial)
             return self.tangent(trial), [] if coupling is None else [coupling]
         return compiled.add(self.linearised, self.state, trial, entries)

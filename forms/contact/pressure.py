@@ -68,6 +68,7 @@ class AveragedPressure:
     """Pressure from the mean gaps at the vertices of the slave facets.
 
     Attributes:
+        shape: (q, k) functions that gaps are averaged with and pressures spread by.
         others: (v,) area of the vertices that other masters have, see
             :mod:`tribox.forms.contact.shared_slave`; None without any.
     """
@@ -75,6 +76,7 @@ class AveragedPressure:
     def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
         """Take the penalty, Pa/m: one number, or one for each vertex (v,)."""
         self.surface, self.vertices = surface, surface.vertices
+        self.shape = self.vertices.shape
         self.penalty = _expanded(penalty, self.vertices.count, "vertices")
         self.others: Floats | None = None
 

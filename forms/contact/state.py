@@ -12,7 +12,8 @@ import numpy as np
 from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.kinematics import Anchor, ContactKinematics
-from tribox.forms.film.reynolds import FilmPart, FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.places import FilmPart
+from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection

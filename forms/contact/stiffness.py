@@ -35,19 +35,19 @@ class PairStiffness:
         if term.tied:
             largest = float(np.max(term.penalty, initial=0.0))
             self.tangential, self.viscosity = comm.allreduce(largest, op=MPI.MAX), 0.0
-        self._values = np.zeros((len(contact.exchange.nodes), term.surface.dim))
 
     def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
         """Add K w or C w to ``out``; collective."""
         contact = self.contact
         assert contact.trial is not None
         n = contact.trial.kinematics.normal
-        contact.exchange.gather(w, self._values)
+        values = np.zeros((len(contact.exchange.nodes), contact.term.surface.dim))
+        contact.exchange.gather(w, values)
         if isinstance(contact, ExplicitTie):
             if not viscous:
-                contact.add_stiffness(self._values, out)
+                contact.add_stiffness(values, out)
             return
-        jump = contact.jump(self._values)
+        jump = contact.jump(values)
         across = np.einsum("qi,qi->q", n, jump)[:, None] * n
         along = jump - across
         if viscous:

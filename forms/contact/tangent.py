@@ -218,20 +218,29 @@ class PairTangent:
         if not isinstance(rule, AveragedPressure):
             return None
         assert normal.active is not None
-        vertices, take = rule.vertices, np.nonzero(trial.kinematics.closed)[0]
-        by_gap = self.left_vectors(trial, take)
-        needs = normal.needs()
-        left = self._vertex_rows(trial, take, by_gap, needs)
+        left, right = self.vertex_sides(state, trial)
+        nodes = columns = self.surface.nodes
+        if rule.vertices.comm.size > 1:
+            right, columns = self._completed(right)
+        product = left.T.tocsr() @ right
+        return Coupling(nodes, columns, product)
+
+    def vertex_sides(
+        self, state: ContactState, trial: ContactTrial
+    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """This rank's part of L_A/m_A = (1/m_A) ∂R_c/∂g_A and R_A = m_A ∂g_A/∂u (v, n·i).
+
+        Their columns are the unknowns of the pair's nodes. Terms with unknowns of their own at the
+        vertices take from them what these do to the bodies, and the gaps to them.
+        """
+        take, needs = np.nonzero(trial.kinematics.closed)[0], trial.normal_contact.needs()
+        left = self._vertex_rows(trial, take, self.left_vectors(trial, take), needs)
         right = self._gap_rows(state, trial, needs)
         if trial.carried is not None:
             operator = trial.carried.operator(self.surface.first_master)
             left, right = (left @ operator).tocsr(), (right @ operator).tocsr()
-        nodes = columns = self.surface.nodes
-        if vertices.comm.size > 1:
-            right, columns = self._completed(right)
         left.data /= np.repeat(self.area_of(trial), np.diff(left.indptr))
-        product = left.T.tocsr() @ right
-        return Coupling(nodes, columns, product)
+        return left, right
 
     def area_of(self, trial: ContactTrial) -> Floats:
         """Area (v,) that the gaps of the vertices are averaged over."""
@@ -295,7 +304,8 @@ class PairTangent:
             fades[:] = True
         plain, other = every[~fades], every[fades]
         along = trial.kinematics.normal[plain][:, None, :]
-        shape = self.surface.vertices.shape[plain][:, :, None]
+        assert isinstance(self.rule, AveragedPressure)
+        shape = self.rule.shape[plain][:, :, None]
         out = self._vertex_rows(trial, plain, shape * along, needs)
         return out + self._varied_gap_rows(state, trial, other, needs) if len(other) else out
 
@@ -316,7 +326,8 @@ class PairTangent:
             change = at.share[take][:, None] * v.d_gap
             change += at.gap[take][:, None] * _share_variation(trial, take, v)
         d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
-        share = self.surface.slave.weight[take][:, None] * self.surface.vertices.shape[take]
+        assert isinstance(self.rule, AveragedPressure)
+        share = self.surface.slave.weight[take][:, None] * self.rule.shape[take]
         values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
         normal = trial.normal_contact
         if normal.grows is not None and normal.gap is not None and at.share_slope is not None:

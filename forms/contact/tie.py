@@ -47,8 +47,9 @@ from tribox.geometry.surfaces.facets import (
     solve_small,
     unit_normals,
 )
+from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.surface import ContactSurface, MasterFacets, RigidMaster
+from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 # -- Integration points of a tie: on the slave facets, at places of the master that do not change
 #
@@ -230,6 +231,8 @@ class TieTerm(ContactTerm):
             ValueError: on every rank, if nothing of the slave lies beside the master.
         """
         super().__init__(surface, FrictionlessLaw(), penalty)
+        surface.follows = False  # what is tied stays where it is
+        self.compiled = None  # its tangent is its own
         self._points = tie_points(surface)
         self.tied_area = self._vertex_sums(self._points.weight)
         if not np.any(self.tied_area > 0.0):

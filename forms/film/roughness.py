@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import ndtr
 
-from tribox.forms.friction.parameter_checks import refusal, require_above, require_at_least
+from tribox.forms.parameters import Refused, require
 from tribox.geometry.surfaces.facets import Floats
 
 LEAST_FILM = 1e-3  # of the roughness: film between surfaces that are squeezed flat
@@ -63,8 +63,8 @@ class Exponential:
     length: float
 
     def __post_init__(self) -> None:
-        require_above("reference pressure", self.reference, 0.0)
-        require_above("u_0", self.length, 0.0)
+        require("reference pressure", self.reference, gt=0.0)
+        require("u_0", self.length, gt=0.0)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
         """See :class:`Asperities`."""
@@ -97,8 +97,8 @@ class GreenwoodTripp:
     sigma: float
 
     def __post_init__(self) -> None:
-        require_above("reference pressure", self.reference, 0.0)
-        require_above("sigma", self.sigma, 0.0)
+        require("reference pressure", self.reference, gt=0.0)
+        require("sigma", self.sigma, gt=0.0)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
         """See :class:`Asperities`."""
@@ -132,13 +132,13 @@ class AsperityTable:
     sigma: float
 
     def __post_init__(self) -> None:
-        require_above("sigma", self.sigma, 0.0)
+        require("sigma", self.sigma, gt=0.0)
         table = np.array(self.rows, dtype=np.float64).reshape(-1, 2)
         falls = len(table) > 1 and bool(np.all(np.diff(table[:, 1]) < 0.0))
         rises = bool(np.all(np.diff(table[:, 0]) > 0.0))
         if not (falls and rises and np.isfinite(table).all() and table[-1, 1] == 0.0):
-            allowed = "two rows or more, g/sigma rising and the pressure falling to 0 in the last"
-            raise refusal("asperity table", self.rows, allowed)
+            reason = "must have two rows or more, g/sigma rising and the pressure falling to 0"
+            raise Refused("asperity table", reason, self.rows)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
         """See :class:`Asperities`."""
@@ -187,10 +187,9 @@ class RoughGap:
     gamma: float | None = 1.0
 
     def __post_init__(self) -> None:
-        require_at_least("sigma", self.sigma, 0.0)
+        require("sigma", self.sigma, ge=0.0)
         if self.gamma is not None and self._constants() is None:
-            allowed = "one of 1/9, 1/6, 1/3, 1, 3, 6, 9"
-            raise refusal("gamma", self.gamma, allowed)
+            raise Refused("gamma", "must be one of 1/9, 1/6, 1/3, 1, 3, 6, 9", self.gamma)
 
     def _constants(self) -> tuple[float, float] | None:
         gamma = self.gamma or 1.0

@@ -14,8 +14,8 @@ from tribox.forms.friction.law import (
     Regime,
     require_time_step,
 )
-from tribox.forms.friction.parameter_checks import require_above, require_at_least
 from tribox.forms.friction.return_mapping import Returned, components_first, dot, return_mapping
+from tribox.forms.parameters import Declared, Scales, parameter
 
 # -- One step of friction without a film, for a coefficient that does not depend on the slip path --
 
@@ -137,24 +137,35 @@ def next_state(
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoulombParameters:
-    """Parameters of Coulomb friction.
+# Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
+# flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
+# soft enough for the onset of slip to spread without a fight.
+TANGENTIAL_FACTOR = 10.0
 
-    Attributes:
-        mu: Coefficient of friction, >= 0.
-        K_T: Pa/m, elastic tangential stiffness (or penalty), > 0.
+
+def stick_stiffness(scales: Scales) -> float:
+    """Default of K_T, Pa/m."""
+    return TANGENTIAL_FACTOR * scales.modulus / scales.length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoulombParameters(Declared):
+    """Coulomb friction with an elastic (penalty) stick phase. SI units.
 
     Raises:
-        ValueError: A value is not allowed; the message names field, value and what is allowed.
+        Refused: A value is not allowed; the message names field, value and what is allowed.
     """
 
-    mu: float
-    K_T: float
-
-    def __post_init__(self) -> None:
-        require_at_least("mu", self.mu, 0.0)
-        require_above("K_T", self.K_T, 0.0)
+    mu: float = parameter(
+        "coefficient of friction, a number or a program of time", ge=0.0, program=True
+    )
+    K_T: float = parameter(
+        "tangential stiffness before slip; default: 10 G/h, with the shear modulus G of the softer "
+        "body and the length h of a slave facet",
+        "Pa/m",
+        gt=0.0,
+        follows=stick_stiffness,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +213,11 @@ class CoulombLaw:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
         mu, K_T = self.parameters.mu, self.parameters.K_T
         return dry_step(slip_increment, dt, pressure, state, K_T, mu, rate_dependent).response
+
+
+@dataclass(frozen=True, slots=True)
+class NoParameters(Declared):
+    """No tangential traction."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.friction.law import Dissipation, FrictionLaw, FrictionResponse, FrictionState
-from tribox.forms.friction.parameter_checks import require_at_least
+from tribox.forms.parameters import require
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 class FactoredLaw:
     """A friction law (a ``FrictionLaw``) times a factor.
 
-    What the law says of where its friction tends (:mod:`tribox.forms.friction.settling`) is passed
+    What the law says of where its friction tends (:mod:`tribox.forms.friction.law`) is passed
     on.
 
     Attributes:
@@ -50,7 +50,7 @@ class FactoredLaw:
         Raises:
             ValueError: the factor is negative.
         """
-        require_at_least("factor", factor, 0.0)
+        require("factor", factor, ge=0.0)
         self.law, self.factor = law, factor
         self.largest = factor if largest is None else max(largest, factor)
         self.takes_film_cover = bool(getattr(law, "takes_film_cover", False))

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tribox.forms.friction.film_rheology import FilmRheology
-from tribox.forms.friction.parameter_checks import refusal
 from tribox.forms.friction.parameters import FrictionMapParameters, Table
+from tribox.forms.parameters import Refused
 
 Floats = NDArray[np.float64]
 
@@ -73,8 +73,8 @@ class FilmTable:
         pressures = [pressure for pressure, _ in self.rows]
         rising = all(b > a for a, b in itertools.pairwise(pressures))
         if not pressures or pressures[0] < 0.0 or not rising or not np.isfinite(pressures).all():
-            allowed = "at least one row, with pressures of at least 0 that rise"
-            raise refusal("film thickness table", self.rows, allowed)
+            reason = "must have at least one row, with pressures of at least 0 that rise"
+            raise Refused("film thickness table", reason, self.rows)
         require_thickness([thickness for _, thickness in self.rows])
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
@@ -286,7 +286,7 @@ def film_resistance(
 
     Args:
         parameters: Of the law.
-        rheology: ``parameters.rheology``.
+        rheology: ``parameters``.
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         length: (q,), m, length of the slip increment.
         dt: (q,) or a number, s, > 0; infinity takes the film away.

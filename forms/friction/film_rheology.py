@@ -18,12 +18,13 @@ after Barus (Am. J. Sci. 45, 1893), Carreau (Trans. Soc. Rheol. 16, 1972) and Ba
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.parameter_checks import refusal, require_above, require_at_least
+from tribox.forms.parameters import Declared, Refused, parameter
 
 Floats = NDArray[np.float64]
 
@@ -47,56 +48,57 @@ class Viscosity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilmRheology:
-    """Parameters of the film's flow, SI units.
-
-    Attributes:
-        eta_b: Pa s, viscosity in bulk, >= 0.
-        tau_0: Pa, limiting shear stress at no pressure, >= 0; None: no limit.
-        zeta: Growth of the limiting shear stress with the pressure, >= 0.
-        critical_rate: 1/s, shear rate from which the film thins, > 0; None: it does not.
-        thinning_exponent: n in [0, 1], given with ``critical_rate``: log-log slope of the stress
-            over the shear rate far above it (1: Newtonian, 0: solid-like).
-        eta_inf: Pa s, viscosity at infinite shear rate, 0 <= eta_inf <= eta_b.
-        barus: 1/Pa, a >= 0.
+class FilmRheology(Declared):
+    """Flow of the film: its viscosity, and what a thin film makes of it. SI units.
 
     Raises:
-        ValueError: A value is not allowed; the message names field, value and what is allowed.
+        Refused: A value is not allowed; the message names field, value and what is allowed.
     """
 
-    eta_b: float
-    tau_0: float | None = None
-    zeta: float = 0.0
-    critical_rate: float | None = None
-    thinning_exponent: float | None = None
-    eta_inf: float = 0.0
-    barus: float = 0.0
+    eta_b: float = parameter("viscosity of the oil in bulk", "Pa*s", ge=0.0)
+    tau_0: float | None = parameter(
+        "limiting shear stress of the film at no pressure; default: none",
+        "Pa",
+        ge=0.0,
+        default=None,
+    )
+    zeta: float = parameter(
+        "growth of the limiting shear stress with the pressure", ge=0.0, default=0.0
+    )
+    critical_rate: float | None = parameter(
+        "shear rate from which the film thins (Carreau); default: never",
+        "1/s",
+        gt=0.0,
+        default=None,
+    )
+    thinning_exponent: float | None = parameter(
+        "exponent n of the thinning, needed with critical_rate (1: Newtonian, 0: solid-like)",
+        ge=0.0,
+        le=1.0,
+        default=None,
+    )
+    eta_inf: float = parameter(
+        "viscosity of the film at infinite shear rate, at most eta_b", "Pa*s", ge=0.0, default=0.0
+    )
+    barus: float = parameter("coefficient a of eta_b exp(a p) (Barus)", "1/Pa", ge=0.0, default=0.0)
 
-    def __post_init__(self) -> None:
-        require_at_least("zeta", self.zeta, 0.0)
-        require_at_least("barus", self.barus, 0.0)
-        if self.tau_0 is not None:
-            require_at_least("tau_0", self.tau_0, 0.0)
-            if self.tau_0 == 0.0 and self.zeta == 0.0:
-                raise refusal("tau_0", self.tau_0, "a number above 0, or zeta above 0")
-        elif self.zeta > 0.0:
-            raise refusal("zeta", self.zeta, "0 without tau_0")
-        self._check_thinning()
-
-    def _check_thinning(self) -> None:
-        require_at_least("eta_inf", self.eta_inf, 0.0)
-        if self.eta_inf > self.eta_b:
-            raise refusal("eta_inf", self.eta_inf, f"a number up to eta_b = {self.eta_b!r}")
-        exponent = self.thinning_exponent
+    def faults(self) -> Iterator[Refused]:
+        """Values that do not fit together."""
+        if self.tau_0 == 0.0 and self.zeta == 0.0:
+            yield Refused("tau_0", "must be > 0 Pa, or zeta > 0", self.tau_0)
+        if self.tau_0 is None and self.zeta > 0.0:
+            yield Refused("zeta", "must be 0 without tau_0", self.zeta)
         if self.critical_rate is None:
-            if exponent is not None:
-                raise refusal("thinning_exponent", exponent, "nothing without critical_rate")
+            if self.thinning_exponent is not None:
+                reason = "goes with critical_rate only"
+                yield Refused("thinning_exponent", reason, self.thinning_exponent)
             if self.eta_inf > 0.0:
-                raise refusal("eta_inf", self.eta_inf, "0 without critical_rate")
-            return
-        require_above("critical_rate", self.critical_rate, 0.0)
-        if exponent is None or not 0.0 <= exponent <= 1.0:
-            raise refusal("thinning_exponent", exponent, "a number in [0, 1] with critical_rate")
+                yield Refused("eta_inf", "must be 0 without critical_rate", self.eta_inf)
+        elif self.thinning_exponent is None:
+            yield Refused("thinning_exponent", "missing; a number in [0, 1] with critical_rate")
+        elif self.eta_inf > self.eta_b:
+            reason = f"must be <= eta_b = {self.eta_b:g} Pa*s"
+            yield Refused("eta_inf", reason, self.eta_inf)
 
     @property
     def newtonian(self) -> bool:

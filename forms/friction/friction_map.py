@@ -33,6 +33,7 @@ from tribox.forms.friction.film import (
 )
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import (
+    SETTLED,
     Dissipation,
     FrictionResponse,
     FrictionState,
@@ -47,7 +48,6 @@ from tribox.forms.friction.return_mapping import (
     dot,
     return_mapping,
 )
-from tribox.forms.friction.settling import SETTLED
 from tribox.forms.friction.slip_weakening import SlipWeakening
 from tribox.forms.friction.slowing import Motion, Slowing, slowing
 
@@ -99,7 +99,7 @@ class FrictionMap:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_friction", self.parameters.friction)
-        object.__setattr__(self, "_rheology", self.parameters.rheology)
+        object.__setattr__(self, "_rheology", self.parameters)
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""

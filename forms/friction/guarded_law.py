@@ -44,7 +44,7 @@ class GuardedLaw:
     """A user's law that never raises, and whose answers have the shapes they should have.
 
     The working directory is put back if the law changes it. What a law says of where its friction
-    tends (:mod:`tribox.forms.friction.settling`) is passed on as far as it says something.
+    tends (:mod:`tribox.forms.friction.law`) is passed on as far as it says something.
 
     Attributes:
         law: the user's; name: of it in messages; file: that it is written in.

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +167,7 @@ class FrictionResponse:
 class FrictionLaw(Protocol):
     """A friction law: anything with these four methods.
 
-    It may also say where its friction tends: :mod:`tribox.forms.friction.settling`.
+    It may also say where its friction tends: :mod:`tribox.forms.friction.law`.
     """
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
@@ -223,3 +223,59 @@ def require_time_step(dt: Floats | float, rate_dependent: bool) -> None:
     """
     if rate_dependent and not (dt > 0.0 if isinstance(dt, float) else np.all(dt > 0.0)):
         raise ValueError(f"dt = {dt!r} s is not allowed: a rate-dependent step needs dt > 0")
+
+
+# -- What a friction law may say, beside its four methods, of where its friction tends  -----------
+
+
+SETTLED = 1e-3
+"""Distance of friction from where it tends, relative, at which it counts as being there."""
+
+
+class _Settling(Protocol):
+    """All that a law may say."""
+
+    settling_slip: float
+
+    def unsettled(self, state: FrictionState, pressure: Floats) -> Floats: ...
+
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats: ...
+
+
+def knows_its_end(law: FrictionLaw) -> bool:
+    """Whether it is known, at every point, how far friction is from where it tends."""
+    return hasattr(law, "unsettled") or settling_slip(law) == 0.0
+
+
+def settling_slip(law: FrictionLaw) -> float:
+    """Slip after which a law's coefficient of friction has settled, m; 0 if it does not say."""
+    return float(getattr(law, "settling_slip", 0.0))
+
+
+def unsettled(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Floats:
+    """By how much friction is above the traction it tends to, (q,), Pa; 0 at open points.
+
+    Args:
+        law: the law.
+        state: after the step, of q points.
+        pressure: (q,), Pa, t_N.
+    """
+    if not hasattr(law, "unsettled"):
+        return np.zeros_like(pressure)
+    left = cast(_Settling, law).unsettled(state, pressure)
+    return np.where(pressure > 0.0, left, 0.0)
+
+
+def presliding_length(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Floats:
+    """Slip in which friction follows a change, (q,), m; 0 at open points.
+
+    Args:
+        law: the law.
+        state: after the step, of q points.
+        pressure: (q,), Pa, t_N.
+    """
+    if hasattr(law, "presliding_length"):
+        length = cast(_Settling, law).presliding_length(state, pressure)
+    else:
+        length = np.linalg.norm(state.elastic_slip, axis=1)
+    return np.where(pressure > 0.0, length, 0.0)

@@ -2,146 +2,130 @@ r"""Parameters of the friction-map law, validated, and its named presets."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
 
 from tribox.forms.friction.film_rheology import FilmRheology
-from tribox.forms.friction.parameter_checks import (
-    refusal,
-    require_above,
-    require_at_least,
-    require_choice,
-)
 from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.parameters import Bounds, Refused, Scales, parameter
 
 Table = tuple[tuple[float, float], ...]
 FlowRule = Literal["weighted", "literal"]
 Reentry = Literal["consistent", "literal"]
 Switch = Literal["implicit", "lagged"]
 
+_THICKNESS = Bounds("m", gt=0.0, name="film thickness")
+FILM_ONSET = 0.01  # share of G or pressure below which the film's stress grows: only the rim's
+
+
+def _onset(scales: Scales) -> float:
+    """Pa. A pressure that the case prescribes says better than the body what is small."""
+    return FILM_ONSET * min(scales.modulus, scales.pressure or float("inf"))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionMapParameters:
-    r"""Parameters of the friction-map law, SI units.
+class FrictionMapParameters(FilmRheology):
+    """Friction of a lubricated contact between Coulomb and viscous, by film and velocity.
 
-    Exactly one of ``alpha`` and ``beta``, and exactly one of ``gamma`` and ``V_star`` is given.
-
-    Attributes:
-        mu_s: Static coefficient of friction, >= 0.
-        mu_d: Dynamic coefficient of friction, 0 <= mu_d <= mu_s; None: equal to mu_s.
-        A_d: m, permanent slip at which the weakening starts, >= 0.
-        B: 1/m, rate of the weakening, >= 0.
-        K_T: Pa/m, elastic tangential stiffness of the asperities, > 0.
-        eta_b: Pa s, viscosity of the lubricant in bulk, >= 0 (> 0 where there is a film).
-        D_min: m, film thickness up to which there is dry friction, >= 0.
-        D_max: m, film thickness from which the film is a Newtonian fluid, > D_min.
-        alpha: Film fraction below the threshold speed, in [0, 1]; or a table of (D in m, alpha),
-            linear between its rows and constant outside.
-        beta: Exponent > 0 of alpha = ((D - D_min)/(D_max - D_min))^beta; or a table of
-            (D in m, beta), linear in the logarithms of both and constant outside.
-        gamma: N/s, sets the threshold speed V*(D) = sqrt(gamma D_max/(eta_b D)), > 0.
-        V_star: m/s, threshold speed at the film thickness V_star_at, > 0 (inf: no switch).
-        V_star_at: m, > 0, required with V_star.
-        transition_width: w >= 0, < 1: alpha rises from its value at rest to 1 between V*(1 - w)
-            and V*(1 + w).
-        flow_rule: "weighted": the threshold is (1 - alpha) mu t_N; "literal": mu t_N.
-        reentry: "consistent": where alpha falls the elastic traction is kept; "literal": the
-            elastic slip is kept always, which can break the second law.
-        switch: "implicit": alpha from the speed of the step; "lagged": from the speed of the last
-            converged step.
-        reset_slip_on_opening: Whether the slip path of an opening point is set to zero.
-        film_onset_pressure: Pa, >= 0, contact pressure up to which the film's stress grows in
-            proportion to the pressure; beyond, it is whole. 0: whole as soon as there is contact,
-            so that the traction jumps where a point opens.
-        tau_0: Pa, >= 0, limiting shear stress of the film at no pressure; None: no limit.
-        zeta: Growth of the limiting shear stress with the pressure, >= 0; needs ``tau_0``.
-        critical_rate: 1/s, > 0, shear rate from which the film thins (Carreau); None: it does not.
-        thinning_exponent: n in [0, 1] of the thinning, required with ``critical_rate``.
-        eta_inf: Pa s, viscosity of the film at infinite shear rate, 0 <= eta_inf <= eta_b.
-        barus: 1/Pa, >= 0, coefficient a of eta_b exp(a p) (Barus).
+    Exactly one of ``alpha`` and ``beta``, and exactly one of ``gamma`` and ``V_star`` is given;
+    the film flows as :class:`FilmRheology` says. SI units.
 
     Raises:
-        ValueError: A value is not allowed; the message names field, value and what is allowed.
+        Refused: A value is not allowed; the message names field, value and what is allowed.
     """
 
-    mu_s: float
-    mu_d: float | None = None
-    A_d: float = 0.0
-    B: float = 0.0
-    K_T: float
-    eta_b: float = 0.0
-    D_min: float = 0.0
-    D_max: float
-    alpha: float | Table | None = None
-    beta: float | Table | None = None
-    gamma: float | None = None
-    V_star: float | None = None
-    V_star_at: float | None = None
-    transition_width: float = 0.03
-    flow_rule: FlowRule = "weighted"
-    reentry: Reentry = "consistent"
-    switch: Switch = "implicit"
-    reset_slip_on_opening: bool = False
-    film_onset_pressure: float = 0.0
-    tau_0: float | None = None
-    zeta: float = 0.0
-    critical_rate: float | None = None
-    thinning_exponent: float | None = None
-    eta_inf: float = 0.0
-    barus: float = 0.0
+    mu_s: float = parameter("static coefficient of friction", ge=0.0)
+    mu_d: float | None = parameter(
+        "dynamic coefficient of friction; default: mu_s", ge=0.0, default=None, same_as="mu_s"
+    )
+    A_d: float = parameter(
+        "slip at which the fall from mu_s to mu_d starts", "m", ge=0.0, default=0.0
+    )
+    B: float = parameter("rate of the fall from mu_s to mu_d with slip", "1/m", ge=0.0, default=0.0)
+    K_T: float = parameter("tangential stiffness of the asperities", "Pa/m", gt=0.0)
+    eta_b: float = parameter(
+        "bulk viscosity of the film; needed (> 0) where D > D_min", "Pa*s", ge=0.0, default=0.0
+    )
+    D_min: float = parameter(
+        "thickness up to which friction is purely Coulomb", "m", ge=0.0, default=0.0
+    )
+    D_max: float = parameter("thickness from which the film is a Newtonian fluid", "m", gt=0.0)
+    alpha: float | Table | None = parameter(
+        "film fraction below the switching velocity V*, a number or a table "
+        "[[thickness, alpha], ...], linear between its rows (this or beta)",
+        ge=0.0,
+        le=1.0,
+        default=None,
+        over=_THICKNESS,
+    )
+    beta: float | Table | None = parameter(
+        "exponent of alpha = ((D - D_min)/(D_max - D_min))^beta, a number or a table "
+        "[[thickness, beta], ...], linear in the logarithms of both (this or alpha)",
+        gt=0.0,
+        default=None,
+        over=_THICKNESS,
+    )
+    V_star: float | None = parameter(
+        "switching velocity V* at the thickness V_star_at (or gamma)",
+        "m/s",
+        gt=0.0,
+        infinite=True,  # no switch
+        default=None,
+    )
+    V_star_at: float | None = parameter(
+        "thickness at which V_star holds", "m", gt=0.0, default=None
+    )
+    gamma: float | None = parameter(
+        "constant of V* = sqrt(gamma D_max/(eta_b D)) (or V_star)", "N/s", gt=0.0, default=None
+    )
+    transition_width: float = parameter(
+        "width of the transition at V*, relative to V*", ge=0.0, lt=1.0, default=0.03
+    )
+    flow_rule: FlowRule = parameter(
+        "friction threshold (1 - alpha) mu p, or mu p as printed", default="weighted"
+    )
+    reentry: Reentry = parameter(
+        "what is kept when alpha falls: the traction, or the elastic slip (which can break the "
+        "second law)",
+        default="consistent",
+    )
+    switch: Switch = parameter(
+        "alpha from the velocity of this step, or of the last one", default="implicit"
+    )
+    reset_slip_on_opening: bool = parameter(
+        "whether a point that opens forgets the slip it has made", default=False
+    )
+    film_onset_pressure: float = parameter(
+        "contact pressure up to which the film's stress grows with the pressure; 0 lets the "
+        "traction jump where a point opens; default: 1 % of the softer body's shear modulus or of "
+        "the highest prescribed pressure, whichever is less",
+        "Pa",
+        ge=0.0,
+        default=0.0,
+        follows=_onset,
+    )
 
-    def __post_init__(self) -> None:
-        require_at_least("mu_s", self.mu_s, 0.0)
-        require_at_least("mu_d", self.mu_dynamic, 0.0)
-        if self.mu_dynamic > self.mu_s:
-            raise refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
-        require_at_least("A_d", self.A_d, 0.0)
-        require_at_least("film_onset_pressure", self.film_onset_pressure, 0.0)
-        require_at_least("B", self.B, 0.0)
-        require_above("K_T", self.K_T, 0.0)
-        require_at_least("eta_b", self.eta_b, 0.0)
-        require_at_least("D_min", self.D_min, 0.0)
-        require_above("D_max", self.D_max, self.D_min, "D_min = ")
-        require_at_least("transition_width", self.transition_width, 0.0)
-        if self.transition_width >= 1.0:
-            raise refusal("transition_width", self.transition_width, "a number in [0, 1)")
-        require_choice("flow_rule", self.flow_rule, ("weighted", "literal"))
-        require_choice("reentry", self.reentry, ("consistent", "literal"))
-        require_choice("switch", self.switch, ("implicit", "lagged"))
-        self._check_film_fraction()
-        self._check_threshold_speed()
-        _ = self.rheology  # checks its own parameters
-
-    def _check_film_fraction(self) -> None:
-        _require_one_of("alpha", self.alpha, "beta", self.beta)
-        if self.alpha is not None:
-            object.__setattr__(self, "alpha", _numbers("alpha", self.alpha))
-            for value in _values(self.alpha):
-                if not 0.0 <= value <= 1.0:
-                    raise refusal("alpha", value, "a number in [0, 1]")
-        else:
-            assert self.beta is not None
-            object.__setattr__(self, "beta", _numbers("beta", self.beta))
-            for value in _values(self.beta):
-                require_above("beta", value, 0.0)
-
-    def _check_threshold_speed(self) -> None:
-        _require_one_of("gamma", self.gamma, "V_star", self.V_star)
-        if self.gamma is not None:
-            require_above("gamma", self.gamma, 0.0)
-            if self.V_star_at is not None:
-                raise refusal("V_star_at", self.V_star_at, "nothing, as gamma is given")
-            if self.eta_b == 0.0:
-                raise refusal("eta_b", self.eta_b, "a finite number above 0 with gamma")
-        elif self.V_star is not None:
-            if not self.V_star > 0.0:
-                raise refusal("V_star", self.V_star, "a number above 0")
-            if self.V_star_at is None:
-                raise refusal("V_star_at", None, "a film thickness above 0 with V_star")
-            require_above("V_star_at", self.V_star_at, 0.0)
+    def faults(self) -> Iterator[Refused]:
+        """Values that do not fit together."""
+        if self.mu_d is not None and self.mu_d > self.mu_s:
+            yield Refused("mu_d", f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
+        if self.D_max <= self.D_min:
+            yield Refused("D_max", f"must be > D_min = {self.D_min:g} m", self.D_max)
+        if (self.alpha is None) == (self.beta is None):
+            found = "neither" if self.alpha is None else "both"
+            yield Refused("", f"give either alpha or beta, found {found}")
+        if (self.V_star is None) == (self.gamma is None):
+            found = "neither" if self.gamma is None else "both"
+            yield Refused("", f"give either V_star (with V_star_at) or gamma, found {found}")
+        if self.V_star is not None and self.V_star_at is None:
+            yield Refused("V_star_at", 'missing; the thickness at which V_star holds, "10 nm" say')
+        if self.V_star is None and self.V_star_at is not None:
+            yield Refused("V_star_at", "belongs to V_star, which is not given", self.V_star_at)
+        if self.gamma is not None and self.eta_b == 0.0:
+            yield Refused("eta_b", "must be > 0 Pa*s with gamma", self.eta_b)
+        yield from FilmRheology.faults(self)
 
     @property
     def mu_dynamic(self) -> float:
@@ -154,50 +138,12 @@ class FrictionMapParameters:
         return SlipWeakening(mu_s=self.mu_s, mu_d=self.mu_dynamic, A_d=self.A_d, B=self.B)
 
     @property
-    def rheology(self) -> FilmRheology:
-        """How the film flows."""
-        return FilmRheology(
-            eta_b=self.eta_b,
-            tau_0=self.tau_0,
-            zeta=self.zeta,
-            critical_rate=self.critical_rate,
-            thinning_exponent=self.thinning_exponent,
-            eta_inf=self.eta_inf,
-            barus=self.barus,
-        )
-
-    @property
     def threshold_constant(self) -> float:
         r"""V*^2 D, m^3/s^2, the same at every film thickness: gamma D_max/eta_b."""
         if self.gamma is not None:
             return self.gamma * self.D_max / self.eta_b
         assert self.V_star is not None and self.V_star_at is not None
         return self.V_star**2 * self.V_star_at
-
-
-def _require_one_of(first: str, a: object, second: str, b: object) -> None:
-    if (a is None) == (b is None):
-        given = "neither" if a is None else "both"
-        raise ValueError(f"{first}, {second}: give exactly one of the two, got {given}")
-
-
-def _numbers(name: str, value: Any) -> float | Table:
-    """A number, or a table as tuples, whose film thicknesses must be positive and rise."""
-    if not isinstance(value, list | tuple):
-        return float(value)
-    if not value or any(not isinstance(row, list | tuple) or len(row) != 2 for row in value):
-        raise refusal(name, value, "a number or a table of (film thickness, value)")
-    table = tuple((float(film), float(entry)) for film, entry in value)
-    films = [film for film, _ in table]
-    if films[0] <= 0.0 or any(b <= a for a, b in itertools.pairwise(films)):
-        raise refusal(name, value, "a table whose film thicknesses are above 0 and rise")
-    return table
-
-
-def _values(number_or_table: float | Table) -> list[float]:
-    if isinstance(number_or_table, tuple):
-        return [value for _, value in number_or_table]
-    return [number_or_table]
 
 
 _PAPER: dict[str, Any] = {
@@ -254,7 +200,7 @@ def with_preset(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
         ValueError: There is no such preset.
     """
     if name not in PRESETS:
-        raise refusal("preset", name, " or ".join(repr(known) for known in PRESETS))
+        raise Refused("preset", f"must be {' or '.join(map(repr, PRESETS))}", name)
     given = {key: value for key, value in values.items() if value is not None}
     merged = dict(PRESETS[name])
     for group in ({"alpha", "beta"}, {"gamma", "V_star", "V_star_at"}):

@@ -204,7 +204,7 @@ def _stress(
     length = speed * here.dt
     flow = film_resistance(
         parameters,
-        parameters.rheology,
+        parameters,
         here.film,
         length,
         here.dt,

@@ -9,52 +9,49 @@ traction falls with the speed where :math:`c < -\mu'(V) t_N`: stick-slip then be
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.coulomb import dry_step
+from tribox.forms.friction.coulomb import dry_step, stick_stiffness
 from tribox.forms.friction.law import FrictionResponse, FrictionState
-from tribox.forms.friction.parameter_checks import refusal, require_above, require_at_least
 from tribox.forms.friction.return_mapping import dot
+from tribox.forms.parameters import Declared, Refused, parameter
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StribeckParameters:
-    """Parameters of Stribeck friction.
-
-    Attributes:
-        mu_s: Coefficient of friction at rest, >= 0.
-        mu_d: Coefficient of friction at high speed, 0 <= mu_d <= mu_s.
-        V_s: m/s, speed of the weakening, > 0.
-        delta: Exponent of the weakening, > 0; below 1 the slope is infinite at V = 0.
-        K_T: Pa/m, elastic tangential stiffness, > 0.
-        viscous: Pa s/m, c >= 0, viscous stress per speed (and current area).
+class StribeckParameters(Declared):
+    """Coulomb friction that weakens with the velocity. SI units.
 
     Raises:
-        ValueError: A value is not allowed; the message names field, value and what is allowed.
+        Refused: A value is not allowed; the message names field, value and what is allowed.
     """
 
-    mu_s: float
-    mu_d: float
-    V_s: float
-    delta: float = 1.0
-    K_T: float
-    viscous: float = 0.0
+    mu_s: float = parameter("coefficient of friction at rest", ge=0.0)
+    mu_d: float = parameter("coefficient of friction at high velocity", ge=0.0)
+    V_s: float = parameter("velocity of the fall from mu_s to mu_d", "m/s", gt=0.0)
+    delta: float = parameter(
+        "exponent of that fall; below 1 its slope is infinite at rest", gt=0.0, default=1.0
+    )
+    viscous: float = parameter(
+        "viscous stress per velocity (and current area)", "Pa*s/m", ge=0.0, default=0.0
+    )
+    K_T: float = parameter(
+        "tangential stiffness before slip; default: as for coulomb",
+        "Pa/m",
+        gt=0.0,
+        follows=stick_stiffness,
+    )
 
-    def __post_init__(self) -> None:
-        require_at_least("mu_s", self.mu_s, 0.0)
-        require_at_least("mu_d", self.mu_d, 0.0)
+    def faults(self) -> Iterator[Refused]:
+        """Friction that rises with the velocity."""
         if self.mu_d > self.mu_s:
-            raise refusal("mu_d", self.mu_d, f"a number up to mu_s = {self.mu_s!r}")
-        require_above("V_s", self.V_s, 0.0)
-        require_above("delta", self.delta, 0.0)
-        require_above("K_T", self.K_T, 0.0)
-        require_at_least("viscous", self.viscous, 0.0)
+            yield Refused("mu_d", f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
 
     def coefficient(self, speed: Floats) -> tuple[Floats, Floats]:
         """mu(V) and its derivative (s/m; taken as zero at V = 0), both (q,).

@@ -20,6 +20,7 @@ SOURCES = (
     "viscous_points.c",
     "point_cells.c",
     "cell_places.c",
+    "block_sweeps.c",
 )
 
 

@@ -4,6 +4,8 @@
  * derivatives of the current and of the reference position. The energies are functions of
  * I = |F|^2 and J = det F alone.
  *
+ * Nodes stand in DOLFINx's order, whichever way that goes round the cell.
+ *
  * A cell is stored by the differences of its nodes' reference positions, the displacements are
  * gathered: strains far below the spacing of the coordinates' own round-off are not lost.
  */
@@ -92,6 +94,13 @@ INLINE void derive(enum material material, enum part part, const double *c, vec 
         }
         *q *= r;
     }
+}
+
+/* The weight of a point whose G has the determinant D: of cells that go round clockwise D, cof g and
+ * A are of the other sign, the energy's density and its derivatives by F are not. */
+INLINE vec weighted(double weight, vec D)
+{
+    return (vec)((uvec)all(weight) | ((uvec)D & 1ULL << 63));
 }
 
 /* Differences of a nodal vector over four nodes: along xi, along eta, and the mixed one. */

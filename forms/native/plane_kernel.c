@@ -58,14 +58,14 @@ INLINE vec stored(enum material material, enum part part, const double *c, const
 /* A point of a cell: from the columns of G and g to h = p g A + q cof g (columns), times the weight;
  * the energy is added to `energy`, if that is not null, from the columns of g - G. Cells with J <= 0
  * are marked in `bad`, and `h` is no number there if the stress takes a logarithm or a root of J. */
-INLINE void at_point(enum material material, enum part part, const double *c, double weight,
+INLINE void at_point(enum material material, enum part part, const double *c, double full,
                      const vec G[2][2], const vec g[2][2], const vec moved[2][2], vec h[2][2],
                      vec *energy, ivec *bad)
 {
     vec D = G[0][0] * G[1][1] - G[0][1] * G[1][0];
     vec d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
     vec inverse = 1.0 / (D * d), of_D = d * inverse, J = d * of_D, r = D * D * inverse;
-    vec p, q, I = all(0.0), gA[2][2];
+    vec p, q, I = all(0.0), gA[2][2], weight = weighted(full, D);
     if (part != VOLUME) {
         vec A11 = (G[1][0] * G[1][0] + G[1][1] * G[1][1]) * of_D;
         vec A22 = (G[0][0] * G[0][0] + G[0][1] * G[0][1]) * of_D;

@@ -51,14 +51,14 @@ INLINE void derive_twice(enum material material, enum part part, const double *c
 /* H (alpha, i, beta, j) of a point; `excess` is added to the pressure q. Not a number where J <= 0
  * and the stress takes a logarithm or a root of it. */
 INLINE void second_derivatives(enum material material, enum part part, const double *c,
-                               double weight, const vec G[2][2], const vec g[2][2], vec excess,
+                               double full, const vec G[2][2], const vec g[2][2], vec excess,
                                vec H[2][2][2][2])
 {
     vec D = G[0][0] * G[1][1] - G[0][1] * G[1][0];
     vec d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
     vec inverse = 1.0 / (D * d), of_D = d * inverse, J = d * of_D, r = D * D * inverse;
     const vec cof[2][2] = {{g[1][1], -g[1][0]}, {-g[0][1], g[0][0]}};
-    vec p, q, II, IJ, JJ, I = all(0.0), gA[2][2], A[2][2];
+    vec p, q, II, IJ, JJ, I = all(0.0), gA[2][2], A[2][2], weight = weighted(full, D);
     if (part != VOLUME) {
         A[0][0] = (G[1][0] * G[1][0] + G[1][1] * G[1][1]) * of_D;
         A[1][1] = (G[0][0] * G[0][0] + G[0][1] * G[0][1]) * of_D;

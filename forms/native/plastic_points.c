@@ -19,6 +19,7 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
 /* Those of return_mapping.py and principal_axes.py. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
 static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
+static const double NEAR = 0.25, TURNING = 1e-4; /* of `mean_decay` and `turn` */
 enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
 typedef struct {
@@ -248,23 +249,34 @@ typedef struct {
     vec strain[3], n[3], theta, theta_bar, step, stress, numerical;
 } Flow;
 
-/* e^-y, phi and the ratio, see mean_decay of return_mapping.py. */
+/* e^-y, phi and the ratio, see mean_decay of return_mapping.py; by series where y is small. */
 INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
-    y = choose((ivec)(y < 690.0), y, all(690.0));
-    ivec near = (ivec)(y < SERIES);
-    vec z = 1.0 / choose(near, all(1.0), y), x = choose(near, y, all(0.0));
-    *decay = exponential(-y);
-    vec first = 1.0 - x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720))));
-    vec second = 1.0 / 2 -
-                 x * (1.0 / 3 - x * (1.0 / 8 - x * (1.0 / 30 - x * (1.0 / 144 - x / 840))));
-    *phi = choose(near, first, (1.0 - *decay) * z);
-    *ratio = choose(near, second, (*phi - *decay) * z);
+    static const double c[] = {1.0,          1.0 / 2,       1.0 / 6,        1.0 / 24,        1.0 / 120,
+                               1.0 / 720,    1.0 / 5040,    1.0 / 40320,    1.0 / 362880,    1.0 / 3628800,
+                               1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800};
+    ivec far = (ivec)(y >= NEAR);
+    vec x = choose(far, all(0.0), y), first = all(c[12]), second = 12.0 * c[12] - 13.0 * c[12] / 14.0 * x;
+    for (int n = 11; n >= 0; --n) {
+        first = c[n] - x * first;
+        if (n > 0)
+            second = n * c[n] - x * second;
+    }
+    *decay = 1.0 - x * first;
+    *phi = first;
+    *ratio = second;
+    if (!any(far))
+        return;
+    y = choose(far, choose((ivec)(y < 690.0), y, all(690.0)), all(1.0));
+    vec z = 1.0 / y, power = exponential(-y), mean = (1.0 - power) * z;
+    *decay = choose(far, power, *decay);
+    *phi = choose(far, mean, *phi);
+    *ratio = choose(far, (mean - power) * z, *ratio);
 }
 
 /* Squares and products of what g of the return mapping is made from, of LANES points. */
 typedef struct {
-    vec aim, with[MOST], among[MOST][MOST];
+    vec aim, trial, with[MOST], among[MOST][MOST]; /* trial: von Mises stress at no step */
 } Products;
 
 /* g and its slope at a step, but for the flow stress. */
@@ -272,6 +284,8 @@ INLINE vec over_stress(const Material *m, const Products *p, vec x, vec *slope)
 {
     vec decay[MOST], sum = p->aim, rise = all(0.0), rest = all(0.0);
     *slope = all(-3.0 * m->shear);
+    if (m->branches == 0)
+        return p->trial - 3.0 * m->shear * x;
     for (int k = 0; k < m->branches; ++k) {
         const double c = m->backstress[2 * k];
         vec phi, ratio;
@@ -336,19 +350,28 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
 }
 
 /* The plastic strain of the step that brings the von Mises stress to yield; from x on where that is
- * known. Without branches the stress falls by 3 G of it. */
-INLINE vec plastic_step(const Material *m, const Products *p, vec alpha, vec begin, vec rise,
-                       ivec done, vec known)
+ * known, until it moves by a share that is `close`. Without branches the stress falls by 3 G of it. */
+INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, vec rise, ivec done,
+                       vec known, double close)
 {
-    vec trial = p->aim;
+    vec trial = p->aim, first = all(0.0), most = square_root(p->aim);
     for (int k = 0; k < m->branches; ++k) {
-        trial -= 2.0 * p->with[k];
+        vec others = all(0.0);
         for (int j = 0; j < m->branches; ++j)
-            trial += p->among[k][j];
+            others += p->among[k][j];
+        trial += others - 2.0 * p->with[k];
+        first += 1.5 * m->backstress[2 * k + 1] * (p->with[k] - others);
+        most += square_root(p->among[k][k]);
     }
-    trial = square_root(1.5 * choose((ivec)(trial > 0.0), trial, all(0.0)));
+    p->trial = trial = square_root(1.5 * choose((ivec)(trial > 0.0), trial, all(0.0)));
+    if (m->branches > 0)
+        rise -= first / choose((ivec)(trial > 0.0), trial, all(1.0));
+    for (int k = 0; k < m->branches; ++k)
+        rise += m->backstress[2 * k];
+    rise = choose((ivec)(rise > 0.0), rise, all(0.0));
     vec over = choose((ivec)(trial > (1.0 + STILL) * begin), trial - begin, all(0.0));
-    vec low = all(0.0), high = over / (3.0 * m->shear), x = starts(m, over, begin, rise);
+    vec low = all(0.0), high = (1.2247448713915890 * most - begin) / (3.0 * m->shear);
+    vec x = starts(m, over, begin, rise);
     x = choose((ivec)(known > 0.0) & (ivec)(known < high), known, x);
     x = choose(done, known, x);
     done |= ~(ivec)(x > 0.0);
@@ -360,7 +383,7 @@ INLINE vec plastic_step(const Material *m, const Products *p, vec alpha, vec beg
         low = choose(left, x, low);
         high = choose(left, high, x);
         vec newton = x + g / (slope - falls);
-        ivec settled = (ivec)(absolute(newton - x) <= SMALL_STEP * x) |
+        ivec settled = (ivec)(absolute(newton - x) <= close * x) |
                        (ivec)(absolute(g) <= ROUNDOFF * trial);
         ivec inside = (ivec)(newton > low) & (ivec)(newton < high);
         vec next = choose(inside | settled, newton, 0.5 * (low + high));
@@ -370,8 +393,9 @@ INLINE vec plastic_step(const Material *m, const Products *p, vec alpha, vec beg
     return x;
 }
 
-/* The return mapping of the trial strains `logs`, see return_mapping.py. */
-INLINE void flow(const Material *m, const vec *logs, vec alpha, Flow *f)
+/* The return mapping of the trial strains `logs`, see return_mapping.py; to `last` if that is not
+ * null, the plastic strain that it has led to before. */
+INLINE void flow(const Material *m, const vec *logs, vec alpha, const vec *last, Flow *f)
 {
     const double three = 3.0 * m->shear;
     vec mean = (logs[0] + logs[1] + logs[2]) * (1.0 / 3.0), end, slope;
@@ -389,7 +413,10 @@ INLINE void flow(const Material *m, const vec *logs, vec alpha, Flow *f)
         Products alone;
         vec unused;
         alone.aim = trial * trial * (2.0 / 3.0);
-        f->step = plastic_step(m, &alone, alpha, begin, slope, ~flows, all(0.0));
+        if (last)
+            f->step = *last - alpha;
+        else
+            f->step = plastic_step(m, &alone, alpha, begin, slope, ~flows, all(0.0), SMALL_STEP);
         flow_stresses(m, alpha, f->step, &f->stress, &slope);
         yields(m, alpha + f->step, &end, &unused);
     }
@@ -476,8 +503,8 @@ INLINE void plastic_metric(int space, const Axes *at, const Flow *f, vec *C)
 }
 
 /* Strains and the return mapping; marks the points where they do not exist. */
-INLINE void strain_and_flow(int space, const Material *m, const vec *F, const vec *state, Axes *at,
-                            Flow *f)
+INLINE void strain_and_flow(int space, const Material *m, const vec *F, const vec *state,
+                            const vec *end, Axes *at, Flow *f)
 {
     const vec alpha = state[space ? 6 : 4];
     if (space)
@@ -492,7 +519,7 @@ INLINE void strain_and_flow(int space, const Material *m, const vec *F, const ve
         at->w[a] = choose(at->good, at->w[a], all(1.0));
         at->logs[a] = 0.5 * logarithm(at->w[a]);
     }
-    flow(m, at->logs, alpha, f);
+    flow(m, at->logs, alpha, end ? end + (space ? 6 : 4) : 0, f);
 }
 
 /* See Update of point_lanes.h. */
@@ -504,7 +531,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
     vec tau[3], sum = all(0.0);
     Axes at = {};
     Flow f;
-    strain_and_flow(space, m, F, state, &at, &f);
+    strain_and_flow(space, m, F, state, energies ? 0 : end, &at, &f);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     for (int a = 0; a < 3; ++a)
         tau[a] = 2.0 * m->shear * f.theta * f.strain[a] + m->bulk * volume;
@@ -523,7 +550,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
                 moduli[p * count + q] = moduli[q * count + p];
     }
     *good = at.good & is_finite(f.step) & is_finite(sum);
-    if (!end)
+    if (!energies)
         return;
     energies[0] = m->shear * f.theta * f.theta * dot(f.strain, f.strain) +
                   0.5 * m->bulk * volume * volume;
@@ -539,25 +566,6 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
 /* -- backstress: see return_mapping.py ---------------------------------------------------------
  * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
  * the plane those axes are two in it and its normal, and nothing couples them. */
-
-/* Inverse of a symmetric tensor; returns its determinant. */
-INLINE vec invert(int space, const tensor a, tensor inverse)
-{
-    if (!space) {
-        vec plane = a[0][0] * a[1][1] - a[0][1] * a[0][1], scale = 1.0 / plane;
-        inverse[0][0] = a[1][1] * scale;
-        inverse[1][1] = a[0][0] * scale;
-        inverse[0][1] = inverse[1][0] = -a[0][1] * scale;
-        inverse[2][2] = 1.0 / a[2][2];
-        return plane * a[2][2];
-    }
-    vec cofactor[3][3];
-    for (int i = 0; i < 3; ++i)
-        cross(a[(i + 1) % 3], a[(i + 2) % 3], cofactor[i]);
-    vec det = dot(a[0], cofactor[0]), scale = 1.0 / det;
-    EACH(space, i, j) inverse[i][j] = cofactor[i][j] * scale;
-    return det;
-}
 
 /* Principal values and axes of a symmetric tensor. */
 INLINE void axes_of(int space, const tensor a, vec *values, tensor n)
@@ -587,46 +595,73 @@ INLINE void composed(int space, const vec *values, const tensor n, tensor a)
     }
 }
 
-/* One branch of the backstress at its end. */
+/* One branch of the backstress at its end, the tensors without the volume of the strain: metric at
+ * the begin, K = E^-1 B^-1 E^-1 but for its size, `root` its determinant^(-1/3), Z = K^-1 E/root and
+ * B = E Z. */
 typedef struct {
     double modulus, recovery;
-    tensor metric, start, X, K, Z, bare;
-    vec decay, phi, ratio, size;
+    tensor metric, start, X, K, Z, B;
+    vec decay, phi, ratio, root;
 } Branch;
 
-/* The elastic strain at the end and its exponential. */
+/* Deviator e of the elastic strain at the end, E = exp(-e) and its square; 1/w of the begin. Its
+ * principal values and axes are there for moduli. */
 typedef struct {
-    tensor e, n, E, E2;
-    vec values[3], inverse_det; /* 1/det E^2 */
+    tensor e, E, E2, n;
+    vec values[3], begin[3], volume; /* cube root of what the w make together */
 } Strain;
 
+/* E and E2 of e. By Cayley and Hamilton e^3 = q e + p 1, with q = tr e^2/2 and p = det e, all powers
+ * are p_n 1 + q_n e + r_n e^2. Strains beyond .1, which metals do not bear, are halved. */
 INLINE void exponentiate(int space, Strain *at)
 {
-    vec power[3], square[3];
-    for (int a = 0; a < 3; ++a) {
-        power[a] = exponential(-at->values[a]);
-        square[a] = power[a] * power[a];
+    tensor e, square;
+    vec size = contract(space, at->e, at->e), scale = all(1.0);
+    int halved = 0;
+    for (; halved < 60 && any((ivec)(size > 0.01)); ++halved) {
+        size *= 0.25;
+        scale *= 0.5;
     }
-    composed(space, power, at->n, at->E);
-    composed(space, square, at->n, at->E2);
+    EACH(space, i, j) e[i][j] = halved ? scale * at->e[i][j] : at->e[i][j];
+    multiply(space, e, e, square);
+    vec second = 0.5 * trace(square), third = contract(space, e, square) * (1.0 / 3.0);
+    vec p = all(0.0), q = all(0.0), r = all(1.0), a = all(1.0), b = all(-1.0), c = all(0.5);
+    double factor = 0.5;
+    for (int n = 3; n < 11; ++n) {
+        const vec last_p = p, last_q = q;
+        p = third * r;
+        q = last_p + second * r;
+        r = last_q;
+        factor /= -n;
+        a += factor * p, b += factor * q, c += factor * r;
+    }
+    UPPER(space, i, j) at->E[i][j] = (i == j ? a : all(0.0)) + b * e[i][j] + c * square[i][j];
+    mirror(space, at->E);
+    for (; halved > 0; --halved) {
+        tensor root;
+        __builtin_memcpy(root, at->E, sizeof root);
+        multiply(space, root, root, at->E);
+    }
+    multiply(space, at->E, at->E, at->E2);
 }
 
 /* Class Branch, move, at a step whose decay is known. */
-INLINE void move(int space, const Axes *axes, const Strain *at, vec step, Branch *k)
+INLINE void move(int space, const Strain *at, vec step, Branch *k)
 {
-    tensor inverse;
-    vec end, mid = k->recovery * step;
-    end = 1.0 - k->phi;
-    mid *= k->ratio;
-    EACH(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
+    tensor cofactor;
+    vec end = 1.0 - k->phi, mid = k->recovery * step * k->ratio;
+    UPPER(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
     for (int a = 0; a < 3; ++a)
-        k->K[a][a] += mid / axes->w[a];
-    vec det = invert(space, k->K, inverse);
-    k->size = inverse_cube_root(1.0 / (det * at->inverse_det));
-    multiply(space, inverse, at->E, k->Z);
-    multiply(space, at->E, k->Z, k->bare);
-    vec mean = trace(k->bare) * (1.0 / 3.0), shear = k->size * (k->modulus / 3.0);
-    EACH(space, a, b) k->X[a][b] = shear * (k->bare[a][b] - (a == b ? mean : all(0.0)));
+        k->K[a][a] += mid * at->begin[a];
+    mirror(space, k->K);
+    k->root = inverse_cube_root(cofactors(space, k->K, cofactor));
+    vec scale = k->root * k->root;
+    EACH(space, a, b) cofactor[a][b] *= scale;
+    multiply(space, cofactor, at->E, k->Z);
+    multiply(space, at->E, k->Z, k->B);
+    vec mean = trace(k->B) * (1.0 / 3.0);
+    double shear = k->modulus / 3.0;
+    EACH(space, a, b) k->X[a][b] = shear * (k->B[a][b] - (a == b ? mean : all(0.0)));
 }
 
 /* The end of the step, see class Turned. */
@@ -635,6 +670,7 @@ typedef struct {
     tensor nu;
     ivec flows, good;
     vec step, stress, slope, numerical, recovered;
+    Products of;
     Branch k[MOST]; /* last, since few are used */
 } Turned;
 
@@ -648,26 +684,18 @@ INLINE vec recovered(int space, const Material *m, const Turned *t)
     return sum;
 }
 
-INLINE void products(int space, const Material *m, const Turned *t, const tensor aim, Products *p)
-{
-    p->aim = contract(space, aim, aim);
-    for (int k = 0; k < m->branches; ++k) {
-        p->with[k] = contract(space, aim, t->k[k].start);
-        for (int j = 0; j <= k; ++j)
-            p->among[k][j] = p->among[j][k] = contract(space, t->k[k].start, t->k[j].start);
-    }
-}
-
 /* One turn: the step with the rest held, then the rest anew; returns which points have settled. */
-INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s, vec alpha,
-                 vec begin, vec rise, ivec done, Turned *t, tensor rest)
+INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial, vec alpha, vec begin,
+                 vec rise, ivec done, Turned *t, tensor rest)
 {
-    tensor over, sum;
-    Products p;
+    tensor over, sum = {};
     double moduli = 0.0;
     EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
-    products(space, m, t, over, &p);
-    t->step = plastic_step(m, &p, alpha, begin, rise, done, t->step);
+    t->of.aim = contract(space, over, over);
+    for (int k = 0; k < m->branches; ++k)
+        t->of.with[k] = contract(space, over, t->k[k].start);
+    const vec last = t->step;
+    t->step = plastic_step(m, &t->of, alpha, begin, rise, done, last, TURNING);
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
         mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
@@ -675,92 +703,141 @@ INLINE ivec turn(int space, const Material *m, const Axes *axes, const tensor s,
         moduli += own->modulus;
     }
     vec size = square_root(contract(space, over, over));
-    vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0));
+    vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0)), flown = 1.2247448713915890 * t->step;
     EACH(space, a, b)
     {
         t->nu[a][b] = over[a][b] * scale;
-        t->at.e[a][b] = -1.2247448713915890 * t->step * t->nu[a][b];
-        sum[a][b] = all(0.0);
+        t->at.e[a][b] = (a == b ? trial[a] : all(0.0)) - flown * t->nu[a][b];
     }
-    for (int a = 0; a < 3; ++a)
-        t->at.e[a][a] += axes->logs[a];
-    axes_of(space, t->at.e, t->at.values, t->at.n);
     exponentiate(space, &t->at);
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
-        move(space, axes, &t->at, t->step, own);
+        move(space, &t->at, t->step, own);
         vec straight = 0.8164965809277260 * own->modulus * own->phi * t->step;
         EACH(space, a, b)
         sum[a][b] += own->X[a][b] - own->decay * own->start[a][b] - straight * t->nu[a][b];
     }
-    vec change = all(0.0);
+    vec change = all(0.0), bound = SETTLED * (25.0 * square_root(1.5 * t->of.aim) + moduli);
     EACH(space, a, b) change += (sum[a][b] - rest[a][b]) * (sum[a][b] - rest[a][b]);
-    ivec settled = (ivec)(square_root(change) <= SETTLED * (25.0 * square_root(1.5 * p.aim) + moduli));
-    done |= settled;
+    vec still = SMALL_STEP * t->step + bound / (3.0 * m->shear);
+    done |= (ivec)(change <= bound * bound) & (ivec)(absolute(t->step - last) <= still);
     EACH(space, a, b) rest[a][b] = choose(done, rest[a][b], sum[a][b]);
     return done;
 }
 
-/* flow_with_backstress: the trial state returned to yield. */
-INLINE void flow_turning(int space, const Material *m, const Axes *axes, const vec *state,
-                         Turned *t)
+/* The branches at the begin of the step; t->nu is then s less their sum. */
+INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, Turned *t)
 {
     const int count = space ? 6 : 4;
-    const vec alpha = state[count * (1 + m->branches)];
-    const vec mean = (axes->logs[0] + axes->logs[1] + axes->logs[2]) * (1.0 / 3.0);
-    tensor s = {}, rest = {}, aim = {};
-    t->at.inverse_det = axes->w[0] * axes->w[1] * axes->w[2];
+    vec w = axes->w[0] * axes->w[1] * axes->w[2], r = inverse_cube_root(w), square = r * r;
+    vec volume = t->at.volume = w * square;
     for (int a = 0; a < 3; ++a) {
-        t->at.n[a][a] = all(1.0);
-        t->at.e[a][a] = t->at.values[a] = axes->logs[a];
-        aim[a][a] = s[a][a] = 2.0 * m->shear * (axes->logs[a] - mean);
+        t->at.begin[a] = axes->w[(a + 1) % 3] * axes->w[(a + 2) % 3] * square;
+        t->at.E[a][a] = square_root(t->at.begin[a]);
+        t->at.E2[a][a] = t->at.begin[a];
     }
-    exponentiate(space, &t->at);
     for (int k = 0; k < m->branches; ++k) {
         const vec *C = state + count * (1 + k);
         Branch *own = t->k + k;
+        tensor half, inner, transposed;
         own->modulus = m->backstress[2 * k];
         own->recovery = m->backstress[2 * k + 1];
+        symmetric_of(space, C, inner);
         EACH(space, a, b)
         {
-            vec sum = all(0.0);
-            for (int i = 0; i < count; ++i) {
-                const int J = PAIRS[i][0], L = PAIRS[i][1];
-                vec product = axes->G[a][J] * axes->G[b][L];
-                if (J != L)
-                    product += axes->G[a][L] * axes->G[b][J];
-                sum += choose(axes->good, C[i], all(i < 3)) * product;
-            }
-            own->metric[a][b] = sum;
+            inner[a][b] = choose(axes->good, inner[a][b], all(a == b)) * volume;
+            transposed[b][a] = axes->G[a][b];
         }
+        multiply(space, axes->G, inner, half);
+        multiply(space, half, transposed, own->metric);
         own->decay = own->phi = all(1.0);
         own->ratio = all(0.5);
-        move(space, axes, &t->at, all(0.0), own);
+        move(space, &t->at, all(0.0), own);
         EACH(space, a, b)
         {
             own->start[a][b] = own->X[a][b];
-            aim[a][b] -= own->X[a][b];
+            t->nu[a][b] -= own->X[a][b];
         }
+        for (int j = 0; j <= k; ++j)
+            t->of.among[k][j] = t->of.among[j][k] = contract(space, own->start, t->k[j].start);
     }
-    vec q = square_root(1.5 * contract(space, aim, aim)), begin, rise;
+}
+
+/* The end of the step where an update has led to before. */
+INLINE void end_as_before(int space, const Material *m, const Axes *axes, const vec *F, const vec *state,
+                          const vec *end, Turned *t)
+{
+    const int count = space ? 6 : 4, alpha = count * (int)(1 + m->branches);
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    tensor H = {}, C, half, square, transposed;
+    vec *values = t->at.values, roots[3], scale = 1.0 / t->at.volume, mean = all(0.0);
+    for (int p = 0; p < (space ? 9 : 5); ++p)
+        for (int a = 0; a < 3; ++a)
+            H[a][place[p][1]] += axes->n[a][place[p][0]] * F[p];
+    symmetric_of(space, end, C);
+    multiply(space, H, C, half);
+    EACH(space, a, b) transposed[b][a] = scale * H[a][b];
+    multiply(space, half, transposed, square);
+    EACH(space, a, b) square[a][b] = choose(axes->good, square[a][b], all(a == b));
+    axes_of(space, square, values, t->at.n);
+    for (int a = 0; a < 3; ++a)
+        roots[a] = 1.0 / square_root(values[a]);
+    composed(space, roots, t->at.n, t->at.E);
+    multiply(space, t->at.E, t->at.E, t->at.E2);
+    for (int a = 0; a < 3; ++a) {
+        values[a] = 0.5 * logarithm(values[a]);
+        mean += values[a] * (1.0 / 3.0);
+    }
+    for (int a = 0; a < 3; ++a)
+        values[a] -= mean;
+    composed(space, values, t->at.n, t->at.e);
+    t->step = choose(axes->good, end[alpha] - state[alpha], all(0.0));
+    EACH(space, a, b) t->nu[a][b] = 2.0 * m->shear * t->at.e[a][b];
+    for (int k = 0; k < m->branches; ++k) {
+        Branch *own = t->k + k;
+        mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
+        move(space, &t->at, t->step, own);
+        EACH(space, a, b) t->nu[a][b] -= own->X[a][b];
+    }
+}
+
+/* flow_with_backstress: the trial state returned to yield; to `last` if that is not null, the state
+ * that it has led to before. */
+INLINE void flow_turning(int space, const Material *m, const Axes *axes, const vec *F, const vec *state,
+                         const vec *last, Turned *t)
+{
+    const vec alpha = state[(space ? 6 : 4) * (1 + m->branches)];
+    const vec mean = (axes->logs[0] + axes->logs[1] + axes->logs[2]) * (1.0 / 3.0);
+    tensor s = {}, rest = {};
+    vec trial[3], begin, rise, end, unused;
+    for (int a = 0; a < 3; ++a) {
+        t->at.e[a][a] = trial[a] = axes->logs[a] - mean;
+        t->nu[a][a] = s[a][a] = 2.0 * m->shear * trial[a];
+    }
+    begin_turning(space, m, axes, state, t);
+    vec q = square_root(1.5 * contract(space, t->nu, t->nu)), lost = recovered(space, m, t);
     yields(m, alpha, &begin, &rise);
-    vec lost = recovered(space, m, t);
     t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
     t->step = all(0.0);
     t->good = ~(ivec){};
+    if (last) {
+        end_as_before(space, m, axes, F, state, last, t);
+        q = square_root(1.5 * contract(space, t->nu, t->nu));
+    }
     vec scale = 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
-    EACH(space, a, b) t->nu[a][b] = aim[a][b] * scale;
-    if (any(t->flows)) {
+    EACH(space, a, b) t->nu[a][b] *= scale;
+    if (!last && any(t->flows)) {
         ivec done = ~t->flows;
         for (int i = 0; i < TURNS && any(~done); ++i)
-            done = turn(space, m, axes, s, alpha, begin, rise, done, t, rest);
+            done = turn(space, m, s, trial, alpha, begin, rise, done, t, rest);
         t->good = done;
     }
-    vec last, unused;
     flow_stresses(m, alpha, t->step, &t->stress, &t->slope);
-    yields(m, alpha + t->step, &last, &unused);
+    if (last)
+        return;
+    yields(m, alpha + t->step, &end, &unused);
     t->recovered = recovered(space, m, t);
-    t->numerical = 0.5 * t->step * (t->stress / last * (last - begin) + t->recovered - lost);
+    t->numerical = 0.5 * t->step * (t->stress / end * (end - begin) + t->recovered - lost);
 }
 
 /* Orthonormal symmetric tensors: 11, 22, 33, 12, 23, 13. */
@@ -781,35 +858,35 @@ INLINE void add_change(int space, const Branch *k, const tensor Y, double sign, 
 {
     const int count = space ? 6 : 4;
     tensor BY, dB;
-    vec end = 1.0 - k->phi, scale = sign * k->modulus / 3.0 * k->size;
-    vec size = 2.0 / 3.0 * end * trace(Y);
-    multiply(space, k->bare, Y, BY);
+    vec end = (1.0 - k->phi) * k->root, size = 2.0 / 3.0 * end * trace(Y);
+    double scale = sign * k->modulus / 3.0;
+    multiply(space, k->B, Y, BY);
     EACH(space, a, b)
-    dB[a][b] = Y[a][b] + Y[b][a] - end * (BY[a][b] + BY[b][a]) + size * k->bare[a][b];
+    dB[a][b] = Y[a][b] + Y[b][a] - end * (BY[a][b] + BY[b][a]) + size * k->B[a][b];
     vec mean = trace(dB) * (1.0 / 3.0);
     for (int i = 0; i < count; ++i)
         to[i * stride] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
 }
 
 /* The same of a change of the step. */
-INLINE void add_rise(int space, const Axes *axes, const Strain *at, const Branch *k, vec *to)
+INLINE void add_rise(int space, const Strain *at, const Branch *k, vec *to)
 {
     const int count = space ? 6 : 4;
     const double b = k->recovery;
-    tensor rise, turned, dB, transposed;
+    tensor rise, turned, dB, transposed, cofactor;
     EACH(space, i, j)
     {
         rise[i][j] = b * (k->ratio * at->E2[i][j] - k->decay * k->metric[i][j]);
         if (i == j)
-            rise[i][i] += b * (k->decay - k->ratio) / axes->w[i];
+            rise[i][i] += b * (k->decay - k->ratio) * at->begin[i];
         transposed[j][i] = k->Z[i][j];
     }
     multiply(space, rise, k->Z, turned);
     multiply(space, transposed, turned, dB);
-    tensor inverse;
-    invert(space, k->K, inverse);
-    vec size = contract(space, inverse, rise) * (1.0 / 3.0), scale = k->modulus / 3.0 * k->size;
-    EACH(space, i, j) dB[i][j] = size * k->bare[i][j] - dB[i][j];
+    cofactors(space, k->K, cofactor);
+    vec size = contract(space, cofactor, rise) * k->root * k->root * k->root * (1.0 / 3.0);
+    double scale = k->modulus / 3.0;
+    EACH(space, i, j) dB[i][j] = size * k->B[i][j] - k->root * dB[i][j];
     vec mean = trace(dB) * (1.0 / 3.0);
     for (int i = 0; i < count; ++i)
         to[i] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
@@ -845,11 +922,15 @@ INLINE void solve(int count, vec *Q, vec *R)
 /* Changes of the exponential of the strain for those of the strain along its principal axes. */
 INLINE void slopes_of_exponential(int space, const Strain *at, tensor slope)
 {
-    EACH(space, a, b)
+    vec w[3];
+    for (int a = 0; a < 3; ++a)
+        w[a] = exponential(-at->values[a]);
+    UPPER(space, a, b)
     {
-        vec w = exponential(-at->values[a]), v = exponential(-at->values[b]);
-        slope[a][b] = -0.5 * (w + v) / log_ratio(w, v, 0.5 * (at->values[b] - at->values[a]));
+        vec half = 0.5 * (at->values[b] - at->values[a]);
+        slope[a][b] = a == b ? -w[a] : -0.5 * (w[a] + w[b]) / log_ratio(w[a], w[b], half);
     }
+    mirror(space, slope);
 }
 
 /* dE of the k-th symmetric tensor as a change of the strain. */
@@ -887,7 +968,7 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
             Q[i * count + j] = R[i * count + j] = all(0.0);
     }
     for (int k = 0; k < m->branches; ++k)
-        add_rise(space, axes, &t->at, t->k + k, rise);
+        add_rise(space, &t->at, t->k + k, rise);
 #pragma GCC unroll 1
     for (int j = 0; j < count; ++j) {
         tensor dE, push = {}, Ed, Y;
@@ -996,10 +1077,7 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
     const int count = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     tensor H = {}, square, part;
-    vec power[3], C[9];
-    for (int a = 0; a < 3; ++a)
-        power[a] = exponential(2.0 * t->at.values[a]);
-    composed(space, power, t->at.n, square);
+    cofactors(space, t->at.E2, square); /* exp(2 e) but for the volume */
     for (int p = 0; p < (space ? 9 : 5); ++p)
         for (int a = 0; a < 3; ++a)
             H[a][place[p][1]] += at->n[a][place[p][0]] * F[p];
@@ -1009,13 +1087,9 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
         EACH(space, a, b) transposed[b][a] = to[a][b];
         multiply(space, k < 0 ? square : t->k[k].K, to, part);
         multiply(space, transposed, part, whole);
-        vec scale = all(1.0);
-        if (k >= 0)
-            scale = inverse_cube_root(invert(space, whole, unused));
+        vec scale = k < 0 ? t->at.volume : inverse_cube_root(cofactors(space, whole, unused));
         for (int i = 0; i < count; ++i)
-            C[i] = whole[PAIRS[i][0]][PAIRS[i][1]] * scale;
-        for (int i = 0; i < count; ++i)
-            end[count * (k + 1) + i] = C[i];
+            end[count * (k + 1) + i] = whole[PAIRS[i][0]][PAIRS[i][1]] * scale;
     }
     const int alpha = count * (1 + m->branches);
     end[alpha] = state[alpha] + t->step;
@@ -1046,27 +1120,29 @@ INLINE void update_turning(int space, const Material *m, const vec *F, const vec
         for (int i = 0; i < 3; ++i)
             at.G[a][i] = choose(at.good, at.G[a][i], all(a == i));
     }
-    flow_turning(space, m, &at, state, &t);
+    const vec *last = energies ? 0 : end;
+    flow_turning(space, m, &at, F, state, last, &t);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     vec stored = 0.5 * m->bulk * volume * volume;
     EACH(space, a, b)
     {
-        vec deviator = a == b ? t.at.e[a][a] - volume * (1.0 / 3.0) : t.at.e[a][b];
-        tau[a][b] = 2.0 * m->shear * deviator + (a == b ? m->bulk * volume : all(0.0));
-        stored += m->shear * deviator * deviator;
+        tau[a][b] = 2.0 * m->shear * t.at.e[a][b] + (a == b ? m->bulk * volume : all(0.0));
+        stored += m->shear * t.at.e[a][b] * t.at.e[a][b];
     }
     pushed(space, &at, tau, P, 1);
     probe(P, count, &sum);
     if (moduli) {
+        if (!last)
+            axes_of(space, t.at.e, t.at.values, t.at.n);
         turned_moduli(space, m, &at, &t, c);
         turned_tangent(space, &at, c, tau, moduli);
         probe(moduli, count * count, &sum);
     }
     *good = at.good & t.good & is_finite(t.step) & is_finite(sum);
-    if (!end)
+    if (!energies)
         return;
     for (int k = 0; k < m->branches; ++k)
-        stored += 0.5 / 3.0 * t.k[k].modulus * (t.k[k].size * trace(t.k[k].bare) - 3.0);
+        stored += 0.5 / 3.0 * t.k[k].modulus * (trace(t.k[k].B) - 3.0);
     energies[0] = stored;
     energies[1] = (t.stress + t.recovered) * t.step;
     energies[2] = t.numerical;

@@ -12,22 +12,76 @@
 
 #include "point_lanes.h"
 
-/* Columns of `count` from rows of `width`, those of the lanes from `row` on. */
-INLINE void load(const double *from, const int64_t *row, int64_t width, int count, vec *to)
+/* Rows for columns. */
+INLINE void transpose(vec *a)
 {
-#pragma GCC unroll 1
+    vec b[LANES], c[LANES];
+    for (int i = 0; i < LANES; i += 2) {
+        b[i] = __builtin_shuffle(a[i], a[i + 1], (ivec){0, 8, 2, 10, 4, 12, 6, 14});
+        b[i + 1] = __builtin_shuffle(a[i], a[i + 1], (ivec){1, 9, 3, 11, 5, 13, 7, 15});
+    }
+    for (int i = 0; i < LANES; i += 4)
+        for (int j = i; j < i + 2; ++j) {
+            c[j] = __builtin_shuffle(b[j], b[j + 2], (ivec){0, 1, 8, 9, 4, 5, 12, 13});
+            c[j + 2] = __builtin_shuffle(b[j], b[j + 2], (ivec){2, 3, 10, 11, 6, 7, 14, 15});
+        }
+    for (int i = 0; i < LANES / 2; ++i) {
+        a[i] = __builtin_shuffle(c[i], c[i + 4], (ivec){0, 1, 2, 3, 8, 9, 10, 11});
+        a[i + 4] = __builtin_shuffle(c[i], c[i + 4], (ivec){4, 5, 6, 7, 12, 13, 14, 15});
+    }
+}
+
+/* The columns k of the lanes' rows. */
+INLINE vec column(double *const *row, int64_t k)
+{
+    vec x;
     for (int l = 0; l < LANES; ++l)
-        for (int k = 0; k < count; ++k)
-            ((double *)(to + k))[l] = from[width * row[l] + k];
+        x[l] = row[l][k];
+    return x;
+}
+
+/* The lanes' rows of a table, each `width` times a number. */
+INLINE void find_rows(const double *table, int64_t width, const int64_t *number, double **row)
+{
+    for (int l = 0; l < LANES; ++l)
+        row[l] = (double *)table + width * number[l];
+}
+
+/* `count` columns of the lanes' rows from the column `from` on: eight at a time, the last eight of
+ * them twice where they overlap others. */
+INLINE void load(double *const *row, int64_t from, int count, vec *to)
+{
+    for (int k = 0; count < LANES && k < count; ++k)
+        to[k] = column(row, from + k);
+#pragma GCC unroll 1
+    for (int k = 0; count >= LANES && k < count; k += LANES) {
+        const int first = k + LANES <= count ? k : count - LANES;
+        vec rows[LANES];
+        for (int l = 0; l < LANES; ++l)
+            __builtin_memcpy(&rows[l], row[l] + from + first, sizeof(vec));
+        transpose(rows);
+        __builtin_memcpy(to + first, rows, sizeof rows);
+    }
 }
 
 /* The other way round. */
-INLINE void store(const vec *from, const int64_t *row, int lanes, int count, double *to)
+INLINE void store(const vec *values, int lanes, int count, double *const *row, int64_t to)
 {
+#pragma GCC unroll 1
+    for (int k = 0; lanes == LANES && count >= LANES && k < count; k += LANES) {
+        const int first = k + LANES <= count ? k : count - LANES;
+        vec rows[LANES];
+        __builtin_memcpy(rows, values + first, sizeof rows);
+        transpose(rows);
+        for (int l = 0; l < LANES; ++l)
+            __builtin_memcpy(row[l] + to + first, &rows[l], sizeof(vec));
+    }
+    if (lanes == LANES && count >= LANES)
+        return;
 #pragma GCC unroll 1
     for (int l = 0; l < lanes; ++l)
         for (int k = 0; k < count; ++k)
-            to[count * row[l] + k] = ((const double *)(from + k))[l];
+            row[l][to + k] = ((const double *)(values + k))[l];
 }
 
 /* Makes values no numbers where `good` is not set. */
@@ -48,24 +102,31 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
     vec s[width], next[width];
     ivec bad = {};
     for (int64_t first = 0; first < n; first += LANES) {
-        const int lanes = n - first < LANES ? (int)(n - first) : LANES;
+        const int lanes = n - first < LANES ? (int)(n - first) : LANES, values = (int)count;
         vec f[9], stress[9], moduli[81], energy[ENERGIES];
-        int64_t row[LANES];
+        int64_t number[LANES];
+        double *row[LANES];
         ivec good;
         for (int l = 0; l < LANES; ++l)
-            row[l] = first + (l < lanes ? l : lanes - 1);
-        load(F, row, count, (int)count, f);
-        load(state, row, width, (int)width, s);
+            number[l] = first + (l < lanes ? l : lanes - 1);
+        find_rows(F, count, number, row);
+        load(row, 0, values, f);
+        find_rows(state, width, number, row);
+        load(row, 0, (int)width, s);
         update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
-        spoil((int)count, good, stress);
+        spoil(values, good, stress);
         spoil(ENERGIES, good, energy);
-        store(stress, row, lanes, (int)count, P);
-        store(next, row, lanes, (int)width, end);
+        find_rows(P, count, number, row);
+        store(stress, lanes, values, row, 0);
+        find_rows(end, width, number, row);
+        store(next, lanes, (int)width, row, 0);
+        find_rows(energies, 1, number, row);
         for (int k = 0; k < ENERGIES; ++k)
-            store(energy + k, row, lanes, 1, energies + k * n);
+            store(energy + k, lanes, 1, row, k * n);
         if (A) {
-            spoil((int)(count * count), good, moduli);
-            store(moduli, row, lanes, (int)(count * count), A);
+            spoil(values * values, good, moduli);
+            find_rows(A, count * count, number, row);
+            store(moduli, lanes, values * values, row, 0);
         }
         bad |= ~good;
     }
@@ -78,19 +139,21 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * LANES) the number of a cell in the body, whose points are `points` cell and those that follow; the
  * last block repeats its last cell where there are fewer than LANES, and counts `lanes_of_last`.
  *
- * With `update` the points are evaluated from `state` (k, width). What is not null is written, F
- * (k, p), P (k, p), end (k, width), energies (ENERGIES, k), or added to, forces and values, with
- * `start` (cells, a, i, b) as in compiled_cells.py. Without it P (k, p) and A (k, p, p) are read
- * where forces and values are wanted. `symmetric`: whether A is. */
+ * With `update` the points are evaluated from `state` (k, width), and `end` (k, width) is written if
+ * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
+ * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to,
+ * with `start` (cells, a, i, b) as in compiled_cells.py; F (k, p) is written. `symmetric`: whether A
+ * is. */
 typedef struct {
-    int64_t blocks, lanes_of_last, points, nodes, width, symmetric, all;
+    int64_t blocks, lanes_of_last, points, nodes, width, symmetric;
     const double *shape, *table;
     const int32_t *node, *cell;
     const double *u;
     Update *update;
     const void *material;
     const double *state;
-    double *F, *P, *end, *energies, *A, *forces, *values;
+    const double *P, *A;
+    double *F, *end, *energies, *forces, *values;
     const int32_t *start;
 } Work;
 
@@ -201,50 +264,58 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
 INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
-                     vec (*force)[3])
+                     vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
     const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
-    vec B[nodes][3], at[nodes][3], s[w->width + 1], next[w->width + 1];
+    const int width = (int)w->width, fresh = w->energies != 0, known = w->end && !fresh;
+    vec B[nodes][3], at[nodes][3], s[width + 1], next[width + 1];
+    double *of_u[LANES], *of_state[LANES], *of_end[LANES], *of_F[LANES], *of_P[LANES], *of_A[LANES];
+    int64_t number[LANES];
     ivec bad = {};
-    for (int a = 0; a < nodes; ++a)
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a) {
         for (int l = 0; l < LANES; ++l)
-            for (int i = 0; i < dim; ++i)
-                ((double *)&at[a][i])[l] = w->u[dim * (int64_t)node[a * LANES + l] + i];
+            number[l] = node[a * LANES + l];
+        find_rows(w->u, dim, number, of_u);
+        for (int i = 0; i < dim; ++i)
+            at[a][i] = column(of_u, i);
+    }
+    for (int l = 0; l < LANES; ++l)
+        number[l] = w->cell[n * LANES + l] * (int64_t)points;
+    find_rows(w->state, width, number, of_state);
+    find_rows(w->end, width, number, of_end);
+    find_rows(w->F, count, number, of_F);
+    find_rows(w->P, count, number, of_P);
+    find_rows(w->A, count * count, number, of_A);
     for (int q = 0; q < points; ++q, table += size * LANES) {
         vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
         ivec good = ~(ivec){};
-        int64_t row[LANES];
-        for (int l = 0; l < LANES; ++l)
-            row[l] = w->cell[n * LANES + l] * (int64_t)points + q;
         __builtin_memcpy(tabled, table, size * sizeof(vec));
         weight = tabled[dim * dim];
         gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
         deformation(section, nodes, B, at, F);
         if (w->update) {
-            load(w->state, row, w->width, (int)w->width, s);
-            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, energy, &good);
+            load(of_state, q * width, width, s);
+            if (known)
+                load(of_end, q * width, width, next);
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
+                      &good);
             bad |= ~good;
             weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
-            if (w->P) {
-                spoil(count, good, P);
-                store(P, row, lanes, count, w->P);
-            }
-            if (w->end) {
-                spoil(ENERGIES, good, energy);
-                store(next, row, lanes, (int)w->width, w->end);
-                for (int k = 0; k < ENERGIES; ++k)
-                    store(energy + k, row, lanes, 1, w->energies + k * w->all);
-            }
+            if (fresh)
+                store(next, lanes, width, of_end, q * width);
+            for (int k = 0; fresh && k < ENERGIES; ++k)
+                sums[k] += weight * energy[k];
         } else if (force) {
-            load(w->P, row, count, count, P);
+            load(of_P, q * count, count, P);
         } else if (matrix) {
-            load(w->A, row, count * count, count * count, A);
+            load(of_A, q * count * count, count * count, A);
         }
         if (w->F)
-            store(F, row, lanes, count, w->F);
+            store(F, lanes, count, of_F, q * count);
         if (force)
             add_forces(section, nodes, B, P, weight, force);
         if (matrix && w->symmetric)
@@ -270,7 +341,11 @@ INLINE int64_t over_cells(enum section section, const Work *w)
             __builtin_memset(force, 0, sizeof force);
         if (w->values)
             __builtin_memset(matrix, 0, sizeof matrix);
-        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0);
+        vec sums[ENERGIES] = {};
+        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0, sums);
+        for (int k = 0; w->energies && k < ENERGIES; ++k)
+            for (int l = 0; l < lanes; ++l)
+                w->energies[k] += sums[k][l];
         for (int a = 0; w->forces && a < nodes; ++a)
             for (int l = 0; l < lanes; ++l)
                 for (int i = 0; i < dim; ++i)
@@ -292,7 +367,7 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     }                                                                                              \
     EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
     {                                                                                              \
-        at_block(section, cells, block, 0, matrix, 0);                                             \
+        at_block(section, cells, block, 0, matrix, 0, 0);                                             \
     }
 LOOPS(strain, STRAIN)
 LOOPS(ring, RING)

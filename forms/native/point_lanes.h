@@ -7,6 +7,8 @@
  * state at the end (s), energies (ENERGIES), and moduli A = dP/dF (p, p), row by row; in plane
  * strain, where the last component does not change, its row and column are not read. `end` and
  * `energies` may be null together, `moduli` alone: nothing of what is not asked for is computed.
+ * `energies` may be null alone where there are moduli: `end` is then read, what an update without
+ * moduli has led to, so that these need not be found anew.
  * `good` marks the points that could be evaluated; of the others the state is that of the begin,
  * and the rest is anything. */
 typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end,
@@ -68,6 +70,36 @@ INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
         else
             c[i][j] = a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j];
     }
+}
+
+/* Upper half of a symmetric tensor, and the lower one from it. */
+#define UPPER(space, a, b)                                                                         \
+    for (int a = 0; a < 3; ++a)                                                                    \
+        for (int b = a; b < 3; ++b)                                                                \
+            if (COUPLED(space, a, b))
+
+INLINE void mirror(int space, tensor a)
+{
+    UPPER(space, i, j) a[j][i] = a[i][j];
+}
+
+/* Cofactors of a symmetric tensor; returns its determinant. */
+INLINE vec cofactors(int space, const tensor a, tensor cof)
+{
+    if (!space) {
+        cof[0][0] = a[1][1] * a[2][2];
+        cof[1][1] = a[0][0] * a[2][2];
+        cof[0][1] = cof[1][0] = -a[0][1] * a[2][2];
+        cof[2][2] = a[0][0] * a[1][1] - a[0][1] * a[0][1];
+        return cof[2][2] * a[2][2];
+    }
+    UPPER(1, i, j)
+    {
+        const int p = (i + 1) % 3, q = (i + 2) % 3, r = (j + 1) % 3, s = (j + 2) % 3;
+        cof[i][j] = a[p][r] * a[q][s] - a[p][s] * a[q][r];
+    }
+    mirror(1, cof);
+    return dot(a[0], cof[0]);
 }
 
 /* The tensor of components that stand as in the state. */

@@ -13,36 +13,6 @@ typedef struct {
     const double *modulus, *share, *rest; /* of each: G, t = dt/(tau + dt) and 1 - t */
 } Branches;
 
-/* Upper half of a symmetric tensor, and the lower one from it. */
-#define UPPER(space, a, b)                                                                         \
-    for (int a = 0; a < 3; ++a)                                                                    \
-        for (int b = a; b < 3; ++b)                                                                \
-            if (COUPLED(space, a, b))
-
-INLINE void mirror(int space, tensor a)
-{
-    UPPER(space, i, j) a[j][i] = a[i][j];
-}
-
-/* Cofactors of a symmetric tensor; returns its determinant. */
-INLINE vec cofactors(int space, const tensor a, tensor cof)
-{
-    if (!space) {
-        cof[0][0] = a[1][1] * a[2][2];
-        cof[1][1] = a[0][0] * a[2][2];
-        cof[0][1] = cof[1][0] = -a[0][1] * a[2][2];
-        cof[2][2] = a[0][0] * a[1][1] - a[0][1] * a[0][1];
-        return cof[2][2] * a[2][2];
-    }
-    UPPER(1, i, j)
-    {
-        const int p = (i + 1) % 3, q = (i + 2) % 3, r = (j + 1) % 3, s = (j + 2) % 3;
-        cof[i][j] = a[p][r] * a[q][s] - a[p][s] * a[q][r];
-    }
-    mirror(1, cof);
-    return dot(a[0], cof[0]);
-}
-
 /* tr (dev A dev A) of A = B N, not negative: A is similar to a symmetric tensor. */
 INLINE vec distance(int space, const tensor B, const tensor N)
 {
@@ -130,23 +100,35 @@ INLINE void add_branch(enum section section, vec g, vec y, const tensor U, const
 }
 
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them. */
+ * the rate at the end, where there is a place for them. Without it a C_k that is given is read: then
+ * N is its cofactors over m^(1/3) = tr M/tr C_k. */
 INLINE void branch(enum section section, double G, double t, double s, const Deformation *at,
                    const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
 {
     const int space = section == SPACE;
     tensor old, M, N;
-    symmetric_of(space, from, old);
-    vec share = t * at->j;
-    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
-    mirror(space, M);
-    vec m = cofactors(space, M, N), root = inverse_cube_root(m), square = root * root;
-    EACH(space, i, j) N[i][j] *= square * root;
-    vec cube = m * square; /* m^(1/3) */
+    vec share = t * at->j, cube, root, scale_of_N;
+    if (to && !energies) {
+        vec size = s * (from[0] + from[1] + from[2]) + share * trace(at->C), whole = to[0] + to[1] + to[2];
+        symmetric_of(space, to, M);
+        scale_of_N = whole / size;
+        cube = size / whole;
+        cofactors(space, M, N);
+    } else {
+        symmetric_of(space, from, old);
+        UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
+        mirror(space, M);
+        vec m = cofactors(space, M, N), square;
+        root = inverse_cube_root(m);
+        square = root * root;
+        scale_of_N = square * root;
+        cube = m * square;
+    }
+    EACH(space, i, j) N[i][j] *= scale_of_N;
     vec scale = G * cube, g = scale * at->j, n = contract(space, N, at->C);
     EACH(space, i, j) sum->N[i][j] += g * N[i][j];
     sum->pressure += g * ((1.0 / 3.0) * n);
-    if (to) {
+    if (energies) {
         for (int k = 0; k < (space ? 6 : 4); ++k)
             to[k] = root * M[PAIRS[k][0]][PAIRS[k][1]];
         vec excess = cube * at->j * n - 3.0;
@@ -219,14 +201,14 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     deformation(space, F, &at);
     for (int k = 0; moduli && k < count * count; ++k)
         moduli[k] = all(0.0);
-    for (int k = 0; end && k < ENERGIES; ++k)
+    for (int k = 0; energies && k < ENERGIES; ++k)
         energies[k] = all(0.0);
 #pragma GCC unroll 1
     for (int b = 0; b < branches; ++b) {
         vec energy[2];
         branch(section, w->modulus[b], w->share[b], w->rest[b], &at, state + size * b,
-               end ? end + size * b : 0, energy, moduli, &sum);
-        if (!end)
+               end ? end + size * b : 0, energies ? energy : 0, moduli, &sum);
+        if (!energies)
             continue;
         vec fallen = square_root(state[kept + b]) - square_root(energy[0]);
         energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
@@ -243,10 +225,10 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     if (moduli)
         add_shared(section, at.H, &sum, moduli);
     probe(P, count, &ok);
-    if (end)
+    if (energies)
         probe(end, width, &ok);
     *good = at.good & is_finite(ok);
-    for (int k = 0; end && k < width; ++k)
+    for (int k = 0; energies && k < width; ++k)
         end[k] = choose(*good, end[k], state[k]);
 }
 

@@ -109,16 +109,20 @@ def _smallest(extent: float, count: int, grading: float) -> float:
     return extent * math.expm1(math.log(ratio)) / math.expm1(count * math.log(ratio))
 
 
+FIT = 0.05
+"""Share of their extent by which blocks may overlap, as those of a press fit do."""
+
+
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Rectangles or boxes that do not overlap.
+    """Rectangles or boxes that do not overlap by more than a press fit does.
 
     Attributes:
         blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
         groups: names of points and edges, each with the names of the sides that meet there.
 
     Raises:
-        ValueError: If blocks overlap, or do not go with the cells; if sides do not meet.
+        ValueError: If blocks overlap so, or do not go with the cells; if sides do not meet.
     """
 
     blocks: tuple[PlacedBlock, ...]
@@ -135,7 +139,10 @@ class Blocks:
                 raise ValueError(f"{block.name}: a block {found} does not go with {self.cell}s")
         for one, other in itertools.combinations(self.blocks, 2):
             if _overlap(one, other):
-                raise ValueError(f"{one.name} and {other.name} overlap; they may touch")
+                raise ValueError(
+                    f"{one.name} and {other.name} overlap; they may touch, or for a press fit "
+                    f"overlap by {FIT:g} of their extent"
+                )
         for name in self.groups:
             self._corners(name)
 
@@ -200,9 +207,8 @@ class Blocks:
 
 
 def _overlap(one: PlacedBlock, other: PlacedBlock) -> bool:
-    least = 1e-9 * min(*one.extents(), *other.extents())
     ends = zip(one.low, one.high, other.low, other.high, strict=True)
-    return all(min(b, d) - max(a, c) > least for a, b, c, d in ends)
+    return all(min(b, d) - max(a, c) > FIT * min(b - a, d - c) for a, b, c, d in ends)
 
 
 @dataclass(frozen=True, slots=True)

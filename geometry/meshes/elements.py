@@ -56,19 +56,6 @@ PLACES: dict[str, tuple[tuple[float, ...], ...]] = {
 }
 """Corners of one undistorted cell of each shape."""
 
-_EDGES = ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6))
-SECOND: dict[str, tuple[tuple[int, ...], ...]] = {
-    TRIANGLE: ((0, 1), (1, 2), (2, 0)),
-    QUADRILATERAL: ((0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)),
-    TETRAHEDRON: ((0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1)),
-    HEXAHEDRON: (
-        *(*_EDGES, (6, 7)),
-        *((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
-        (0, 1, 2, 3, 4, 5, 6, 7),
-    ),
-}
-"""The corners that each second-order node of a straight cell is the mean of."""
-
 
 @dataclass(frozen=True, slots=True)
 class Kind:

@@ -57,8 +57,6 @@ class NamedMesh:
         bodies: Tag of each body.
         surfaces: Tag of each surface.
         groups: Named points and, in space, edges.
-        carriers: Tag of each cell that is no body's, see `MeshArrays.with_carriers`. None of them
-            is in an output or a sum over the bodies.
         order: Of the cells, 1 or 2.
         notes: What the reader did to the mesh, one line each.
     """
@@ -69,7 +67,6 @@ class NamedMesh:
     bodies: dict[str, int]
     surfaces: dict[str, int]
     groups: dict[str, Group] = field(default_factory=dict)
-    carriers: dict[str, int] = field(default_factory=dict)
     order: int = 1
     notes: tuple[str, ...] = ()
 
@@ -97,21 +94,10 @@ class NamedMesh:
         """
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
 
-    def carrier(self, name: str) -> npt.NDArray[np.int32]:
-        """Local index of a carrier's cell, ghosts included; none (0,) on a rank without it.
-
-        Raises:
-            MeshError: If there is no such carrier.
-        """
-        tag = _look_up("carrier", name, self.carriers)
-        return np.asarray(self.cell_tags.find(tag), dtype=np.int32)
-
     @property
     def cell_count(self) -> int:
         """Number of the cells of all bodies, on all processes."""
-        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global) - len(
-            self.carriers
-        )
+        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global)
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices (f,) of a surface's facets on this process, ghosts included.
@@ -191,7 +177,6 @@ class _Names:
     dim: int
     bodies: dict[str, int]
     surfaces: dict[str, int]
-    carriers: dict[str, int]
     facet_counts: dict[str, int]
     groups: dict[str, npt.NDArray[np.int64]]
     order: int
@@ -204,7 +189,6 @@ class _Names:
             arrays.dim,
             {name: part.tag for name, part in arrays.bodies.items()},
             {name: part.tag for name, part in arrays.surfaces.items()},
-            {name: part.tag for name, part in arrays.carriers.items()},
             {name: len(part.nodes) for name, part in arrays.surfaces.items()},
             arrays.groups,
             arrays.order,
@@ -212,9 +196,7 @@ class _Names:
         )
 
 
-def generate(
-    shape: Shape, comm: MPI.Comm, contacts: Contacts = (), carriers: Sequence[str] = ()
-) -> NamedMesh:
+def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
@@ -222,13 +204,12 @@ def generate(
         comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
             without METIS) only the cells are. A master may be no surface of the mesh, but a tool.
-        carriers: Names of cells that are added, see `MeshArrays.with_carriers`.
 
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
     source = type(shape).__name__
-    return _load(lambda: _generated(shape).with_carriers(carriers), source, comm, contacts)
+    return _load(lambda: _generated(shape), source, comm, contacts)
 
 
 def read(
@@ -236,7 +217,6 @@ def read(
     comm: MPI.Comm,
     contacts: Contacts = (),
     most_cells: int = MOST_CELLS,
-    carriers: Sequence[str] = (),
     scale: float = 1.0,
     straight: bool = False,
     how: Meshing = AS_DRAWN,
@@ -256,7 +236,6 @@ def read(
         comm: Communicator of the mesh.
         contacts: As in ``generate``; slaves that the file does not have are ignored.
         most_cells: More are refused.
-        carriers: As in ``generate``.
         scale: m, of a unit of the file's coordinates.
         straight: Whether of second-order cells only the corners are taken.
         how: A drawing is meshed.
@@ -272,7 +251,7 @@ def read(
         drawn = Path(path).suffix.lower() in DRAWINGS
         found = _drawn(Path(path), how, most_cells) if drawn else _read(Path(path), most_cells)
         arrays = found.scaled(scale)
-        return (arrays.straightened() if straight else arrays).with_carriers(carriers)
+        return arrays.straightened() if straight else arrays
 
     return _load(make, str(path), comm, contacts)
 
@@ -299,7 +278,6 @@ def _load(
         names.bodies,
         names.surfaces,
         {name: found_group(mesh, corners) for name, corners in names.groups.items()},
-        names.carriers,
         names.order,
         names.notes,
     )
@@ -439,8 +417,7 @@ class ArrayModel:
         self._parts: dict[tuple[int, int], tuple[str, Part]] = {}
         shapes = {dim: arrays.cell, dim - 1: FACETS[arrays.cell]}
         self._kinds = {d: NUMBERS[shape, arrays.order] for d, shape in shapes.items()}
-        cells = {**arrays.bodies, **{f"carrier {k}": v for k, v in arrays.carriers.items()}}
-        for d, parts in ((dim - 1, arrays.surfaces), (dim, cells)):
+        for d, parts in ((dim - 1, arrays.surfaces), (dim, arrays.bodies)):
             self._parts |= {(d, part.tag): (name, part) for name, part in parts.items()}
 
     def getPhysicalGroups(self, dim: int = -1) -> list[tuple[int, int]]:

@@ -8,18 +8,14 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, PLACES, SECOND, nodes_of
+from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, nodes_of
 from tribox.geometry.meshes.gmsh_model import FARTHEST, MeshError
-
-CARRIER_SIZE = 0.1
-"""Extent of a carrier cell over that of the mesh, in each direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +41,6 @@ class MeshArrays:
         bodies: cells by name.
         surfaces: facets by name.
         groups: nodes (e, 1) of points, or in space (e, 2) of edges, by name.
-        carriers: one cell each by name, which is no body's: see `with_carriers`.
         order: 1: cells are straight; 2: they are curved.
         notes: what the reader did to it, one line each.
     """
@@ -55,7 +50,6 @@ class MeshArrays:
     bodies: dict[str, Part]
     surfaces: dict[str, Part]
     groups: dict[str, npt.NDArray[np.int64]] = field(default_factory=dict)
-    carriers: dict[str, Part] = field(default_factory=dict)
     order: int = 1
     notes: tuple[str, ...] = ()
 
@@ -112,39 +106,6 @@ class MeshArrays:
         if not np.abs(position).max() <= FARTHEST or not least > 1.0 / FARTHEST:
             raise MeshError(f"geometry.scale = {factor:g} m makes the mesh {least:g} m long")
         return replace(self, position=position)
-
-    def with_carriers(self, names: Sequence[str]) -> MeshArrays:
-        """With one more cell for each name: its nodes carry unknowns of something without a mesh.
-
-        Such a cell has neither stiffness nor mass and is in no output. It shares no node, and lies
-        inside the box around the mesh and off its sides, so that the mesh's extent stays the same.
-
-        Args:
-            names: of the cells.
-        """
-        used = np.zeros(len(self.position), dtype=bool)
-        for body in self.bodies.values():
-            used[body.nodes] = True
-        low, high = self.position[used].min(axis=0), self.position[used].max(axis=0)
-        places = np.array(PLACES[self.cell])
-        if self.order == 2:
-            means = [places[list(corners)].mean(axis=0) for corners in SECOND[self.cell]]
-            places = np.concatenate([places, means])
-        shape = 0.5 * (low + high) + CARRIER_SIZE * (high - low) * places
-        count, corners = len(self.position), len(shape)
-        # Numbers that no cell uses, such as that of an arc's centre, come first: DOLFINx takes none
-        # from the number of nodes that are used on.
-        numbers = np.concatenate([np.nonzero(~used)[0], count + np.arange(corners * len(names))])
-        numbers = numbers[: corners * len(names)]
-        first = 1 + max(part.tag for part in (*self.bodies.values(), *self.carriers.values()))
-        added = {
-            name: Part(first + k, numbers[None, corners * k : corners * (k + 1)])
-            for k, name in enumerate(names)
-        }
-        more = np.zeros((max(int(numbers.max(initial=-1)) + 1 - count, 0), 3))
-        position = np.concatenate([self.position, more])
-        position[numbers] = np.tile(shape, (len(names), 1))
-        return replace(self, position=position, carriers={**self.carriers, **added})
 
     def packed(self) -> bytes:
         """All of it in numpy's format of several arrays, which holds numbers only."""

@@ -91,10 +91,7 @@ NO_MARKS = Marks()
 
 
 def outer_facets(named: NamedMesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Facets (f,) of one cell only that this process owns, and the body's tag (f,) of each.
-
-    Those of carriers are not among them.
-    """
+    """Facets (f,) of one cell only that this process owns, and the body's tag (f,) of each."""
     mesh = named.mesh
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
@@ -105,8 +102,7 @@ def outer_facets(named: NamedMesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[n
     cells = to_cells.array[to_cells.offsets[facets]]
     tags = np.zeros(int(named.cell_tags.indices.max(initial=-1)) + 1, dtype=np.int32)
     tags[named.cell_tags.indices] = named.cell_tags.values
-    of_body = np.isin(tags[cells], list(named.bodies.values()))
-    return facets[of_body], tags[cells[of_body]]
+    return facets, tags[cells]
 
 
 def facet_polygons(mesh: dolfinx.mesh.Mesh, facets: npt.NDArray[np.int32], x: Points) -> Points:

@@ -36,7 +36,12 @@ class FacetSearch:
     """Pairs of points and facets among which the closest are, kept while little moves."""
 
     def __init__(
-        self, shape: FacetShape, facets: Floats, code: CompiledFacets | None = None
+        self,
+        shape: FacetShape,
+        facets: Floats,
+        code: CompiledFacets | None = None,
+        number: Longs | None = None,
+        slack: float | None = None,
     ) -> None:
         """Store a typical size.
 
@@ -44,10 +49,15 @@ class FacetSearch:
             shape: of all facets.
             facets: (f, a, i), m, reference: their nodes.
             code: what knows their closest points, if there is one already.
+            number: (f,) by which the first of equally close facets is; None: their order.
+            slack: m, that of a surface which these are a part of.
         """
         self.shape, self._code = shape, code or CompiledFacets(shape, len(facets))
-        radius = self._spheres(facets)[1]
-        self.slack = SLACK[shape.directions] * 2.0 * float(np.median(radius))
+        self._number = np.arange(len(facets)) if number is None else number
+        if slack is None:
+            radius = self._spheres(facets)[1]
+            slack = SLACK[shape.directions] * 2.0 * float(np.median(radius))
+        self.slack = slack
         self.searches = 0
         self._points: Floats | None = None
         self._facets = facets
@@ -154,7 +164,7 @@ class FacetSearch:
         bound = np.linalg.norm(points[point] - centre[facet], axis=1) - radius[facet]
         keep = bound <= least[point] + self.slack
         point, facet = point[keep], facet[keep]
-        order = np.lexsort((facet, point))
+        order = np.lexsort((self._number[facet], point))
         point, facet = point[order], facet[order]
         start = np.searchsorted(point, np.arange(len(points) + 1))
         excess = self._code.beyond(points, facets, start, facet)

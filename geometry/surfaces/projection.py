@@ -8,6 +8,9 @@ facet's nodes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse
 
@@ -18,6 +21,7 @@ from tribox.geometry.surfaces.facets import (
     FacetShape,
     Floats,
     Ints,
+    Longs,
     facet_shape,
     unit_normals,
 )
@@ -31,6 +35,38 @@ __all__ = ["FacetSurface", "Projection"]
 # Reference distance past the edge of a facet up to which a point may stay on it.
 OVERRUN = 1e-4
 _TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacePart:
+    """What some facets in space are on a whole surface that is not at hand.
+
+    Attributes:
+        number: (f,) of each on the whole surface.
+        is_open: (f, s) whether a side is at an end of the whole surface.
+        slack: m, of the search; ends: (f, v), m, of the corners from the open end, or None.
+    """
+
+    number: Longs
+    is_open: Bools
+    slack: float
+    ends: Floats | None
+
+    def of(self, take: Longs) -> SurfacePart:
+        """The same of the facets ``take``."""
+        ends = None if self.ends is None else self.ends[take]
+        return SurfacePart(self.number[take], self.is_open[take], self.slack, ends)
+
+    @classmethod
+    def joined(cls, parts: Sequence[SurfacePart]) -> SurfacePart:
+        """All facets of some."""
+        ends = [part.ends for part in parts if part.ends is not None]
+        return cls(
+            np.concatenate([part.number for part in parts]),
+            np.concatenate([part.is_open for part in parts]),
+            parts[0].slack,
+            np.concatenate(ends) if ends else None,
+        )
 
 
 class FacetSurface:
@@ -50,6 +86,7 @@ class FacetSurface:
         nodes: Floats,
         smoothing_angle: float | None = None,
         fade_length: float | None = None,
+        part: SurfacePart | None = None,
     ) -> None:
         """Prepare the connectivity.
 
@@ -60,6 +97,7 @@ class FacetSurface:
             smoothing_angle: rad; the surface is made smooth but for sides where the normals
                 of neighbours differ by more. Without it the facets themselves are the surface.
             fade_length: m, undeformed, way before an open end over which points fade.
+            part: in space, of which surface these are some of the facets; None: it is whole.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -74,15 +112,22 @@ class FacetSurface:
             self.shape, self.stencil = patches.shape, patches.stencil
             self._extraction = patches.extraction
         self._code = CompiledFacets(self.shape, len(self.facets))
-        self.search = FacetSearch(self.shape, self._controls(nodes), self._code)
-        self._connect(shape, nodes)
         self.fade_length, self._undeformed = fade_length, nodes
+        known = () if part is None else (part.number, part.slack)
+        self.search = FacetSearch(self.shape, self._controls(nodes), self._code, *known)
+        self._connect(shape, nodes, None if part is None else part.is_open)
         self._fading_ends = self._open.copy()
         self._joined = np.zeros_like(self._open)
-        self._measure_ends()
+        if part is None or part.ends is None or fade_length is None:
+            self._measure_ends()
+        else:
+            self._end = EndDistance(facet_shape(shape.cell, 1), fade_length, part.ends)
 
-    def _connect(self, shape: FacetShape, nodes: Floats) -> None:
-        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed."""
+    def _connect(self, shape: FacetShape, nodes: Floats, is_open: Bools | None) -> None:
+        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed.
+
+        Of a part of a surface it is known which sides (f, s) are open.
+        """
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
         self._around, self._corner = _facets_around(corners, count)
@@ -96,8 +141,9 @@ class FacetSurface:
         else:
             self._across, self._across_side = _facets_across(shape, corners)
             self._open = np.zeros(count, dtype=bool)
+            open_sides = self._across < 0 if is_open is None else is_open
             for number, side in enumerate(shape.sides):
-                free = self._across[:, number] < 0
+                free = open_sides[:, number]
                 self._open[corners[free][:, side.nodes[:2]]] = True
         incidence = scipy.sparse.csr_matrix(
             (
@@ -110,11 +156,17 @@ class FacetSurface:
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
 
+    def part(self) -> SurfacePart:
+        """All facets of a whole surface in space, as parts of it."""
+        ends = None if self.fade_length is None else self._end.corners
+        number = np.arange(len(self.facets))
+        return SurfacePart(number, self._across < 0, self.search.slack, ends)
+
     def _measure_ends(self) -> None:
         if self.fade_length is not None:
             shape, nodes = facet_shape(self.shape.cell, 1), self._undeformed
             ends = self._fading_ends
-            self._end = EndDistance(shape, self.facets, nodes, ends, self.fade_length)
+            self._end = EndDistance.measured(shape, self.facets, nodes, ends, self.fade_length)
 
     def join(self, others: Floats, within: float) -> None:
         """Let nothing fade at open ends, in the plane, that meet those of another surface.
@@ -310,7 +362,10 @@ class FacetSurface:
         The same array as before while the nodes (n, i), m, are where they were.
         """
         if self._last is None or not np.array_equal(self._last[0], nodes):
-            moved: Floats = nodes[self.stencil]
+            # A part that has grown since they were found has more of them.
+            missing = self._undeformed[len(nodes) :]
+            every = np.concatenate([nodes, missing]) if len(missing) else nodes
+            moved: Floats = every[self.stencil]
             controls = moved if self._extraction is None else self._extraction @ moved
             controls.flags.writeable = False
             self._last = nodes.copy(), controls
@@ -459,9 +514,14 @@ class EndDistance:
         length: m, way over which a contact fades; corners: (f, v), m, distances of the corners.
     """
 
-    def __init__(
-        self, shape: FacetShape, facets: Ints, nodes: Floats, is_open: Bools, length: float
-    ) -> None:
+    def __init__(self, shape: FacetShape, length: float, corners: Floats) -> None:
+        """Take the distances; ``shape`` is that of facets of the first degree."""
+        self.length, self.corners, self._shape = length, corners, shape
+
+    @classmethod
+    def measured(
+        cls, shape: FacetShape, facets: Ints, nodes: Floats, is_open: Bools, length: float
+    ) -> EndDistance:
         """Measure them.
 
         Args:
@@ -488,10 +548,9 @@ class EndDistance:
                 f"fade_length = {length:g} m: no part of the master is so far from its ends "
                 f"({largest:.3g} m at most)"
             )
-        self.length = length
         far = 1e3 * length  # without an open end all counts
-        self.corners: Floats = np.where(np.isfinite(distance), distance, far)[corners]
-        self._shape = facet_shape(shape.cell, 1)
+        found: Floats = np.where(np.isfinite(distance), distance, far)[corners]
+        return cls(facet_shape(shape.cell, 1), length, found)
 
     def share(self, facet: Ints, xi: Floats) -> tuple[Floats, Floats]:
         """How much counts (q,) at places ξ (q, α) of facets (q,), and its derivatives (q, α) for ξ.

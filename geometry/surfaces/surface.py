@@ -1,7 +1,8 @@
 """A contact pair's surfaces: quadrature points on the slave side, facets on the master side.
 
-The master surface is a fixed list of nodes and facets. Displacements of both are replicated where
-they are needed by a single PETSc scatter per evaluation, so the mesh may be partitioned anywhere.
+Displacements of the slave's nodes and of the master's that a rank knows
+(:mod:`tribox.geometry.surfaces.master`) come by a single PETSc scatter per evaluation, so the mesh
+may be partitioned anywhere.
 """
 
 from __future__ import annotations
@@ -17,16 +18,21 @@ from tribox.geometry.surfaces.body_facets import (
     displacement_facet,
     facet_length,
     outward_facets,
-    owned_facets,
-    require_facets,
 )
 from tribox.geometry.surfaces.facets import (
-    FacetShape,
     Floats,
     Ints,
     Longs,
-    order_by_place,
     unit_normals,
+)
+from tribox.geometry.surfaces.master import (
+    FacetRows,
+    MasterFacets,
+    MasterSource,
+    grown,
+    no_facets,
+    own_facets,
+    whole_master,
 )
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -38,30 +44,6 @@ from tribox.geometry.surfaces.vertices import slave_vertices
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
 ROUND = np.cos(np.radians(10.0))  # between a facet's normal and that of a round surface there
-
-
-@dataclass(slots=True)
-class MasterFacets:
-    """All master facets of the pair, the same on every rank.
-
-    Attributes:
-        nodes: (n,) global node (displacement block) numbers.
-        facets: (f, a) rows into ``nodes``, ordered so that the normal points out of the body.
-        position: (n, i), m, reference.
-        shape: of all facets.
-    """
-
-    nodes: Longs
-    facets: Ints
-    position: Floats
-    shape: FacetShape
-
-    def sizes(self) -> Floats:
-        """Length (f,), m, of each undeformed facet; in space the side of a square or half one."""
-        corners = self.position[self.facets[:, : self.shape.corners]]
-        apart = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
-        longest: Floats = apart.max(axis=(1, 2)) / np.sqrt(self.shape.directions)
-        return longest
 
 
 @dataclass(slots=True)
@@ -91,14 +73,19 @@ class ContactSurface:
 
     Attributes:
         slave: points; vertices: of the slave facets.
-        master: facets, or a rigid surface.
-        target: search for the closest point on the master.
+        master: facets that this rank knows, or a rigid surface; own_master: (g, a) global nodes of
+            the facets of its cells, of a rigid surface those that move it.
+        target: search for the closest point on the master; parts: how often it has become larger.
+        follows: whether more of the master is fetched when it comes within reach.
         facet_length: m, mean length of the slave facets.
-        nodes: (m,) global nodes of the pair: those of this rank's slave facets, then all nodes of
-            the master from row ``first_master`` on; slave_rows: (q, a) rows of the points' nodes.
+        nodes: (m,) global nodes of the pair: those of this rank's slave facets, then the known ones
+            of the master from row ``first_master`` on; slave_rows: (q, a) rows of points' nodes.
         normals: of the slave, for the kinks of a master in the plane; None without kinks.
             chain_rows: (q, s) rows of the vertices that they take.
     """
+
+    master: MasterFacets | RigidMaster
+    target: Target
 
     def __init__(
         self,
@@ -135,16 +122,10 @@ class ContactSurface:
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self.master, self.target = _master_and_target(
-            space, self.shape, master, smoothing_angle, fade_length
-        )
+        self._find_master(master, (smoothing_angle, fade_length))
+        slave = self.slave
         self.vertices = slave_vertices(
-            space,
-            self.shape,
-            self.slave.nodes,
-            self.slave.xi,
-            self.slave.weight,
-            self.slave.facet_length,
+            space, self.shape, slave.nodes, slave.xi, slave.weight, slave.facet_length
         )
         self.normals = self._find_normals() if self.target.has_kinks else None
         self._number_nodes()
@@ -175,6 +156,91 @@ class ContactSurface:
         master = RigidMaster(np.asarray(reference_nodes, dtype=np.int64), surface, motion)
         return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
 
+    def _find_master(
+        self, master: NDArray[np.int32] | RigidMaster, ends: tuple[float | None, float | None]
+    ) -> None:
+        """Find the master, on several ranks in space what is within reach of it; collective."""
+        self.follows, self.parts = True, 0
+        self._source: MasterSource | None = None  # None: the whole master is known
+        self.first_master = 0
+        self.nodes: Longs = np.empty(0, dtype=np.int64)
+        self.own_master: Longs
+        if isinstance(master, RigidMaster):
+            if master.surface.dim != self.dim:
+                raise ValueError(
+                    f"a rigid surface in {master.surface.dim} dimensions, a slave in {self.dim}"
+                )
+            self.master, self.target, self.own_master = master, master.surface, master.nodes
+            return
+        comm, own = self.space.mesh.comm, own_facets(self.space, self.shape, master)
+        self.own_master = own[0]
+        if self.dim == 2 or comm.size == 1:
+            self.master = whole_master(self.shape, comm.allgather(own))[0]
+            facets = self.master.facets, self.master.position
+            self.target = FacetSurface(self.shape, *facets, *ends)
+            return
+        self._source = MasterSource(self.space, self.shape, own, ends, self.facet_length)
+        self.master = no_facets(self.shape, self._source.extent)
+        still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
+        rows = self._source.fetch(self.slave.position, still, self.master.number)
+        self._take(rows)
+
+    def _take(self, rows: FacetRows) -> None:
+        """Know more facets."""
+        assert isinstance(self.master, MasterFacets) and self._source is not None
+        if self.parts and not len(rows.nodes):
+            return
+        self.master = master = grown(self.master, rows)
+        searches = self.target.search.searches if self.parts else 0
+        facets = master.facets, master.position
+        target = FacetSurface(self.shape, *facets, *self._source.ends, part=master.part)
+        target.search.searches, self.target = searches, target
+        self.nodes = np.concatenate([self.nodes[: self.first_master], master.nodes])
+        self.parts += 1
+
+    def follow(self, x: PETSc.Vec, values: Floats) -> bool:
+        """Fetch more of the master once other facets may be the closest; collective.
+
+        Args:
+            x: global vector of the displacement space, m.
+            values: (m, i), m, displacements of the pair's ``nodes`` in it.
+
+        Returns:
+            Whether it was done, so that there may be more nodes.
+        """
+        slave = values[: self.first_master]
+        if self._source is None or not self.follows or not self._source.has_moved(x, slave):
+            return False
+        assert isinstance(self.master, MasterFacets)
+        points = self.slave_positions(values[self.slave_rows])
+        self._take(self._source.fetch(points, slave, self.master.number, x))
+        self._scatter = None
+        return True
+
+    def numbers(self, facet: Ints) -> Ints:
+        """Numbers (q,) of facets on the whole master, which mean the same on any ranks."""
+        if self._source is None or not isinstance(self.master, MasterFacets):
+            return facet
+        return self.master.number[facet].astype(np.int32)
+
+    def know(self, numbers: Ints) -> None:
+        """Know the facets with these numbers on the whole master; collective."""
+        if self._source is None:
+            return
+        assert isinstance(self.master, MasterFacets)
+        self._take(self._source.numbered(numbers.astype(np.int64), self.master.number))
+        self._scatter = None
+
+    def numbered(self, numbers: Ints) -> Ints:
+        """Facets (q,) of :meth:`numbers`, which this rank then knows; collective."""
+        self.know(numbers)
+        if self._source is None or not isinstance(self.master, MasterFacets):
+            return numbers
+        order = np.argsort(self.master.number)
+        place = np.searchsorted(self.master.number, numbers, sorter=order)
+        out: Ints = order[place].astype(np.int32)
+        return out
+
     def _number_nodes(self) -> None:
         """Number the nodes of the pair, and find those of each point."""
         chain: Longs = np.empty((0, 4), dtype=np.int64)
@@ -184,7 +250,7 @@ class ContactSurface:
         self.slave_rows: Longs = np.searchsorted(needed, self.slave.nodes)
         self.chain_rows: Longs = np.searchsorted(needed, chain)
         self.first_master = len(needed)
-        self.nodes: Longs = np.concatenate([needed, self.master.nodes])
+        self.nodes = np.concatenate([needed, self.master.nodes])
 
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""
@@ -207,6 +273,10 @@ class ContactSurface:
         Args:
             x: global vector of the displacement space, m.
         """
+        values = self._scattered(x)
+        return self._scattered(x) if self.follow(x, values) else values
+
+    def _scattered(self, x: PETSc.Vec) -> Floats:
         if self._scatter is None:
             index = PETSc.IS().createBlock(
                 self.dim, self.nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF
@@ -327,42 +397,3 @@ def _measure(tangents: Floats) -> Floats:
     (x, y, z), (u, v, w) = tangents.transpose(1, 2, 0)
     area: Floats = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
     return area
-
-
-def _master_and_target(
-    space: dolfinx.fem.FunctionSpace,
-    shape: FacetShape,
-    master: NDArray[np.int32] | RigidMaster,
-    smoothing_angle: float | None,
-    fade_length: float | None,
-) -> tuple[MasterFacets | RigidMaster, Target]:
-    """The master, and the search for the closest point on it; collective."""
-    if not isinstance(master, RigidMaster):
-        facets = _master_facets(space, shape, master)
-        ends = smoothing_angle, fade_length
-        return facets, FacetSurface(shape, facets.facets, facets.position, *ends)
-    dim = space.mesh.geometry.dim
-    if master.surface.dim != dim:
-        raise ValueError(f"a rigid surface in {master.surface.dim} dimensions, a slave in {dim}")
-    return master, master.surface
-
-
-def _master_facets(
-    space: dolfinx.fem.FunctionSpace, shape: FacetShape, facets: NDArray[np.int32]
-) -> MasterFacets:
-    mesh = space.mesh
-    require_facets(mesh, facets, "master")
-    local, position = outward_facets(space, shape, owned_facets(mesh, facets))
-    glob = space.dofmap.index_map.local_to_global(local.reshape(-1).astype(np.int32))
-    gathered = mesh.comm.allgather((glob.reshape(local.shape), position))
-    nodes = np.concatenate([g for g, _ in gathered])
-    where = np.concatenate([p for _, p in gathered])
-    order = order_by_place(where[:, : shape.corners].mean(axis=1))
-    nodes, where = nodes[order], where[order]
-    unique, first, inverse = np.unique(nodes.reshape(-1), return_index=True, return_inverse=True)
-    return MasterFacets(
-        nodes=unique.astype(np.int64),
-        facets=inverse.reshape(nodes.shape).astype(np.int32),
-        position=where.reshape(-1, where.shape[-1])[first],
-        shape=shape,
-    )

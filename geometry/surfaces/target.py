@@ -55,6 +55,16 @@ class Projection:
     share_slope: Floats | None = None
     share_turn: Floats | None = None
     rays: PointNormals | None = None
+    offset: Floats | None = None
+
+    @property
+    def distance(self) -> Floats:
+        """(x − ȳ)·n (q,), m, the way between the surfaces as they lie, whatever is felt of it."""
+        return self.gap if self.offset is None else self.gap - self.offset
+
+    def shift(self, offset: Floats) -> None:
+        """Let contact feel gaps that are wider by ``offset`` (q,), m: the master is set back."""
+        self.gap, self.offset = self.gap + offset, offset
 
     def of(self, take: Longs) -> Projection:
         """The same of the points ``take`` (p,)."""
@@ -73,6 +83,7 @@ class Projection:
             None if self.share_slope is None else self.share_slope[take],
             None if self.share_turn is None else self.share_turn[take],
             None if self.rays is None else self.rays.of(take),
+            None if self.offset is None else self.offset[take],
         )
 
 

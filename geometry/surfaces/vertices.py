@@ -52,18 +52,22 @@ class SlaveVertices:
         """Number of vertices."""
         return len(self.nodes)
 
-    def sums(self, values: Floats) -> Floats:
-        """Σ_q N_A f_q (v,) of point values ``values`` (q,), over all ranks; collective."""
+    def sums(self, values: Floats, shape: Floats | None = None) -> Floats:
+        """Σ_q N_A f_q (v,) of point values ``values`` (q,), over all ranks; collective.
+
+        With other functions ``shape`` (q, k) in the place of N, where they are given.
+        """
         local: Floats = np.bincount(
             self.of_point.reshape(-1),
-            (self.shape * values[:, None]).reshape(-1),
+            ((self.shape if shape is None else shape) * values[:, None]).reshape(-1),
             minlength=self.count,
         ).astype(np.float64, copy=False)
         return self.total(local)
 
-    def at_points(self, values: Floats) -> Floats:
-        """Σ_A N_A f_A (q,) of vertex values ``values`` (v,)."""
-        out: Floats = np.einsum("qk,qk->q", self.shape, values[self.of_point])
+    def at_points(self, values: Floats, shape: Floats | None = None) -> Floats:
+        """Σ_A N_A f_A (q,) of vertex values ``values`` (v,); as :meth:`sums`, with other N."""
+        shape = self.shape if shape is None else shape
+        out: Floats = np.einsum("qk,qk->q", shape, values[self.of_point])
         return out
 
     def on_all_ranks(self, here: bool) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 
 from tests.docs.blocks import Block
 from tribox import check_case
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 
 USUAL = "cases/block-slide.toml"
 _WHOLE = {"geometry", "bodies", "stage"}

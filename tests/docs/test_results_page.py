@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from tribox.app.results.directory import OWN
-from tribox.app.simulation.history import COLUMNS
+from tribox.app.simulation.history import COLUMNS, DECLARED
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,6 +26,15 @@ def test_every_column_and_array_is_explained():
     of_fields = set(re.findall(r'"(\w+)": ', source("output_files.py")))
     assert {"displacement", "body", "log_strain"} <= of_fields
     assert arrays | of_fields | set(COLUMNS) | {"label", "steady"} <= explained()
+
+
+def test_units_of_columns_are_those_declared():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    table = text.split("| column | unit | meaning |")[1].split("\n\n")[0]
+    found = {}
+    for names, unit in re.findall(r"^\| (`.*?) \| (\S.*?) \|", table, re.MULTILINE):
+        found |= dict.fromkeys(re.findall(r"`(\w+)`", names), unit.replace("–", ""))
+    assert found == {name: one.unit for name, one in DECLARED.items()}
 
 
 def test_every_file_of_a_results_directory_is_explained():

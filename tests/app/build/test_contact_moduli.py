@@ -11,7 +11,7 @@ from mpi4py import MPI
 from tribox.app.build.contacts import contact_modulus, penalty_modulus
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.supports import bodies_of
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.materials import Hencky, NeoHookean, oedometric_modulus, shear_and_bulk

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from tribox.app.build.contact_notes import note_on_stick, notes_on_penalty
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.case.friction import Coulomb
+from tribox.app.case.friction import TABLES
 from tribox.app.case.reading import load_case
 
 CASES = Path(__file__).parents[3] / "cases"
@@ -40,7 +40,7 @@ def test_round_off_in_the_factor_makes_no_note(stiffness, ratio):
 
 def test_a_stick_far_softer_than_the_elements_is_noted():
     """As where a resolved case is run with a body a thousand times stiffer."""
-    friction = Coulomb.model_validate({"law": "coulomb", "mu": 0.2, "K_T": 1e10})
+    friction = TABLES["coulomb"].model_validate({"law": "coulomb", "mu": 0.2, "K_T": 1e10})
     assert not list(note_on_stick(0, friction, 1e9))
     [note] = note_on_stick(0, friction, 1e12)
     assert note.startswith("contact.0: K_T is 0.01 times the stiffness G/h")

@@ -199,9 +199,11 @@ def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch)
     monkeypatch.setattr(
         "tribox.app.build.contacts.OVERLAP", -1.0
     )  # bodies that touch overlap too much already
-    with pytest.raises(InputError, match=r"may touch at the start, not overlap$"):
+    with pytest.raises(
+        InputError, match=r'not overlap \(but as a press fit: interference = "drawn"\)$'
+    ):
         model("blocks")
-    with pytest.raises(InputError, match=r"not overlap; a smooth master bulges .* gap of 0 m"):
+    with pytest.raises(InputError, match=r"not overlap .*; a smooth master bulges .* gap of 0 m"):
         model("blocks", "", "contact.0.smoothing_angle=30 deg")
 
 

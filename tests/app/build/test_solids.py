@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import TypeAdapter
 
-from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.build.solids import notes_on_materials
 from tribox.app.case.bodies import Body
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import (
@@ -25,7 +25,7 @@ BODY = TypeAdapter(Body)
 
 
 def made(**keys):
-    return material_of(BODY.validate_python(keys))
+    return BODY.validate_python(keys).material_of()
 
 
 def test_elastomers():
@@ -88,6 +88,6 @@ def test_an_unstable_energy_is_noted():
     good = BODY.validate_python({"material": "yeoh", "C10": 0.5, "K": 9})
     bad = BODY.validate_python({"material": "yeoh", "C10": 0.5, "C20": -0.2, "C30": 0.01, "K": 9})
     bodies = {"good": good, "bad": bad}
-    [note] = notes_on_materials(bodies, {n: material_of(b) for n, b in bodies.items()})
+    [note] = notes_on_materials(bodies, {n: b.material_of() for n, b in bodies.items()})
     assert note.startswith("bodies.bad: the yeoh energy")
     assert "uniaxial tension beyond a stretch of 1.46, uniaxial compression beyond" in note

@@ -11,15 +11,13 @@ from pydantic import TypeAdapter
 
 from tests.own_law import documented_law, documented_material
 from tests.tool_cases import block_mesh
-from tribox.app.build.contacts import friction_law, resolved_contact
-from tribox.app.build.solids import material_of
+from tribox.app.build.contacts import resolved_contact
 from tribox.app.build.tools import tool_surface
-from tribox.app.case.bodies import Body
+from tribox.app.case.bodies import Body, Hardening, Rate
 from tribox.app.case.case import Geometry
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Friction
 from tribox.app.case.geometry import GeneratedGeometry
-from tribox.app.case.hardening import Hardening, Rate
 from tribox.app.case.library import LAWS
 from tribox.app.case.own_code import OwnMaterial
 from tribox.app.case.table import Model
@@ -82,7 +80,7 @@ SPACE = {"cylinder", "sphere"}
 
 def law_of(friction: Any) -> object:
     contact = Contact.model_construct(friction=friction, slave="a", master="b", name=None)
-    return friction_law(resolved_contact(contact, SOFT, 1e-4, 0.0).friction)
+    return resolved_contact(contact, SOFT, 1e-4, 0.0).friction.friction_law()
 
 
 def surface_of(tool: Any) -> object:
@@ -91,9 +89,9 @@ def surface_of(tool: Any) -> object:
 
 
 UNIONS = {
-    "bodies": (Body, "material", BODIES, material_of),
-    "hardening": (Hardening, "law", HARDENINGS, lambda table: table.law_of()),
-    "rate": (Rate, "law", RATES, lambda table: table.law_of()),
+    "bodies": (Body, "material", BODIES, lambda body: body.material_of()),
+    "hardening": (Hardening, "law", HARDENINGS, lambda table: table.parameters()),
+    "rate": (Rate, "law", RATES, lambda table: table.parameters()),
     "friction": (Friction, "law", LAWS_OF_FRICTION, law_of),
     "tools": (AnyTool, "shape", TOOLS, surface_of),
 }
@@ -125,7 +123,7 @@ def test_each_class_of_a_case_builds_its_own(name, tmp_path, monkeypatch):
     assert len({kind for _, kind in table.values()}) == len(members(union))
 
 
-@pytest.mark.parametrize("name", ["bodies", "friction", "tools"])
+@pytest.mark.parametrize("name", ["tools"])
 def test_a_class_that_is_not_known_builds_nothing(name):
     """Rather than another material, or no friction."""
     word, build = UNIONS[name][1], UNIONS[name][3]

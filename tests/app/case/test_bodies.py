@@ -9,12 +9,12 @@ import tomllib
 import pytest
 
 from tests.app.case.test_case import FILM_CASE
-from tribox.app.build.solids import material_of, notes_on_materials
+from tribox.app.build.solids import notes_on_materials
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import description, entries, listing
 from tribox.app.case.quantities import parse_quantity
 from tribox.app.case.reading import check_case
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
@@ -135,6 +135,7 @@ def test_a_mistake_gives_one_clear_line(body, expected, case_file):
 
 METALS = [n for n, entry in entries().items() if entry.keys["material"] == "elastoplastic"]
 MEASURED = ["AA6016-T4"]
+REVERSED = ["AA5754-O-reversed"]
 POLYURETHANES = [name for name in entries() if name.startswith("PU-")]
 
 
@@ -160,7 +161,7 @@ def leaves(table, before=""):
 def test_an_entry_is_a_stable_material_whose_numbers_have_sources(name):
     entry = entries()[name]
     body = read(case_with(material=name)).bodies["aluminium"]
-    material = material_of(body)
+    material = body.material_of()
     assert material.shear_modulus > 0.0 and material.bulk_modulus > material.shear_modulus
     assert notes_on_materials({"aluminium": body}, {"aluminium": material}) == []
     assert set(entry.sources) == set(leaves(entry.keys))
@@ -174,7 +175,7 @@ def test_a_measured_curve_is_that_of_its_source():
     """Yields at K ε₀ⁿ = 129.9 MPa; the load maximum is at n − ε₀, as its range says."""
     [name] = MEASURED
     entry = entries()[name]
-    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    law = read(case_with(material=name)).bodies["aluminium"].material_of().hardening
     assert law.stress(0.0) == pytest.approx(129.87e6, rel=1e-3)
     slope = (law.stress(0.2762) - law.stress(0.2760)) / 2e-4
     assert slope == pytest.approx(law.stress(0.2761), rel=1e-3)
@@ -182,14 +183,14 @@ def test_a_measured_curve_is_that_of_its_source():
     assert "10.1007/s12289-022-01672-w" in entry.sources["hardening.K"]
 
 
-@pytest.mark.parametrize("name", [name for name in METALS if name not in MEASURED])
+@pytest.mark.parametrize("name", [n for n in METALS if n not in MEASURED + REVERSED])
 def test_hardening_is_made_from_the_strengths(name):
     """It yields at the proof stress; the nominal stress of a bar is largest at the strength."""
     entry = entries()[name]
     proof, tensile = (
         parse_quantity(entry.strengths[key], "Pa") for key in ("proof_stress", "tensile_strength")
     )
-    law = material_of(read(case_with(material=name)).bodies["aluminium"]).hardening
+    law = read(case_with(material=name)).bodies["aluminium"].material_of().hardening
     assert law.stress(0.0) == pytest.approx(proof, rel=2e-3)
     strains = [i * 1e-4 for i in range(5000)]
     nominal = [float(law.stress(a)) * math.exp(-a) for a in strains]
@@ -206,6 +207,23 @@ def test_moduli_by_hardness(name):
     young = 0.75 * force / (2.0 * 0.395e-3 * depth) * (2.6 - 0.02 * shore)
     body = read(case_with(material=name)).bodies["aluminium"]
     assert body.shear_modulus == pytest.approx(young / 3.0, rel=2e-3)
+
+
+def test_a_metal_measured_in_reversed_shear_has_the_constants_of_its_source():
+    """Shutov's table in this program's terms, and its tensile curve beside a measured one."""
+    [name] = REVERSED
+    metal = read(case_with(material=name)).bodies["aluminium"].material_of()
+    bulk, shear = 68.63e9, 26.31e9
+    assert (metal.bulk_modulus, metal.shear_modulus) == pytest.approx((bulk, shear), rel=1e-3)
+    voce, branches = metal.hardening, metal.kinematic
+    assert voce.saturation_stress == pytest.approx(31.5e6 + 1963e6 / 13.33, rel=1e-4)
+    for own, (c, kappa) in zip(branches, ((115.5, 0.0885), (11500, 0.01676)), strict=True):
+        assert own.modulus == pytest.approx(1.5e6 * c, rel=1e-4)
+        assert own.recovery == pytest.approx(math.sqrt(1.5) * c * kappa, rel=1e-4)
+    for alpha in (0.05, 0.1, 0.2):
+        back = sum(k.modulus / k.recovery * -math.expm1(-k.recovery * alpha) for k in branches)
+        tension = 292.14e6 - (292.14e6 - 102.75e6) * math.exp(-13.5 * alpha)
+        assert 0.065 < 1.0 - (voce.stress(alpha) + back) / tension < 0.095
 
 
 # Long-term modulus and branches, kPa, as the sources print them.

@@ -78,8 +78,8 @@ def test_stribeck_friction_falls_with_the_velocity(block, case_file, tribox, tmp
 MISTAKES = {
     "pressure falls": ([TABLE.replace("1 MPa", "0 MPa")], "the pressure must increase from row"),
     "negative": ([TABLE.replace("20 nm", "-20 nm")], 'thickness.1.1 = "-20 nm": must be >= 0 m'),
-    "zeta alone": (['thickness = "30 nm"', "zeta = 0.1"], "zeta = 0.1 is not allowed: expected 0"),
-    "exponent": (['thickness = "30 nm"', 'critical_rate = "1 1/s"'], "thinning_exponent = None"),
+    "zeta alone": (['thickness = "30 nm"', "zeta = 0.1"], "zeta = 0.1: must be 0 without tau_0"),
+    "exponent": (['thickness = "30 nm"', 'critical_rate = "1 1/s"'], "thinning_exponent: missing"),
 }
 
 

@@ -12,8 +12,7 @@ from pydantic import ValidationError
 
 from tribox.app.case.bodies import formulations
 from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.reading import check_case, load_case
-from tribox.app.case.validation import format_problem, problems_of
+from tribox.app.case.reading import check_case, format_problem, load_case, problems_of
 
 COMMON = """
 [bodies.elastomer]

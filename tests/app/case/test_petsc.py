@@ -9,10 +9,9 @@ from pydantic import ValidationError
 
 from tests.app.conftest import BLOCK
 from tribox.app.case.case import Case
-from tribox.app.case.overrides import set_value
-from tribox.app.case.reading import check_case
+from tribox.app.case.reading import check_case, format_problem, problems_of
 from tribox.app.case.solver import option_problems
-from tribox.app.case.validation import format_problem, problems_of
+from tribox.app.case.toml_files import set_value
 
 
 def refused(name, value):

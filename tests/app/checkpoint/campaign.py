@@ -24,7 +24,7 @@ from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.run.test_signals import SWEEP, of_run
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import LIMIT, ROOT, mpi_environment
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.results import read
 
 SLACK = 0.01  # s, the most that a kill comes after the row that was drawn

@@ -11,7 +11,7 @@ from tests.app.conftest import BLOCK, BOXES, FILM, SLID
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.own_law import documented_law
 from tests.rectangles import Rectangle, Rectangles
-from tribox.app.case.overrides import set_value
+from tribox.app.case.toml_files import set_value
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 Data = dict[str, Any]

@@ -26,7 +26,7 @@ from tests.app.checkpoint.test_resume import CASE
 from tests.app.run.test_signals import of_run, statuses
 from tests.own_law import documented_law, with_law
 from tests.ranks import LIMIT, ROOT, mpi_environment
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.results import read
 
 MOMENTS = int(os.environ.get("TRIBOX_KILLS", "0"))

@@ -54,7 +54,7 @@ class Scene:
             f = self.problem.new_vector()
             self.problem.residual(None, x, f)
             energy = self.problem.strain_energy()
-            self.problem.tangent.keeper.forget()
+            self.problem.tangent.undeformed.forget()
             self.problem.assemble_tangent(x, self.A, DEFAULT_STEP, before)
             found.append((f, energy, self.A.copy()))
         if before is not None:  # or it would make no difference whether pressures are carried
@@ -89,7 +89,7 @@ def differences(comm, cell, formulation, lower):
     return {
         "apart": found,
         "patterns": tangent.pattern_changes,
-        "kept": tangent.kept,
+        "kept": tangent.undeformed.on,
         "outside": outside,
     }
 

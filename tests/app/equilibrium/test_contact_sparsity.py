@@ -11,8 +11,8 @@ from petsc4py import PETSc
 from tests.contact_boxes import Scene, take_all_for_kinked
 from tests.forms.contact.test_tangent_ends import at_the_rim
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.prescribed import Platen, component_dofs
 from tribox.app.equilibrium.tangent import BlockPlaces, coupled_nodes, widened
+from tribox.app.equilibrium.unknowns import Platen, component_dofs
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))

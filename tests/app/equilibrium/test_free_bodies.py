@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.free_bodies import free_bodies, rigid_motions
+from tribox.app.equilibrium.supports import free_bodies, rigid_motions
 from tribox.forms.bodies.materials import Hencky
 from tribox.forms.bodies.solid import Solid
 

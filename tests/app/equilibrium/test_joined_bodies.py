@@ -10,9 +10,7 @@ from mpi4py import MPI
 from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.free_bodies import supports_at_hand
-from tribox.app.equilibrium.joined_bodies import joined_bodies
-from tribox.app.equilibrium.supports import loose_directions
+from tribox.app.equilibrium.supports import joined_bodies, loose_directions, supports_at_hand
 from tribox.app.implicit.weak_hold import WeakHold
 from tribox.app.run.run import run_case
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tribox.app.equilibrium.equilibrium import load_residuals
-from tribox.app.equilibrium.prescribed import NodalLoad
+from tribox.app.equilibrium.unknowns import NodalLoad
 from tribox.forms.bodies.loads import FollowerPressure
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tribox.app.equilibrium.places import place_of_largest, place_text
+from tribox.app.equilibrium.unknowns import place_of_largest, place_text
 
 
 def test_places_are_read_without_roundoff():

@@ -8,8 +8,7 @@ import pytest
 
 from tests.app.figures.made_results import CELLS, strip_fields
 from tribox.app.errors import InputError
-from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.figures.field_values import colour_scale
+from tribox.app.figures.body_shapes import colour_scale, read_bodies
 
 
 def test_every_body_is_there_with_its_outline():

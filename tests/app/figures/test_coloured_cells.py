@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from tribox.app.figures.field_values import colour_scale
+from tribox.app.figures.body_shapes import colour_scale
 from tribox.app.figures.plane_bodies import EDGE, coloured_cells
 
 

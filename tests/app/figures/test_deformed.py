@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 
 from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
 from tribox.app.figures import deformed
-from tribox.app.figures.body_shapes import Bodies
+from tribox.app.figures.body_shapes import Bodies, CellField, colour_scale
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.field_values import CellField, colour_scale
 from tribox.app.figures.plane_bodies import draw_bodies, frame_round, pair_colour
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.results import read

@@ -95,7 +95,6 @@ def box(tmp_path_factory) -> Results:
 def test_picture_in_space(box, tmp_path, monkeypatch):
     kept: dict[str, Figure] = {}
     monkeypatch.setattr(deformed_space, "save", lambda f, path: kept.update({path.stem: f}))
-    monkeypatch.setattr(deformed_space, "render", lambda scenes: None)  # our own renderer
     draw_deformed(box, tmp_path, "von_mises_stress")
     [figure] = kept.values()
     assert figure.get_suptitle().startswith("box on a plate\nstage press, t = 1 s, step 2 of 2; ")
@@ -120,8 +119,7 @@ def test_picture_in_space(box, tmp_path, monkeypatch):
     assert np.ptp(columns) / drawn == pytest.approx(across / in_mm, rel=0.02)
 
 
-def test_animation_in_space(box, tmp_path, monkeypatch):
-    monkeypatch.setattr("tribox.app.figures.animation.render", lambda scenes: None)
+def test_animation_in_space(box, tmp_path):
     assert animate(box, tmp_path / "a.gif", "displacement_x") == 2
 
 
@@ -133,7 +131,6 @@ def test_tools_are_in_pictures_of_space(box, tmp_path, monkeypatch):
     triangles = square[[[0, 1, 2], [0, 2, 3]]]
     figures: list[Figure] = []
     monkeypatch.setattr(deformed_space, "tool_triangles", lambda results, step: triangles)
-    monkeypatch.setattr(deformed_space, "render", lambda scenes: None)
     monkeypatch.setattr(deformed_space, "save", lambda figure, path: figures.append(figure))
     draw_deformed(box, tmp_path, "von_mises_stress")
     [axes] = [axes for axes in figures[0].axes if axes.images]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.figures.rendering import render
 from tribox.app.figures.scenes import EYE, PIXELS, RIGHT, UP, Scene, facets_seen, rendered
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
@@ -95,20 +94,3 @@ def test_the_picture_is_white_outside_and_shaded_inside():
     assert (inside <= made.colours[0] + 0.01).all() and inside == pytest.approx(
         made.colours[0], rel=0.4
     )
-
-
-def test_rendering_that_fails_gives_none_or_pictures_of_the_same_size():
-    """Without a display VTK may end its process; this one goes on."""
-    made = scene(SQUARE)
-    pictures = render([made])
-    assert pictures is None or [p.shape for p in pictures] == [(*made.size[::-1], 3)]
-
-
-def test_rendering_imports_nothing_from_the_working_directory(tmp_path, monkeypatch):
-    """Where a case of somebody else, or results, may lie beside modules of any name."""
-    for name in ("numpy", "tribox", "pyvista"):
-        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    render([scene(SQUARE)])
-    assert not (tmp_path / "ran").exists()

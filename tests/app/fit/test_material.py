@@ -22,6 +22,7 @@ from tribox.app.fit.material import MaterialOptions, durbin_watson, fit_material
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.material_files import body_section, run_material
 from tribox.app.fit.metal import Metal, MetalProblem, fit_metal, paths, response
+from tribox.app.fit.model import interval
 from tribox.app.fit.prony import (
     PronyProblem,
     Shift,
@@ -29,7 +30,6 @@ from tribox.app.fit.prony import (
     fit_prony,
     relaxation_curve,
 )
-from tribox.app.fit.slopes import interval
 from tribox.forms.bodies.hardening import Linear, Swift, Voce
 
 ROOT = Path(__file__).parents[3]

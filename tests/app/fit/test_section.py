@@ -93,7 +93,7 @@ def test_what_is_fixed_in_its_place_is_live():
 
 
 def test_of_a_table_only_the_rows_that_are_open_are_comments(monkeypatch):
-    monkeypatch.setattr("tribox.app.fit.slopes.BROAD", np.log(1.05))
+    monkeypatch.setattr("tribox.app.fit.model.BROAD", np.log(1.05))
     fixed = ("mu_d=0.1", "A_d=2 um", "B=3e5 1/m", "V_star=0.8 mm/s", "V_star_at=10 nm")
     text, result = section(SYNTHETIC, *fixed)
     open_names = {e.coordinate.name for e in result.estimates if e.warning}

@@ -10,8 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.app.equilibrium.test_equilibrium import coulomb
-from tribox.app.equilibrium.holding_springs import HoldingSprings
-from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
 from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import (
     APPROACH,
@@ -48,6 +47,8 @@ def attempt(
     problem = SimpleNamespace(
         flows=flows,
         contacts=[None] * contacts,
+        trials=[],
+        committed=[],
         comm=MPI.COMM_SELF,
         constrained_values=lambda x: x.array_r + moved,
     )

@@ -24,7 +24,7 @@ from tribox.app.implicit.linear_solver import (
     LinearSolver,
     linear_options,
 )
-from tribox.app.implicit.multigrid import KRYLOV, Multigrid
+from tribox.app.implicit.multigrid import KRYLOV, BlockSweeps, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -131,7 +131,7 @@ def test_a_slide_of_many_facets_in_space_is_one_step():
 def test_auto_factorises_up_to_a_number_of_unknowns():
     class Size:
         def __init__(self, size, dim):
-            self.size, self.dim = size, dim
+            self.size, self.dim, self.fields = size, dim, []
 
     for dim, limit in DIRECT_LIMIT.items():
         assert linear_options(Size(limit, dim), "auto") == DIRECT
@@ -382,3 +382,45 @@ class FailsOnce:
             self.failed = True
             return reasons.DIVERGED_MAX_IT
         return reasons.CONVERGED_RTOL if norm <= 1e-8 * self.start else None
+
+
+def blocks(values, missing=()):
+    """A matrix (n, n, 3, 3) as PETSc has it in blocks of three, without some of the blocks."""
+    n = len(values)
+    at = [[j for j in range(n) if (i, j) not in missing] for i in range(n)]
+    indptr = np.cumsum([0, *map(len, at)]).astype(np.int32)
+    indices = np.concatenate(at).astype(np.int32)
+    kept = np.array([values[i, j] for i in range(n) for j in at[i]])
+    made = PETSc.Mat().createBAIJ(
+        (3 * n, 3 * n), 3, csr=(indptr, indices, kept), comm=MPI.COMM_SELF
+    )
+    made.assemble()
+    return made
+
+
+def test_a_sweep_in_single_precision_is_that_of_gauss_seidel():
+    rng, n, missing = np.random.default_rng(3), 7, {(0, 3), (3, 0), (6, 1), (5, 2)}
+    values = rng.normal(size=(n, n, 3, 3))
+    values[range(n), range(n)] += 9.0 * np.eye(3)
+    for i, j in missing:
+        values[i, j] = 0.0
+    sweeps, right = BlockSweeps(), rng.normal(size=3 * n)
+    for scale in (1.0, 1e9):  # the values of one pattern may change
+        matrix = blocks(scale * values, missing)
+        assert sweeps.take(matrix)
+        b, x = matrix.createVecs()
+        b.array[:] = scale * right
+        sweeps.apply(None, b, x)
+        # (D + L) y = b and (D + U) x = D y.
+        whole = values.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+        lower = np.kron(np.tri(n), np.ones((3, 3)))
+        diagonal = np.kron(np.eye(n), np.ones((3, 3))) * whole
+        y = np.linalg.solve(lower * whole, right)
+        expected = np.linalg.solve(whole - lower * whole + diagonal, diagonal @ y)
+        np.testing.assert_allclose(x.array, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_a_matrix_without_a_block_on_its_diagonal_is_left_to_petsc():
+    values = np.tile(np.eye(3), (4, 4, 1, 1))
+    assert not BlockSweeps().take(blocks(values, {(2, 2)}))
+    assert BlockSweeps().take(blocks(values, {(2, 1)}))

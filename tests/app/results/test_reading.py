@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tribox.app.case.reading import load_case
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError
 from tribox.app.results import Results, read
 from tribox.app.results.claim import sweep_labels

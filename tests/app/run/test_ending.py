@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tribox.app.errors import InputError
-from tribox.app.run.ending import VARIABLE, end_with, ensure_cache
+from tribox.app.run.ranks import VARIABLE, end_with, ensure_cache
 from tribox.geometry.native.compiler import KernelError
 
 

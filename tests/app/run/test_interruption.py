@@ -17,9 +17,8 @@ from tribox.app.case.case import Case
 from tribox.app.errors import Interrupted, OutputError
 from tribox.app.results.saving import Saving
 from tribox.app.run import progress
-from tribox.app.run.interruption import Interruption
 from tribox.app.run.ranks import stopping_signals
-from tribox.app.run.run import run_case
+from tribox.app.run.run import Interruption, run_case
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 ARGUMENTS = {"ready": 1, "cut": 3, "load_step": 4}  # how many an observer is told

@@ -21,10 +21,8 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.report.page import contents
 from tribox.app.results import read
 from tribox.app.results.saving import Saving
-from tribox.app.run.progress import Reporter
+from tribox.app.run.progress import Reporter, StageBars, StagesProgress, clock
 from tribox.app.run.run import run_case
-from tribox.app.run.stage_bars import StageBars
-from tribox.app.run.stage_progress import StagesProgress, clock
 from tribox.app.run.sweep_runs import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
 from tribox.app.simulation.run_state import Interval

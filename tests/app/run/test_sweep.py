@@ -20,9 +20,8 @@ from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.figures.sweep import comparison_figure
 from tribox.app.results import read
-from tribox.app.results.claim import claimed
+from tribox.app.results.claim import claimed, is_beginning
 from tribox.app.results.directory import BEGINNING, write_table
-from tribox.app.results.status import is_beginning
 from tribox.app.run.sweep_runs import (
     NO_SUMMARY,
     Part,

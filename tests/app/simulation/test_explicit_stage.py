@@ -67,7 +67,7 @@ def test_a_ramp_is_read_and_written():
     smooth = program.parse({"table": rows, "ramp": "smooth"})
     assert smooth == TimeTable((0.0, 1e-3), (0.0, 3e6), smooth=True)
     assert program.parse({"table": rows}) == program.parse(rows)
-    assert program.parse(program._serialise(smooth)) == smooth
+    assert program.parse(program.serialise(smooth)) == smooth
 
 
 def test_velocity_goes_over_smoothly_to_the_next():

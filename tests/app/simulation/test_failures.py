@@ -17,7 +17,7 @@ from mpi4py import MPI
 from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.pair_bodies import bodies_of
+from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case

@@ -28,9 +28,14 @@ def trial_of(surface, pressure):
     """Averaged contact with these pressures (v,) at its vertices."""
     gap = -pressure / PENALTY
     at_points = surface.vertices.at_points(pressure)
-    below = SimpleNamespace(facet=np.zeros(len(at_points), dtype=np.int32))
+    count = len(at_points)
+    below = SimpleNamespace(facet=np.zeros(count, dtype=np.int32), on_surface=np.ones(count, bool))
     return SimpleNamespace(
-        pressure=at_points, nodal_pressure=pressure, nodal_gap=gap, projection=below
+        pressure=at_points,
+        nodal_pressure=pressure,
+        nodal_gap=gap,
+        projection=below,
+        kinematics=SimpleNamespace(gap=-at_points / PENALTY),
     )
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.case.toml_writer import toml_text
+from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation

@@ -13,8 +13,8 @@ from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.case.toml_writer import toml_text
-from tribox.app.equilibrium.free_bodies import free_bodies
+from tribox.app.case.toml_files import toml_text
+from tribox.app.equilibrium.supports import free_bodies
 from tribox.app.errors import InputError
 from tribox.app.results.contact_points import contact_nodes
 from tribox.app.run.run import run_case

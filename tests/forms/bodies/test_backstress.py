@@ -68,6 +68,58 @@ def test_the_compiled_loop_gives_the_numbers_of_numpy(space, branches, law, rate
 
 
 @branched
+def tensors(rows, pairs):
+    out = np.zeros((len(rows), 3, 3))
+    for k, (i, j) in enumerate(pairs):
+        out[:, i, j] = out[:, j, i] = rows[:, k]
+    return out
+
+
+def around_backstress(metal, F, P, state, space):
+    """√(3/2) |dev τ − Σ X| (n,) from what the points remember, without the return mapping."""
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))[: 6 if space else 4]
+    turned, count = F.transpose(0, 2, 1), len(pairs)
+    values, axes = np.linalg.eigh(F @ tensors(state[:, :count], pairs) @ turned)
+    E = axes @ (values[:, :, None] ** -0.5 * axes.transpose(0, 2, 1))
+    if space:
+        tau = P.reshape(-1, 3, 3) @ turned
+    else:
+        across = np.zeros_like(F)
+        across[:, :2, :2], across[:, 2, 2] = P[:, :4].reshape(-1, 2, 2), P[:, 4]
+        tau = across @ turned
+    for number, law in enumerate(metal.kinematic, start=1):
+        inner = tensors(state[:, count * number : count * (number + 1)], pairs)
+        B = E @ F @ np.linalg.inv(inner) @ turned @ E
+        size = np.cbrt(np.linalg.det(B))[:, None, None]
+        tau = tau - law.modulus / 3.0 * B / size
+    tau = tau - np.trace(tau, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    return np.sqrt(1.5 * (tau**2).sum(axis=(1, 2)))
+
+
+@both
+def test_steps_however_large_or_small_end_at_yield(space):
+    """A backstress that fades within a large step may leave more stress than there was."""
+    back = (Backstress(0.0066, 12.5), Backstress(0.65, 236.0))
+    metal = ElastoPlastic(1.0, 2.6, Voce(0.0012, 0.0068, 13.3, 0.0), None, back)
+    for compiled in (True, False):
+        points, random = PlasticPoints(metal, space, compiled), np.random.default_rng(0)
+        state, F = points.start(64), np.tile(np.eye(3), (64, 1, 1))
+        for size in [0.05] * 12 + [10.0**-digits for digits in range(5, 17)]:
+            change = random.normal(size=F.shape) * size
+            if not space:
+                change[:, 2] = change[:, :, 2] = 0.0
+            F = (np.eye(3) + change) @ F
+            rows = F.reshape(-1, 9)[:, slice(None) if space else [0, 1, 3, 4, 8]]
+            found = points.update(rows, state, 1.0, False)
+            assert found.valid
+            flown, state = found.state[:, -1] > state[:, -1], found.state
+            left = around_backstress(metal, F, found.P, state, space)[flown]
+            wanted = metal.hardening.stress(state[flown, -1])
+            assert flown.sum() > 50 or size < 1e-3
+            np.testing.assert_allclose(left, wanted, rtol=1e-7)
+
+
+@branched
 def test_a_plane_is_a_plane_in_space(branches):
     plane, space = (PlasticPoints(given.material("swift", branches=branches), s) for s in (0, 1))
     F, state, _ = gathered(plane)

@@ -1,5 +1,7 @@
 """Hardening laws and rate factors: values, slopes against differences, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -68,27 +70,27 @@ def test_factors_at_given_rates():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Linear(0.0), "yield_stress is 0; it must be above 0"),
-        (lambda: Linear(60.0, -1.0), "modulus is -1; it must be at least 0"),
-        (lambda: Linear(float("nan")), "yield_stress is nan"),
-        (lambda: Voce(60.0, 50.0, 10.0), "saturation_stress is 50, below the yield_stress 60"),
-        (lambda: Voce(60.0, 90.0, 0.0), "exponent is 0"),
-        (lambda: Swift(100.0, 0.0, 0.2), "strain0 is 0"),
-        (lambda: Swift(100.0, 0.01, 1.5), "n is 1.5; allowed is 0 to 1"),
-        (lambda: Table([]), "points is empty"),
-        (lambda: Table([(0.1, 60.0)]), "first point is at plastic strain 0.1, not 0"),
-        (lambda: Table([(0.0, 60.0, 1.0)]), "point 1 has 3 numbers"),
-        (lambda: Table([(0.0, 60.0), (0.0, 70.0)]), "plastic strain of point 2, 0, does not rise"),
-        (lambda: Table([(0.0, 60.0), (0.1, 50.0)]), "stress of point 2, 50, is below"),
-        (lambda: Table([(0.0, 0.0)]), "stress of point 1 is 0"),
-        (lambda: JohnsonCook(0.0), "C is 0"),
-        (lambda: JohnsonCook(0.01, -1.0), "reference_rate is -1"),
-        (lambda: Perzyna(10.0, 2.0), "exponent is 2; allowed is above 0, at most 1"),
-        (lambda: Perzyna(float("inf"), 0.5), "reference_rate is inf"),
+        (lambda: Linear(0.0), "yield_stress = 0.0: must be > 0 Pa"),
+        (lambda: Linear(60.0, -1.0), "modulus = -1.0: must be >= 0 Pa"),
+        (lambda: Linear(float("nan")), "yield_stress = nan"),
+        (lambda: Voce(60.0, 50.0, 10.0), "saturation_stress = 50.0: must be >= yield_stress = 60"),
+        (lambda: Voce(60.0, 90.0, 0.0), "exponent = 0"),
+        (lambda: Swift(100.0, 0.0, 0.2), "strain0 = 0"),
+        (lambda: Swift(100.0, 0.01, 1.5), "n = 1.5: must be >= 0 and <= 1"),
+        (lambda: Table([]), "points = (): must be a table of rows [plastic strain, yield"),
+        (lambda: Table([(0.1, 60.0)]), "points.0.0 = 0.1: must be 0"),
+        (lambda: Table([(0.0, 60.0, 1.0)]), "must be a table of rows [plastic strain, yield"),
+        (lambda: Table([(0.0, 60.0), (0.0, 70.0)]), "the plastic strain must rise"),
+        (lambda: Table([(0.0, 60.0), (0.1, 50.0)]), "points.1.1 = 50.0: must be >= 60 Pa"),
+        (lambda: Table([(0.0, 0.0)]), "must be > 0 Pa"),
+        (lambda: JohnsonCook(0.0), "C = 0"),
+        (lambda: JohnsonCook(0.01, -1.0), "reference_rate = -1"),
+        (lambda: Perzyna(10.0, 2.0), "exponent = 2.0: must be > 0 and <= 1"),
+        (lambda: Perzyna(float("inf"), 0.5), "reference_rate = inf"),
     ],
 )
 def test_parameters_that_mean_nothing_are_refused_with_the_reason(make, words):
-    with pytest.raises(ValueError, match="^.*" + words.replace(".", r"\.")):
+    with pytest.raises(ValueError, match=re.escape(words)):
         make()
 
 

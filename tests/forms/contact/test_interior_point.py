@@ -15,8 +15,7 @@ from tribox.forms.contact.interior_point import (
     InteriorSlip,
 )
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.law import Regime
-from tribox.forms.friction.settling import presliding_length
+from tribox.forms.friction.law import Regime, presliding_length
 
 PENALTY = 1e13  # Pa/m
 

@@ -10,8 +10,10 @@ from petsc4py import PETSc
 
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_blocks import Block as Rectangle
+from tribox.geometry.generators.two_blocks import TwoBlocks
 from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
@@ -21,7 +23,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 PENALTY = 40.0
 SHAPES = {
-    2: TwoBlocks(Block(1.0, 0.5, (4, 2)), Block(2.0, 0.4, (2, 1))),
+    2: TwoBlocks(Rectangle(1.0, 0.5, (4, 2)), Rectangle(2.0, 0.4, (2, 1))),
     3: TwoBoxes(Box(1.0, 0.5, 1.0, (2, 1, 2)), Box(2.0, 0.4, 2.0, (2, 1, 2))),
 }
 
@@ -31,12 +33,13 @@ class Scene:
 
     def __init__(self, dim=2, kind="averaged", degree=1, mu=0.3, shape=None):
         self.dim = dim
-        self.named = generate(SHAPES[dim], MPI.COMM_SELF, carriers=("tool",))
-        self.space = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", degree, (dim,)))
+        self.named = generate(SHAPES[dim], MPI.COMM_SELF)
+        block = Block.of_numbers("tool", dim + 1, MPI.COMM_SELF)
+        plain = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", degree, (dim,)))
+        self.space = with_blocks(plain, [block])
         facets = self.named.facets("elastomer_contact")
-        local = self.space.dofmap.list[self.named.carrier("tool")[0]]
-        self.tool = local[:2].astype(np.int64)
-        at = self.space.tabulate_dof_coordinates()[:, :dim]
+        self.tool = block.nodes[[0, -1]]
+        at = plain.tabulate_dof_coordinates()[:, :dim]
         edge = dolfinx.fem.locate_dofs_topological(self.space, dim - 1, facets)
         self.low = at[edge].min(axis=0)
         if dim == 2:

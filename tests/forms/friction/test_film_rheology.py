@@ -66,17 +66,23 @@ def test_each_option_does_what_it_is_named_after():
     assert FilmRheology(eta_b=0.8).newtonian and not thick.newtonian
 
 
+THINS = {"critical_rate": 1e3, "thinning_exponent": 0.5}
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"zeta": 0.1}, "zeta = 0.1 .* 0 without tau_0"),
-        ({"tau_0": 0.0}, "tau_0 = 0.0 .* or zeta above 0"),
+        ({"zeta": 0.1}, "zeta = 0.1: must be 0 without tau_0"),
+        ({"tau_0": 0.0}, "tau_0 = 0.0: must be > 0 Pa, or zeta > 0"),
         ({"tau_0": -1.0}, "tau_0 = -1.0"),
-        ({"critical_rate": 1e3}, "thinning_exponent = None"),
+        ({"critical_rate": 1e3}, "thinning_exponent: missing"),
         ({"critical_rate": 1e3, "thinning_exponent": 1.5}, r"thinning_exponent = 1\.5"),
-        ({"thinning_exponent": 0.5}, "nothing without critical_rate"),
+        ({"thinning_exponent": 0.5}, "goes with critical_rate only"),
         ({"eta_inf": 0.1}, "0 without critical_rate"),
-        ({"eta_inf": 0.9}, r"up to eta_b = 0\.8"),
+        (
+            {"eta_inf": 0.9, "critical_rate": 1e3, "thinning_exponent": 0.5},
+            r"must be <= eta_b = 0\.8",
+        ),
         ({"barus": -1.0}, "barus = -1.0"),
     ],
 )

@@ -154,7 +154,7 @@ def test_elastic_traction_stays_below_the_threshold(law, seed, dim):
         wet = step.film > p.D_min
         thickness = np.where(wet, step.film, 1.0)
         rate = np.linalg.norm(step.slip, axis=1) / step.dt / thickness
-        eta = p.rheology.viscosity(rate, step.pressure / step.area).value
+        eta = p.viscosity(rate, step.pressure / step.area).value
         film = np.where(wet, state.alpha * eta / thickness, 0.0) * step.area / step.dt
         film *= np.minimum(step.pressure / (p.film_onset_pressure or 1e-30), 1.0)
         np.testing.assert_allclose(

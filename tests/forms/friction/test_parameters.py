@@ -29,40 +29,42 @@ def make(**changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"mu_s": -0.1}, r"mu_s = -0\.1 .* at least 0"),
-        ({"mu_s": math.nan}, "mu_s = nan"),
-        ({"mu_d": 0.2}, r"mu_d = 0\.2 .* up to mu_s = 0\.12"),
-        ({"mu_d": -0.2}, r"mu_d = -0\.2 .* at least 0"),
+        ({"mu_s": -0.1}, r"mu_s = -0\.1: must be >= 0"),
+        ({"mu_s": math.nan}, "mu_s = nan: must be finite"),
+        ({"mu_s": "0.1"}, "mu_s = '0.1': must be a number"),
+        ({"mu_d": 0.2}, r"mu_d = 0\.2: must be <= mu_s = 0\.12"),
+        ({"mu_d": -0.2}, r"mu_d = -0\.2: must be >= 0"),
         ({"A_d": -1e-6}, "A_d = -1e-06"),
         ({"B": -1.0}, r"B = -1\.0"),
-        ({"K_T": 0.0}, r"K_T = 0\.0 .* above 0"),
+        ({"K_T": 0.0}, r"K_T = 0\.0: must be > 0 Pa/m"),
         ({"K_T": math.inf}, "K_T = inf"),
         ({"eta_b": -0.8}, r"eta_b = -0\.8"),
         ({"D_min": -1e-9}, "D_min = -1e-09"),
-        ({"D_min": 250e-9}, "D_max = 2.5e-07 .* above D_min = 2.5e-07"),
-        ({"alpha": 1.1}, r"alpha = 1\.1 .* \[0, 1\]"),
-        ({"alpha": ((1e-8, 0.1), (3e-8, 1.5))}, r"alpha = 1\.5"),
-        ({"alpha": ((3e-8, 0.1), (1e-8, 0.5))}, "alpha = .* film thicknesses are above 0 and rise"),
-        ({"alpha": (0.1, 0.2)}, r"alpha = .* a table of \(film thickness, value\)"),
-        ({"alpha": None}, "alpha, beta: give exactly one of the two, got neither"),
-        ({"beta": 1.0}, "alpha, beta: give exactly one of the two, got both"),
-        ({"alpha": None, "beta": 0.0}, r"beta = 0\.0 .* above 0"),
-        ({"gamma": 4e-25}, "gamma, V_star: give exactly one of the two, got both"),
-        ({"V_star": None}, "gamma, V_star: give exactly one of the two, got neither"),
-        ({"V_star": 0.0}, r"V_star = 0\.0 .* above 0"),
-        ({"V_star_at": None}, "V_star_at = None .* with V_star"),
-        ({"V_star_at": 0.0}, r"V_star_at = 0\.0 .* above 0"),
-        ({"V_star": None, "gamma": 4e-25}, "V_star_at = 1e-08 .* nothing, as gamma is given"),
-        ({"V_star": None, "V_star_at": None, "gamma": -1.0}, r"gamma = -1\.0 .* above 0"),
+        ({"D_min": 250e-9}, "D_max = 2.5e-07: must be > D_min = 2.5e-07 m"),
+        ({"alpha": 1.1}, r"alpha = 1\.1: must be >= 0 and <= 1"),
+        ({"alpha": ((1e-8, 0.1), (3e-8, 1.5))}, "alpha = .* must be >= 0 and <= 1"),
+        ({"alpha": ((0.0, 0.1), (3e-8, 0.5))}, "alpha = .* must be > 0 m"),
+        ({"alpha": ((3e-8, 0.1), (1e-8, 0.5))}, "alpha = .* the film thickness must rise"),
+        ({"alpha": (0.1, 0.2)}, r"alpha = .* a table of rows \[film thickness, value\]"),
+        ({"alpha": None}, "give either alpha or beta, found neither"),
+        ({"beta": 1.0}, "give either alpha or beta, found both"),
+        ({"alpha": None, "beta": 0.0}, r"beta = 0\.0: must be > 0"),
+        ({"gamma": 4e-25}, r"give either V_star \(with V_star_at\) or gamma, found both"),
+        ({"V_star": None}, r"give either V_star \(with V_star_at\) or gamma, found neither"),
+        ({"V_star": 0.0}, r"V_star = 0\.0: must be > 0"),
+        ({"V_star_at": None}, "V_star_at: missing"),
+        ({"V_star_at": 0.0}, r"V_star_at = 0\.0: must be > 0"),
+        ({"V_star": None, "gamma": 4e-25}, "V_star_at = 1e-08: belongs to V_star"),
+        ({"V_star": None, "V_star_at": None, "gamma": -1.0}, r"gamma = -1\.0: must be > 0"),
         (
             {"V_star": None, "V_star_at": None, "gamma": 4e-25, "eta_b": 0.0},
-            r"eta_b = 0\.0 .* with gamma",
+            r"eta_b = 0\.0: must be > 0 Pa\*s with gamma",
         ),
         ({"transition_width": -0.1}, r"transition_width = -0\.1"),
-        ({"transition_width": 1.0}, r"transition_width = 1\.0 .* \[0, 1\)"),
-        ({"flow_rule": "wieghted"}, "flow_rule = 'wieghted' .* 'weighted' or 'literal'"),
-        ({"reentry": "x"}, "reentry = 'x' .* 'consistent' or 'literal'"),
-        ({"switch": "x"}, "switch = 'x' .* 'implicit' or 'lagged'"),
+        ({"transition_width": 1.0}, r"transition_width = 1\.0: must be >= 0 and < 1"),
+        ({"flow_rule": "wieghted"}, "flow_rule = 'wieghted': must be 'weighted' or 'literal'"),
+        ({"reentry": "x"}, "reentry = 'x': must be 'consistent' or 'literal'"),
+        ({"switch": "x"}, "switch = 'x': must be 'implicit' or 'lagged'"),
     ],
 )
 def test_impossible_parameters_are_refused_in_one_line(changes, message):
@@ -104,9 +106,9 @@ def test_presets_hold_what_is_printed_and_nothing_else():
     assert set(PRESETS) == {"paper-printed", "paper-swapped", "friction-map"}
     for preset in PRESETS.values():
         assert not {"mu_s", "mu_d", "A_d", "B", "K_T"} & preset.keys()
-    with pytest.raises(ValueError, match=r"gamma, V_star: .* neither"):
+    with pytest.raises(ValueError, match="gamma, found neither"):
         FrictionMapParameters(**with_preset("friction-map", UNPRINTED))
-    with pytest.raises(ValueError, match=r"preset = 'paper' .* 'paper-printed' or"):
+    with pytest.raises(ValueError, match="preset = 'paper': must be 'paper-printed' or"):
         with_preset("paper", {})
 
 

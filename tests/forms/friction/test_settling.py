@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.forms.friction import settling
+from tribox.forms.friction import law as settling
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters

@@ -107,7 +107,7 @@ def test_without_weakening_or_rate_it_is_coulomb():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"mu_d": 0.2}, r"mu_d = 0\.2 .* up to mu_s = 0\.15"),
+        ({"mu_d": 0.2}, r"mu_d = 0\.2: must be <= mu_s = 0\.15"),
         ({"V_s": 0.0}, r"V_s = 0\.0"),
         ({"delta": -1.0}, "delta = -1.0"),
         ({"viscous": -1.0}, "viscous = -1.0"),

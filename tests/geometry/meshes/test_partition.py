@@ -122,7 +122,7 @@ def test_the_slave_of_a_tool_is_shared_out(mesh):
 
 def slaves_of_a_tool(comm, directory):
     """Slave facets that each rank owns, where the master is no surface of the mesh."""
-    named = generate(SHAPES["quadrilateral"], comm, [("elastomer_contact", "punch")], ["punch"])
+    named = generate(SHAPES["quadrilateral"], comm, [("elastomer_contact", "punch")])
     owned = named.mesh.topology.index_map(1).size_local
     return comm.allgather(int(np.count_nonzero(named.facets("elastomer_contact") < owned)))
 

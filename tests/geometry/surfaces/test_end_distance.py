@@ -23,7 +23,7 @@ def chain(count, closed=False):
 def test_the_way_is_measured_along_the_surface():
     nodes, facets = chain(7)
     is_open = np.isin(np.arange(8), [0, 7])
-    end = EndDistance(CHAIN, facets, nodes, is_open, 2.5)
+    end = EndDistance.measured(CHAIN, facets, nodes, is_open, 2.5)
     assert np.allclose(end.corners, np.minimum(facets, 7 - facets))
     share, slope = end.share(np.array([0, 1, 2, 6]), np.array([[0.0], [0.25], [0.6], [0.5]]))
     s = np.array([0.0, 0.5, 1.0, 0.2])
@@ -33,7 +33,7 @@ def test_the_way_is_measured_along_the_surface():
 
 def test_a_surface_without_an_end_counts_in_full():
     nodes, facets = chain(6, closed=True)
-    end = EndDistance(CHAIN, facets, nodes, np.zeros(6, dtype=bool), 100.0)
+    end = EndDistance.measured(CHAIN, facets, nodes, np.zeros(6, dtype=bool), 100.0)
     share, slope = end.share(np.arange(6), np.full((6, 1), 0.3))
     assert np.all(share == 1.0) and np.all(slope == 0.0)
 
@@ -46,7 +46,7 @@ def test_in_space_the_nearest_open_edge_counts():
         [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]], axis=-1
     ).reshape(-1, 4)
     is_open = (x == 0) | (x == 3) | (y == 0) | (y == 5)
-    end = EndDistance(
+    end = EndDistance.measured(
         facet_shape("quadrilateral", 1), facets.astype(np.int32), nodes, is_open.ravel(), 0.5
     )
     expected = np.minimum(np.minimum(x, 3 - x), np.minimum(y, 5 - y)).ravel()
@@ -60,4 +60,4 @@ def test_in_space_the_nearest_open_edge_counts():
 def test_a_surface_that_would_fade_everywhere_is_refused():
     nodes, facets = chain(4)
     with pytest.raises(ValueError, match=r"fade_length = 2\.5 m: no part of the master"):
-        EndDistance(CHAIN, facets, nodes, np.isin(np.arange(5), [0, 4]), 2.5)
+        EndDistance.measured(CHAIN, facets, nodes, np.isin(np.arange(5), [0, 4]), 2.5)

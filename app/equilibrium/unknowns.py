@@ -1,14 +1,17 @@
-"""What is prescribed of the displacements: values, and surfaces that move as one."""
+"""The unknowns: their numbering and places, and what is prescribed of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 
@@ -95,7 +98,7 @@ def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: in
     return np.asarray(dofs[dofs < owned], dtype=np.int32)
 
 
-# -- Forces on single unknowns: point forces, driven tools, reactions that are being given up ------
+# -- Forces on single unknowns: point forces, driven tools, reactions that are being given up ----
 
 
 @dataclass(slots=True)
@@ -118,7 +121,7 @@ class NodalLoad:
         forces[self.dofs] += self.factor * self.shares
 
 
-# -- The numbering of the unknowns -----------------------------------------------------------------
+# -- The numbering of the unknowns ---------------------------------------------------------------
 
 
 def _fix_rounding() -> None:
@@ -134,24 +137,38 @@ def _fix_rounding() -> None:
             options.getBool(name)  # or PETSc says at the end that nobody has asked for it
 
 
+_NONE: Ints = np.empty(0, dtype=np.int32)
+
+
 class Unknowns:
     """The numbering of the unknowns: displacement components of nodes, rank by rank.
 
     Attributes:
-        space: displacement space; comm: of its mesh; dim: unknowns per node.
+        space: displacement space, with room for the blocks; comm: of its mesh; dim: unknowns per
+            node.
+        blocks: the unknowns beside the displacement; beside: (b,) owned local unknowns of their
+            nodes, of which padding: (p,) are left over; beside_nodes: the global nodes.
+        fields: the blocks with residuals that are no forces.
         owned: number of unknowns on this rank; size: on all ranks.
         first: global number of this rank's first unknown.
     """
 
-    def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Read the numbering of a space."""
+    def __init__(self, space: dolfinx.fem.FunctionSpace, blocks: Sequence[Block] = ()) -> None:
+        """Read the numbering of a space that was made with these blocks."""
         _fix_rounding()
         index_map = space.dofmap.index_map
         self.space, self.comm = space, space.mesh.comm
-        self.dim = space.dofmap.index_map_bs
+        self.dim, self.blocks = space.dofmap.index_map_bs, list(blocks)
         self.owned = index_map.size_local * self.dim
         self.first = index_map.local_range[0] * self.dim
         self.size = index_map.size_global * self.dim
+        self.fields = [block for block in self.blocks if block.reference is not None]
+        self.padding: Ints = np.concatenate([_NONE, *(block.padding for block in self.blocks)])
+        beside = [part for block in self.blocks for part in (block.dofs, block.padding)]
+        self.beside: Ints = np.concatenate([_NONE, *beside])
+        self.beside_nodes: Longs = (self.beside[:: self.dim].astype(np.int64) + self.first) // (
+            self.dim
+        )
 
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
@@ -159,9 +176,48 @@ class Unknowns:
         vec.set(0.0)
         return vec
 
+    def node_places(self) -> Floats:
+        """Undeformed places (n, i), m, of the owned nodes; collective.
+
+        Those beside the mesh count as its middle.
+        """
+        x = self.space.mesh.geometry.x[:, : self.dim]
+        ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        out: Floats = self.space.tabulate_dof_coordinates()[: self.owned // self.dim, : self.dim]
+        out[self.beside // self.dim] = 0.5 * (ends[0] - ends[1])
+        return out
+
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""
         out: NDArray[np.int32] = (nodes[..., None] * self.dim + np.arange(self.dim)).astype(
             PETSc.IntType
         )
         return out
+
+
+# -- Places in the undeformed bodies, found and put into words -------------------------------------
+
+
+def place_text(place: Iterable[float]) -> str:
+    """Coordinates as they are read: what is round-off beside the others is zero."""
+    values = np.array(list(place))
+    values[np.abs(values) < 1e-12 * np.max(np.abs(values), initial=0.0)] = 0.0
+    return "(" + ", ".join(f"{value:.4g}" for value in values) + ") m"
+
+
+def place_of_largest(values: Floats, space: dolfinx.fem.FunctionSpace) -> tuple[float, ...]:
+    """Where the largest of ``values`` on all ranks is, m, undeformed; collective.
+
+    Args:
+        values: (n,) one number for each owned unknown, >= 0.
+        space: blocked space of the displacement.
+    """
+    dim = space.dofmap.index_map_bs
+    mine: tuple[float, tuple[float, ...]] = (-1.0, ())
+    if len(values):
+        at = int(np.argmax(values))
+        where = space.tabulate_dof_coordinates()[at // dim, :dim]
+        mine = (float(values[at]), tuple(map(float, where)))
+    place: tuple[float, ...] = max(space.mesh.comm.allgather(mine))[1]
+    return place

@@ -12,8 +12,8 @@ hinged). The bound is lowered accordingly.
 Bodies that a compiled loop covers have none kept: their tangent is made in the time that it takes
 to see how far they have moved.
 
-What is kept depends on the undeformed state and on the platens that act, never on the history:
-:attr:`KeptTangent.on` follows from the displacement at hand, so nothing of it joins a restart.
+What is kept depends on the undeformed state and on the platens that act, never on the history.
+:attr:`UndeformedTangent.on` follows from the displacement at hand: nothing of it joins a restart.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Candidate:
     largest: float
 
 
-class KeptTangent:
+class UndeformedTangent:
     """Which bodies keep their tangent at the displacement at hand, and what they add.
 
     Attributes:
@@ -155,7 +155,7 @@ class KeptTangent:
             local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
             nodes = dofmap.index_map.local_to_global(local)
             surfaces = [term.surface for term in self._contacts]
-            on = [np.isin(nodes, s.slave.nodes) | np.isin(nodes, s.master.nodes) for s in surfaces]
+            on = [np.isin(nodes, s.slave.nodes) | np.isin(nodes, s.own_master) for s in surfaces]
             found[index] = any(bool(some.any()) for some in on)
         if len(self._solids):
             self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.LOR)

@@ -1,12 +1,19 @@
-"""Values set at dotted keys, such as contact.0.film.thickness: overrides and sweeps."""
+"""Case files as text: TOML within bounds, cures for what is none, values set at dotted keys."""
 
 from __future__ import annotations
 
+import errno
+import json
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, time
+from pathlib import Path
 from typing import Any
+
+from pydantic_core import PydanticCustomError
 
 from tribox.app.errors import InputError
 
@@ -288,3 +295,148 @@ def _override_value(text: str) -> object:
         plain = text.strip()
         return float(plain) if _PLAIN.fullmatch(plain) else plain
     return parsed["value"] if parsed.keys() == {"value"} else text.strip()
+
+
+# -- Plain data written as TOML, with the option to write some keys as comments  ------------------
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(data: Mapping[str, Any], given: Mapping[str, Any] | None = None) -> str:
+    """TOML of nested mappings, lists, text, numbers and truth values.
+
+    Args:
+        data: what to write; keys that are None are left out, as TOML has no such value.
+        given: where not None, keys of `data` that are not in `given` are written as comments.
+
+    Returns:
+        Text that `tomllib.loads` reads back to `data` (or `given`) without the None keys.
+    """
+    return "\n".join(_table((), data, data if given is None else given)).strip("\n") + "\n"
+
+
+def _table(path: tuple[str, ...], data: Mapping[str, Any], given: Any) -> Iterator[str]:
+    """Lines of one table: its values, then its tables, then its arrays of tables."""
+    entries = {key: value for key, value in data.items() if value is not None}
+    known = given if isinstance(given, Mapping) else {}
+    for key, value in entries.items():
+        if not isinstance(value, Mapping) and not _is_tables(value):
+            yield f"{_mark(key in known)}{_key(key)} = {_value(value)}"
+    for key, value in entries.items():
+        inner = (*path, _key(key))
+        mark = _mark(key in known)
+        if isinstance(value, Mapping):
+            if not value or any(not isinstance(v, Mapping) for v in value.values()):
+                yield from ("", f"{mark}[{'.'.join(inner)}]")
+            yield from _table(inner, value, known.get(key))
+        elif _is_tables(value):
+            for index, item in enumerate(value):
+                yield from ("", f"{mark}[[{'.'.join(inner)}]]")
+                yield from _table(inner, item, known[key][index] if key in known else None)
+
+
+def _mark(is_given: bool) -> str:
+    return "" if is_given else "# "
+
+
+def _is_tables(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
+
+
+def _key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) else _text(key)
+
+
+def _text(text: str) -> str:
+    # JSON's escapes are TOML's, but for DEL, which TOML wants escaped too.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any) -> str:
+    """One value on one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(k)} = {_value(v)}' for k, v in value.items())} }}"
+    raise TypeError(f"{value!r} cannot be written as TOML")
+
+
+# -- Text files of anyone's making: read if they are files, of bounded size, in UTF-8  ------------
+
+MEGABYTE = 1_000_000
+LARGEST = 4 * MEGABYTE
+"""Bytes of a case file or of data."""
+
+
+def read_text(path: Path, largest: int = LARGEST) -> str:
+    """Text of a file, without the mark that some editors put before it.
+
+    Args:
+        path: the file.
+        largest: bytes that it may have.
+
+    Raises:
+        InputError: there is none, or it is no such file.
+    """
+    try:
+        found = os.stat(path)
+        _see_file(path, found, largest)
+        with path.open("rb") as stream:
+            content = stream.read(largest + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL.
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason})") from None
+    if len(content) > largest:
+        raise _too_large(path, largest)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+
+
+def _see_file(path: Path, found: os.stat_result, largest: int) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path}: is no file but a device, pipe or socket")
+    if found.st_size > largest:
+        raise _too_large(path, largest)
+
+
+def _too_large(path: Path, largest: int) -> InputError:
+    return InputError(f"{path}: is larger than {largest // MEGABYTE} MB, so it is none of ours")
+
+
+# -- Files that a case names, found from where the case file is ------------------------------------
+
+
+def found_file(value: object, context: Mapping[str, Any], what: str) -> Path:
+    """An absolute path, seen from the case file, of a file that is there.
+
+    Args:
+        value: what the case says.
+        context: of the validation: ``source`` is the case file; of a run that is over (``past``)
+            the file need not be there any more.
+        what: the file is, such as "a mesh file".
+
+    Raises:
+        PydanticCustomError: it is no name, or there is no such file.
+    """
+    if not isinstance(value, str | Path) or not str(value):
+        raise PydanticCustomError("path", "must be the name of {what}, in quotes", {"what": what})
+    try:
+        path = (Path(context.get("source") or "").parent / value).resolve()
+        found = path.is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        raise PydanticCustomError("path", "is no name that a file can have") from None
+    if not found and not context.get("past"):
+        raise PydanticCustomError("path", "no such file ({path})", {"path": str(path)})
+    return path

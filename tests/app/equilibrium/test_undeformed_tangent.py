@@ -12,7 +12,7 @@ from tests.app.conftest import BLOCK, BOXES
 from tests.flowing import SOFT_METAL
 from tribox.app.build.model import body_dofs, build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.kept_tangent import SLENDER, SMALL
+from tribox.app.equilibrium.undeformed_tangent import SLENDER, SMALL
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
@@ -55,10 +55,10 @@ def turned(angle):
 def assembled(model, x, allowed=True):
     """The tangent at ``x``, a new matrix, and which bodies kept theirs."""
     problem = model.problem
-    problem.tangent.keeper.allowed = allowed
+    problem.tangent.undeformed.allowed = allowed
     A = problem.new_matrix(x)
     problem.assemble_tangent(x, A)
-    return A, problem.tangent.kept
+    return A, problem.tangent.undeformed.on
 
 
 def difference(A, B):
@@ -91,7 +91,7 @@ def test_bodies_with_a_compiled_loop_have_none():
 def limit_of(model):
     """Largest bound with which the aluminium keeps its tangent."""
     assembled(model, model.problem.new_vector())
-    (one,) = model.problem.tangent.keeper._candidates
+    (one,) = model.problem.tangent.undeformed._candidates
     return one.largest
 
 
@@ -146,12 +146,12 @@ def test_slender_bodies_have_to_move_less(block):
 
 def test_it_is_made_again_for_another_pattern(block):
     """With the same values; of pattern and platens alone it depends, not of the state."""
-    problem, keeper = block.problem, block.problem.tangent.keeper
+    problem, keeper = block.problem, block.problem.tangent.undeformed
     A, _ = assembled(block, moved(block, stretched(1e-7)))
     made = keeper.made
     problem.assemble_tangent(moved(block, stretched(1e-6)), A)
     problem.assemble_tangent(problem.new_vector(), A)
-    assert keeper.made == made and problem.tangent.kept == (False, True)
+    assert keeper.made == made and problem.tangent.undeformed.on == (False, True)
     before = A.copy()
     problem.tangent.make_room(A)
     problem.assemble_tangent(problem.new_vector(), A)
@@ -168,7 +168,7 @@ class Counts(Observer):
     def step(self, state, row, result):
         self.forces.append((row.normal_force, row.tangential_force))
         self.newton += result.iterations
-        self.kept += any(state.model.problem.tangent.kept)
+        self.kept += any(state.model.problem.tangent.undeformed.on)
 
 
 @pytest.mark.parametrize("text", [BLOCK, BOXES], ids=["plane", "space"])
@@ -177,7 +177,7 @@ def test_forces_and_iterations_stay(text):
     runs = []
     for allowed in (False, True):
         model = model_of(text, solver={"tolerance": 1e-9, "linear": "direct"})
-        model.problem.tangent.keeper.allowed = allowed
+        model.problem.tangent.undeformed.allowed = allowed
         runs.append(Counts())
         Simulation(model).run(runs[-1])
     exact, kept = runs
