@@ -167,36 +167,44 @@ def command(comm: MPI.Comm, *words: object) -> tuple[list[Any], str]:
     Returns:
         What each rank would end with, and all that they print to standard output and error.
     """
+    code, said = called(*words)
+    return comm.allgather(code), "".join(comm.allgather(said))
+
+
+def called(*words: object) -> tuple[int, str]:
+    """Call tribox in this process, where a process of its own takes a second for its imports.
+
+    Returns:
+        What it would end with, and all that it prints to standard output and error.
+    """
     from tribox.app.cli import main as tribox
 
-    before = sys.argv
-    sys.argv = ["tribox", *map(str, words)]
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tribox", *map(str, words)])
         with tempfile.TemporaryFile("w+", encoding="utf-8") as file:
             with _output_to(file.fileno()), pytest.raises(SystemExit) as ended:
                 tribox()
             file.seek(0)
-            said = file.read()
-    finally:
-        sys.argv = before
-    return comm.allgather(ended.value.code), "".join(comm.allgather(said))
+            return ended.value.code or 0, file.read()
 
 
 @contextlib.contextmanager
 def _output_to(descriptor: int) -> Iterator[None]:
     """Standard output and error of this process, and of libraries in it, to a file."""
-    streams = {1: sys.stdout, 2: sys.stderr}
-    kept = {number: os.dup(number) for number in streams}
+    streams = (sys.stdout, sys.stderr)
+    kept = [os.dup(number) for number in (1, 2)]
+    for stream in streams:
+        stream.flush()
     try:
-        for number, stream in streams.items():
-            stream.flush()
+        for number in (1, 2):
             os.dup2(descriptor, number)
-        yield
+        with open(1, "w", encoding="utf-8", buffering=1, closefd=False) as both:
+            with contextlib.redirect_stdout(both), contextlib.redirect_stderr(both):
+                yield
     finally:
-        for number, stream in streams.items():
-            stream.flush()
-            os.dup2(kept[number], number)
-            os.close(kept[number])
+        for number, before in zip((1, 2), kept, strict=True):
+            os.dup2(before, number)
+            os.close(before)
 
 
 if __name__ == "__main__":

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
 import shlex
 import shutil
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.ranks import mpi_environment
+import pytest
+
+from tests.ranks import called, mpi_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 500.0  # s for one block
@@ -18,6 +24,8 @@ _COPIED = ("cases", "examples")
 _LEFT_OUT = ("results", "tribox")
 # Commands of the program that keys can be set for.
 _SETTABLE = "run | check | mesh | map | bench"
+# Commands that can be called in the process of the test: no others take its place.
+_CALLED = ("check", "fit", "init", "map", "materials", "mesh", "plot", "report", "run", "schema")
 _PROGRAM = """\
 #!/bin/sh
 # Stands for the launcher: the program of this tree, in the Python that the tests run in.
@@ -66,6 +74,8 @@ class Checkout:
             script: for bash.
             words: put behind each command of tribox that takes keys ("--set ...").
         """
+        if calls := _plain(script):
+            return self._call(calls, shlex.split(words))
         quoted = shlex.join(shlex.split(words))
         program = _PROGRAM.format(python=sys.executable, settable=_SETTABLE, words=quoted)
         (self.path / "tribox").unlink(missing_ok=True)
@@ -81,6 +91,43 @@ class Checkout:
             timeout=LIMIT,
         )
         return Done(done.returncode, done.stdout)
+
+    def _call(self, calls: list[list[str]], words: list[str]) -> Done:
+        """The same by calls of the command line in this process."""
+        code, printed = 0, ""
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.chdir(self.path),
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore")
+            for name in os.environ.keys() - self.environment.keys():
+                patch.delenv(name)
+            for name, value in self.environment.items():
+                patch.setenv(name, value)
+            for call in calls:
+                more = words if call[0] in _SETTABLE.split(" | ") else []
+                code, said = called(*call, *more)
+                printed += said
+                if code:
+                    break
+        return Done(code, printed)
+
+
+def _plain(script: str) -> list[list[str]]:
+    """The words of each call of tribox, if there is nothing else for a shell to do."""
+    calls = []
+    for line in script.replace("\\\n", " ").splitlines():
+        bare = re.sub(r"'[^']*'|\"[^\"$`\\]*\"", "", line)
+        words = shlex.split(line, comments=True)
+        if not words:
+            continue
+        if re.search(r"[|&;<>()$`\\*?\[~\"']|--np|--watch", bare.partition("#")[0]):
+            return []
+        if words[0] not in ("tribox", "./tribox") or words[1:2] == [] or words[1] not in _CALLED:
+            return []
+        calls.append(words[1:])
+    return calls
 
 
 def _write_program(path: Path, text: str) -> None:
