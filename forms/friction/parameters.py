@@ -30,10 +30,10 @@ class FrictionMapParameters(FilmRheology):
     """Friction of a lubricated contact between Coulomb and viscous, by film and velocity.
 
     Exactly one of ``alpha`` and ``beta``, and exactly one of ``gamma`` and ``V_star`` is given;
-    the film flows as :class:`FilmRheology` says. SI units.
+    the film flows as `FilmRheology` says. SI units.
 
     Raises:
-        Refused: A value is not allowed; the message names field, value and what is allowed.
+        tribox.forms.parameters.Refused: A value is not allowed; the message names field, value and what is allowed.
     """
 
     mu_s: float = parameter("static coefficient of friction", ge=0.0)
