@@ -33,7 +33,8 @@ class FrictionMapParameters(FilmRheology):
     the film flows as `FilmRheology` says. SI units.
 
     Raises:
-        tribox.forms.parameters.Refused: A value is not allowed; the message names field, value and what is allowed.
+        tribox.forms.parameters.Refused: A value is not allowed; the message names field, value and
+            what is allowed.
     """
 
     mu_s: float = parameter("static coefficient of friction", ge=0.0)

@@ -36,6 +36,7 @@ def trial_of(surface, pressure):
         nodal_gap=gap,
         projection=below,
         kinematics=SimpleNamespace(gap=-at_points / PENALTY),
+        area_ratio=np.ones(count),
     )
 
 
