@@ -245,8 +245,7 @@ class FilmWatch:
         at, faces, loaded = trial.projection, term.faces, self._loaded(film)
         of = term.asperities.facet_of
         facet, first = np.unique(of, return_index=True)
-        last = len(of) - 1
-        last = last - np.unique(of[::-1], return_index=True)[1]
+        last = len(of) - 1 - np.unique(of[::-1], return_index=True)[1]
         turn = np.linalg.norm(at.normal[last] - at.normal[first], axis=1)
         way = np.linalg.norm(at.foot[last] - at.foot[first], axis=1)
         round_ = at.on_surface[first] & at.on_surface[last] & (turn < EDGE) & (way > 0.0)
@@ -434,7 +433,7 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
     """
     dim, surface = term.surface.dim, term.surface
     assert isinstance(term.rule, AsperityPressure)
-    _, first = np.unique(of, return_index=True)
+    _, first = np.unique(term.rule.facet_of, return_index=True)
     ends = surface.nodes[surface.slave_rows[first, :2]]
     cells = np.asarray(space.dofmap.list, dtype=np.int64)
     place = np.repeat(np.arange(len(cells)), cells.shape[1])
