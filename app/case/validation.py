@@ -60,8 +60,6 @@ def problems_of(error: ValidationError, model: type[Model], data: object) -> lis
     """The problems behind a validation error, unknown keys first.
 
     Args:
-        error: what pydantic raised.
-        model: the model that was validated.
         data: what it was given; tells keys from the tags of unions in pydantic's locations.
     """
     details = error.errors(include_url=False)

@@ -65,7 +65,6 @@ class Tangent:
         contacts: Sequence[ContactTerm],
         loads: Sequence[Load],
     ) -> None:
-        """Begin without a matrix."""
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
         self.undeformed = UndeformedTangent(bodies, contacts)
@@ -106,13 +105,6 @@ class Tangent:
         """Fill ``A`` at the displacements spread last; collective.
 
         All rows are free but those that follow a platen.
-
-        Args:
-            A: the matrix.
-            trials: contacts at these displacements.
-            timer: seconds by part.
-            holding: springs that hold bodies and tools.
-            carried: whether the volumetric parts take the pressures carried to them last.
         """
         raw = A if self._raw is None else self._raw
         with timer("contact"):

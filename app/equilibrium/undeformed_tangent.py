@@ -60,7 +60,6 @@ class UndeformedTangent:
     """
 
     def __init__(self, bodies: Bodies, contacts: Sequence[ContactTerm]) -> None:
-        """Begin without any."""
         self._bodies, self._contacts = bodies, contacts
         self._candidates: list[_Candidate] | None = None
         self._matrix: PETSc.Mat | None = None
@@ -90,13 +89,7 @@ class UndeformedTangent:
     def begin(
         self, A: PETSc.Mat, pattern: object, add: Callable[[PETSc.Mat, Sequence[Solid]], None]
     ) -> None:
-        """Let ``A`` hold what the kept tangents add, and zeros elsewhere; collective.
-
-        Args:
-            A: the matrix, with its local to global map.
-            pattern: what changes with its pattern or that map.
-            add: adds tangents of solids at the displacement at hand to a matrix.
-        """
+        """Let ``A`` hold what the kept tangents add, and zeros elsewhere; collective."""
         if not any(self.on):
             A.zeroEntries()
             return

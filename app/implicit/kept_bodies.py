@@ -112,12 +112,7 @@ def young_modulus(material: Material) -> float:
 def kept_bodies(problem: Equilibrium, stiff: Sequence[Solid]) -> KeptBodies | None:
     """Those of the stiff bodies that the supports at hand hold by themselves; collective.
 
-    Args:
-        problem: the equilibrium.
-        stiff: what :func:`stiff_solids` has found.
-
-    Returns:
-        None: there are none, or all bodies are.
+    Returns None where there are none, or all bodies are.
     """
     found = [one for one in joined_bodies(problem) if _is_kept(problem, one, stiff)]
     solids = tuple(solid for one in found for solid in one.solids)

@@ -51,7 +51,6 @@ class FilmWatch:
     """The worst of each pair whose film is found."""
 
     def __init__(self, problem: Equilibrium) -> None:
-        """Find these pairs."""
         self._problem = problem
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
@@ -426,10 +425,6 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
     """How far the cells reach in (f,), m, below the slave's facets, over the elements' degree.
 
     On one rank, as films that are found are.
-
-    Args:
-        term: of the pair.
-        space: of the displacement.
     """
     dim, surface = term.surface.dim, term.surface
     assert isinstance(term.rule, AsperityPressure)
