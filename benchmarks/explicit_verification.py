@@ -52,9 +52,7 @@ def draw_overlay(
 
     An explicit row is a mean over its interval and is drawn at the middle of it.
 
-    Args:
-        runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
-        path: the picture.
+    ``runs``: by what to call them, rows of the implicit history (dots) and the explicit (a line).
     """
     with rc_context(STYLE):
         figure = Figure(figsize=(7, 4.4))

@@ -65,9 +65,6 @@ STEADY = {True: 1.0, False: 0.0, None: -1.0}
 def read(directory: str | Path) -> Results:
     """Read a results directory of ``tribox run``, also one of a run that goes on.
 
-    Args:
-        directory: of a case, or of a sweep.
-
     Raises:
         InputError: it is no such directory.
     """
@@ -238,9 +235,6 @@ class Results:
     def table(self, name: str) -> Table:
         """A table as plain columns, which need no pandas.
 
-        Args:
-            name: of one of the data frames above, such as "history".
-
         Raises:
             InputError: the file is cut off or not a table.
         """
@@ -370,11 +364,7 @@ class Results:
                 return _read_by_meshio(path)
 
     def _file(self, name: str, step: int) -> Path:
-        """The file of a step.
-
-        Raises:
-            InputError: there is none.
-        """
+        """The file of a step."""
         if self.directory.joinpath("contact_nodes").is_dir():
             name = EARLIER_NAMES.get(name, name)
         files = self._files(name)
@@ -404,11 +394,7 @@ class Results:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[None]:
-    """Read a grid inside.
-
-    Raises:
-        InputError: it is none, or cut off.
-    """
+    """Read a grid inside."""
     try:
         _see_file(path)
         yield
@@ -444,11 +430,7 @@ def files_of_one_run(results: Results) -> Iterator[None]:
 
 
 def _text(path: Path, what: str) -> str:
-    """Text of a file.
-
-    Raises:
-        InputError: it cannot be read, or is no text in UTF-8.
-    """
+    """Text of a file."""
     try:
         _see_file(path)
         return path.read_text(encoding="utf-8")
@@ -459,11 +441,7 @@ def _text(path: Path, what: str) -> str:
 
 
 def _see_file(path: Path) -> None:
-    """See that something is a file: to read a pipe may take for ever, a device has no end.
-
-    Raises:
-        OSError: it is none, or not there.
-    """
+    """See that something is a file: to read a pipe may take for ever, a device has no end."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -472,11 +450,7 @@ def _see_file(path: Path) -> None:
 
 
 def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Numbers (n,) and times (n,), s, of the steps that an index lists.
-
-    Raises:
-        InputError: it cannot be read, or is none.
-    """
+    """Numbers (n,) and times (n,), s, of the steps that an index lists."""
     text = _text(path, "an index")
     try:
         sets = list(ElementTree.fromstring(text).iter("DataSet"))
@@ -488,11 +462,7 @@ def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def _check_columns(table: Table, names: Iterable[str], path: Path) -> None:
-    """See that a table has columns.
-
-    Raises:
-        InputError: it lacks one, so that it is some other table.
-    """
+    """See that a table has columns."""
     missing = next((name for name in names if name not in table), None)
     if missing is not None:
         raise InputError(f"{path}: is no table of tribox (it has no column {missing})")

@@ -27,12 +27,7 @@ class Watches:
     """
 
     def __init__(self, model: Model, kept: Snapshot | None = None) -> None:
-        """Begin before the first step, or go on; collective.
-
-        Args:
-            model: that is run.
-            kept: what :meth:`snapshot` has seen, of a run that goes on.
-        """
+        """Begin before the first step, or go on; collective."""
         self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
         self.left, self.ends = LeftMaster(model), PressedEnds(model)

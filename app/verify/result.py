@@ -115,10 +115,7 @@ def solve(
 ) -> tuple[Case, Simulation]:
     """Run a case file in this process, without results.
 
-    Args:
-        name: of a file in ``cases``, without its ending.
-        overrides: "key=value" texts.
-        observer: of the run.
+    ``name``: of a file in ``cases``, without its ending; ``overrides``: "key=value" texts.
 
     Returns:
         The case (without its sweep) and the finished simulation.

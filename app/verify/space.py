@@ -69,10 +69,7 @@ def patch_errors(
 ) -> PatchErrors:
     """Press two boxes of one width and depth, held on all sides, and compare with σ_yy = −p.
 
-    Args:
-        upper: elements of the upper box along x, y, z.
-        lower: of the lower box.
-        overrides: further "key=value" texts.
+    ``upper``, ``lower``: elements of the boxes along x, y, z.
     """
     counts = (
         f"geometry.upper.elements={list(upper)}",

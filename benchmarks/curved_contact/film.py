@@ -171,11 +171,7 @@ def case_of(setup: Setup) -> str:
 def mesh(path: Path, size: float, ring: float = 0.0, tool_zone: float = 3 * MM) -> None:
     """Write the mesh.
 
-    Args:
-        path: the file.
-        size: m, facets of the rubber.
-        ring: m, its axis.
-        tool_zone: m, width of the tool's surface that may touch.
+    All in m: facets of the rubber, the ring's axis, width of the tool's surface that may touch.
     """
     tool_on_rubber(
         path,

@@ -51,11 +51,6 @@ class Outcome:
 def run(text: str, scratch: Path, overrides: Sequence[str] = ()) -> Outcome:
     """Solve a case; a run that stops early is an outcome too.
 
-    Args:
-        text: the case file.
-        scratch: directory for it, where meshes that it names lie.
-        overrides: "key=value" texts.
-
     Raises:
         InputError: the case or an override is wrong.
     """

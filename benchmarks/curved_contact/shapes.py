@@ -58,17 +58,8 @@ def tool_on_rubber(
 ) -> None:
     """Write the mesh of a half cylinder, ``tool``, on a block, ``rubber``.
 
-    Args:
-        path: the file.
-        radius: m, of the tool.
-        size: m, facets of the rubber.
-        tool_size: m, of the tool.
-        zone: m, width of the contact zone of the rubber.
-        tool_zone: m, of the tool.
-        width: m, of the rubber.
-        height: m, of the rubber.
-        axis: m, by which both are moved in x, away from an axis of symmetry.
-        growth: of the cells outside the zones.
+    All in m: facets and zones that may touch of both; ``axis``: both are moved by it in x, away
+    from an axis of symmetry; ``growth``: of the cells outside the zones.
     """
     shape: Shape = LineContact(
         HalfCylinder(radius, tool_zone, tool_size),

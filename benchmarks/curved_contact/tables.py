@@ -13,10 +13,7 @@ Row = Mapping[str, Any]
 def chosen(base: Any, axes: Mapping[str, Sequence[Any]], given: Mapping[str, str]) -> list[Any]:
     """The setups to be run: a product over given values, or each axis by itself from the base.
 
-    Args:
-        base: a setup, a dataclass.
-        axes: values of its fields that are varied, one at a time.
-        given: "value,value" by field; any field may be given.
+    ``given``: "value,value" by field; any field may be given.
 
     Raises:
         ValueError: there is no such field, or a value is of another kind than the base's.

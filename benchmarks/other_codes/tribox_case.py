@@ -64,11 +64,8 @@ fields_every = 0
 def case_text(problem: Problem, *, calculix: bool = False, element: str = "q1") -> str:
     """The case; a second is a step.
 
-    Args:
-        problem: what to solve.
-        calculix: the soft body has CalculiX' neo-Hookean energy: isochoric and volumetric parts
-            apart; else the energy of Simo and Pister, with which GetFEM runs.
-        element: formulation of both bodies.
+    ``calculix``: the soft body has CalculiX' neo-Hookean energy, isochoric and volumetric parts
+    apart; else that of Simo and Pister, with which GetFEM runs.
     """
     E, nu = problem.soft
     shear, bulk = E / (2.0 * (1.0 + nu)), E / (3.0 * (1.0 - 2.0 * nu))
