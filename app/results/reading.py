@@ -62,6 +62,18 @@ SUMMARY_KINDS: dict[str, type] = {"load_steps": list, "parts": dict, "bodies": l
 STEADY = {True: 1.0, False: 0.0, None: -1.0}
 
 
+def _frame_of(name: str, words: str) -> cached_property[DataFrame]:
+    """A table of :class:`Results` as a data frame; ``words``: what its rows are."""
+
+    def frame(results: Results) -> DataFrame:
+        import pandas as pd
+
+        return pd.DataFrame(results.table(name).columns)
+
+    frame.__doc__ = words
+    return cached_property(frame)
+
+
 def read(directory: str | Path) -> Results:
     """Read a results directory of ``tribox run``, also one of a run that goes on.
 
@@ -142,78 +154,24 @@ class Results:
 
     # -- tables -------------------------------------------------------------------------------
 
-    @cached_property
-    def history(self) -> DataFrame:
-        """One row a step: the contact of all pairs together, energies, iterations."""
-        return _frame(self.table("history"))
-
-    @cached_property
-    def contacts(self) -> DataFrame:
-        """One row a step and pair."""
-        return _frame(self.table("contacts"))
-
-    @cached_property
-    def surfaces(self) -> DataFrame:
-        """One row a step and surface with a boundary: motion, force and moment."""
-        return _frame(self.table("surfaces"))
-
-    @cached_property
-    def bodies(self) -> DataFrame:
-        """One row a step and body: motion and contact force."""
-        return _frame(self.table("bodies"))
-
-    @cached_property
-    def tools(self) -> DataFrame:
-        """One row a step and rigid tool: motion, forces and moments."""
-        return _frame(self.table("tools"))
-
-    @cached_property
-    def progress(self) -> DataFrame:
-        """One row for each attempt at an implicit step, whether it converged or not."""
-        return _frame(self.table("progress"))
-
-    @cached_property
-    def probes(self) -> DataFrame:
-        """One row a step and point of the probes that are points or lines."""
-        return _frame(self.table("probes"))
-
-    @cached_property
-    def body_probes(self) -> DataFrame:
-        """One row a step and probe that is a body."""
-        return _frame(self.table("body_probes"))
-
-    @cached_property
-    def contact_probes(self) -> DataFrame:
-        """One row a step and point of the probes along slave surfaces."""
-        return _frame(self.table("contact_probes"))
-
-    @cached_property
-    def shape_probes(self) -> DataFrame:
-        """One row a step and probe of a surface: angle, radius, thickness."""
-        return _frame(self.table("shape_probes"))
-
-    @cached_property
-    def surface_probes(self) -> DataFrame:
-        """One row a step and node of the probes of surfaces."""
-        return _frame(self.table("surface_probes"))
-
-    @cached_property
-    def load_steps(self) -> DataFrame:
-        """One row for each stage or velocity: ``label``, ``steady``, and the history at its end.
-
-        ``steady`` is 1 if the velocity was held until steady, 0 if not, −1 where nobody asked.
-        """
-        return _frame(self.table("load_steps"))
-
-    @cached_property
-    def sweep(self) -> DataFrame:
-        """One row for each stage or velocity of each run of a sweep, all pairs together."""
-        return _frame(self.table("sweep"))
-
-    @cached_property
-    def sweep_details(self) -> DataFrame:
-        """Below them in the file: a row for each pair, tool and probe of a surface, by its name."""
-        return _frame(self.table("sweep_details"))
+    history = _frame_of("history", "One row a step: the contact of all pairs, energies, iterations.")
+    contacts = _frame_of("contacts", "One row a step and pair.")
+    surfaces = _frame_of("surfaces", "One row a step and surface with a boundary: motion and force.")
+    bodies = _frame_of("bodies", "One row a step and body: motion and contact force.")
+    tools = _frame_of("tools", "One row a step and rigid tool: motion, forces and moments.")
+    progress = _frame_of("progress", "One row for each attempt at an implicit step.")
+    probes = _frame_of("probes", "One row a step and point of the probes that are points or lines.")
+    body_probes = _frame_of("body_probes", "One row a step and probe that is a body.")
+    contact_probes = _frame_of("contact_probes", "One row a step and point of slave surfaces.")
+    shape_probes = _frame_of("shape_probes", "One row a step and probe of a surface: its shape.")
+    surface_probes = _frame_of("surface_probes", "One row a step and node of probes of surfaces.")
+    load_steps = _frame_of(
+        "load_steps",
+        "One row for each stage or velocity: label, steady, and the history at its end. steady is "
+        "1 if the velocity was held until steady, 0 if not, −1 where nobody asked.",
+    )
+    sweep = _frame_of("sweep", "One row for each stage or velocity of each run of a sweep.")
+    sweep_details = _frame_of("sweep_details", "A row for each of their pairs, tools and probes.")
 
     @cached_property
     def parts(self) -> dict[str, Results]:
@@ -466,10 +424,3 @@ def _check_columns(table: Table, names: Iterable[str], path: Path) -> None:
     missing = next((name for name in names if name not in table), None)
     if missing is not None:
         raise InputError(f"{path}: is no table of tribox (it has no column {missing})")
-
-
-def _frame(table: Table) -> DataFrame:
-    """A table as a data frame."""
-    import pandas as pd
-
-    return pd.DataFrame(table.columns)
