@@ -154,9 +154,9 @@ class Results:
 
     # -- tables -------------------------------------------------------------------------------
 
-    history = _frame_of("history", "One row a step: the contact of all pairs, energies, iterations.")
+    history = _frame_of("history", "One row a step: contact of all pairs, energies, iterations.")
     contacts = _frame_of("contacts", "One row a step and pair.")
-    surfaces = _frame_of("surfaces", "One row a step and surface with a boundary: motion and force.")
+    surfaces = _frame_of("surfaces", "One row a step and surface with a boundary: motion, force.")
     bodies = _frame_of("bodies", "One row a step and body: motion and contact force.")
     tools = _frame_of("tools", "One row a step and rigid tool: motion, forces and moments.")
     progress = _frame_of("progress", "One row for each attempt at an implicit step.")
