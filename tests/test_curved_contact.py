@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks.curved_contact.tables import chosen, markdown
+from benchmarks.curved_contact.runs import chosen, markdown
 from tribox.app.verify.curved import (
     beyond_line,
     beyond_point,
