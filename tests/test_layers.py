@@ -168,35 +168,20 @@ def test_the_top_level_can_be_taken_in_at_a_glance():
 @pytest.mark.parametrize(
     ("module", "line", "said"),
     [
-        (
-            "tribox.geometry.surfaces.surface",
-            "from tribox.forms.contact.penalty import ContactTerm",
-            "not a lower room",
-        ),
+        ("tribox.geometry.surfaces.surface",
+         "from tribox.forms.contact.penalty import ContactTerm", "not a lower room"),
         ("tribox.forms.friction.law", "import scipy", "tribox.forms.friction may not"),
-        (
-            "tribox.forms.friction.law",
-            "from tribox.geometry.surfaces.facets import Floats",
-            "tribox.forms.friction may not",
-        ),
-        (
-            "tribox.app.implicit.stepper",
-            "from tribox.app.explicit.stepper import ExplicitStepper",
-            "not a lower room",
-        ),
-        (
-            "tribox.app.implicit.stepper",
-            "from tribox.app.case.case import Case",
-            "tribox.app.implicit may not",
-        ),
+        ("tribox.forms.friction.law", "from tribox.geometry.surfaces.facets import Floats",
+         "tribox.forms.friction may not"),
+        ("tribox.app.implicit.stepper", "from tribox.app.explicit.stepper import ExplicitStepper",
+         "not a lower room"),
+        ("tribox.app.implicit.stepper", "from tribox.app.case.case import Case",
+         "tribox.app.implicit may not"),
         ("tribox.app.results.directory", "import numpy", "tribox.app.results.directory may not"),
-        (
-            "tribox.app.results.directory",
-            "def f():\n    from tribox.app.case import load_case",
-            "may not",
-        ),
+        ("tribox.app.results.directory", "def f():\n    from tribox.app.case import load_case",
+         "may not"),
     ],
-)
+)  # fmt: skip
 def test_a_forbidden_import_is_seen(tmp_path, module, line, said):
     for name, path in sources().items():
         copy = tmp_path / path.relative_to(ROOT)

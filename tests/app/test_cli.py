@@ -248,16 +248,12 @@ def test_misspelt_surface_of_a_mesh_offers_the_nearest(tribox, case_file, block,
 @pytest.mark.parametrize(
     "words",
     [
-        ["run", "CASE", "--out", "LONG"],
-        ["map", "--out", "LONG"],
-        ["mesh", "CASE", "--out", "LONG"],
-        ["mesh", "LONG.geo"],
-        ["plot", "LONG"],
-        ["report", "LONG"],
-        ["init", "two-blocks", "LONG.toml"],
+        ["run", "CASE", "--out", "LONG"], ["map", "--out", "LONG"],
+        ["mesh", "CASE", "--out", "LONG"], ["mesh", "LONG.geo"], ["plot", "LONG"],
+        ["report", "LONG"], ["init", "two-blocks", "LONG.toml"],
     ],
     ids=" ".join,
-)
+)  # fmt: skip
 def test_a_name_of_400_letters_is_one_line(tribox, case_file, block, words):
     path = case_file(block)
     done = tribox(*(word.replace("LONG", "a" * 400).replace("CASE", str(path)) for word in words))

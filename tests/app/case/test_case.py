@@ -366,26 +366,20 @@ def made(geometry: str, size: str, radius: str) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            re.sub(r"elements = \[\d+, \d+\]", "elements = [3000, 3000]", BLOCK),
-            "geometry.max_cells = 5000000: the mesh would have 1.8e+07 cells; make it coarser by "
-            "elements or size of upper and lower, or raise this",
-        ),
-        (
-            re.sub(r"elements = \[\d+, \d+, \d+\]", "elements = [200, 200, 200]", BOXES),
-            "geometry.max_cells = 5000000: the mesh would have 1.6e+07 cells",
-        ),
-        (
-            made(CYLINDER, "0.1 um", "10 mm"),
-            "cells; make it coarser by contact_size or growth, or raise this",
-        ),
+        (re.sub(r"elements = \[\d+, \d+\]", "elements = [3000, 3000]", BLOCK),
+         "geometry.max_cells = 5000000: the mesh would have 1.8e+07 cells; make it coarser by "
+         "elements or size of upper and lower, or raise this"),
+        (re.sub(r"elements = \[\d+, \d+, \d+\]", "elements = [200, 200, 200]", BOXES),
+         "geometry.max_cells = 5000000: the mesh would have 1.6e+07 cells"),
+        (made(CYLINDER, "0.1 um", "10 mm"),
+         "cells; make it coarser by contact_size or growth, or raise this"),
         (made(CYLINDER, "1e-30 m", "10 mm"), "contact_size = 1e-30 m is not allowed"),
         (made(CYLINDER, "1 mm", "1e30 m"), "radius = 1e+30 m is not allowed"),
         (made(SPHERE, "1e-30 m", "10 mm"), "contact_size = 1e-30 m is not allowed"),
         (made(SPHERE, "1 mm", "1e30 m"), "radius = 1e+30 m is not allowed"),
     ],
     ids=["blocks", "boxes", "zone", "zone-size", "cylinder", "sphere-size", "sphere"],
-)
+)  # fmt: skip
 def test_absurd_sizes_are_refused_at_once(case_file, text, said):
     begin = time.process_time()
     lines = check_case(case_file(text))

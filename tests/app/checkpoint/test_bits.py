@@ -37,14 +37,9 @@ CASES = {
 }
 # Each of these has something of its own; what the others have, they have among other things.
 FIRST = (
-    "implicit coulomb",
-    "implicit cut",
-    "implicit frozen",
-    "implicit boundaries by stage",
-    "implicit pairs",
-    "implicit space by Krylov",
-    "explicit thrown",
-)
+    "implicit coulomb", "implicit cut", "implicit frozen", "implicit boundaries by stage",
+    "implicit pairs", "implicit space by Krylov", "explicit thrown",
+)  # fmt: skip
 Went = tuple[Any, Path]
 
 

@@ -121,21 +121,18 @@ def _shift(mesh: dict[str, Any], name: str, by: float) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda m: None, []),
-        (lambda m: _shift(m, "nodes", 1e-14), []),
+        (lambda m: None, []), (lambda m: _shift(m, "nodes", 1e-14), []),
         (lambda m: _shift(m, "nodes", 2e-9), ["nodes moved by up to 2e-09 m"]),
         (lambda m: _shift(m, "points_0", 1e-3), ["points moved by up to 0.001 m"]),
         (_swap, ["other cells"]),
         (lambda m: _shift(m, "bodies", 1), ["other bodies of the cells"]),
         (lambda m: m.update(cells=m["cells"][1:]), ["28 cells instead of 29"]),
-        (
-            lambda m: m.update(points_0=m["points_0"][1:]),
-            ["other facets or points: contact points"],
-        ),
+        (lambda m: m.update(points_0=m["points_0"][1:]),
+         ["other facets or points: contact points"]),
         (lambda m: m.pop("points_0"), ["other facets or points: contact points"]),
     ],
     ids=range(9),
-)
+)  # fmt: skip
 def test_differences_of_meshes_are_named(plane, change, said):
     kept = plane[0].identity
     mine = dict(kept)

@@ -206,17 +206,11 @@ def test_another_case_is_refused_by_the_key_that_differs(tribox, case_file, kill
 
 
 ALLOWED = {
-    "title": '"another"',
-    "output.fields_every": "0",
-    "output.checkpoint_every": "0",
-    "solver.tolerance": "1e-9",
-    "solver.max_iterations": "30",
-    "solver.min_step_fraction": "1e-3",
-    "solver.partition": '"cells"',
-    "geometry.max_cells": "10000",
-    "stage.1.duration": '"1.25 s"\n',
+    "title": '"another"', "output.fields_every": "0", "output.checkpoint_every": "0",
+    "solver.tolerance": "1e-9", "solver.max_iterations": "30", "solver.min_step_fraction": "1e-3",
+    "solver.partition": '"cells"', "geometry.max_cells": "10000", "stage.1.duration": '"1.25 s"\n',
     "probe": '[{ name = "upper", body = "elastomer" }]',
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("keys", [tuple(ALLOWED)[:8], tuple(ALLOWED)[8:]], ids=range(2))

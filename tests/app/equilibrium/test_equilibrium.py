@@ -381,8 +381,7 @@ BY_PRESSURE = without_derivative("d_traction_d_pressure", "vertex_coupling")
 # than the angle of the normal (see test_contact_kinematics for three dimensions).
 TERMS = {
     "turning of the pressure": (without_normal_of_pressure, "slip"),
-    "averaged pressure": (without_coupling, "slip"),
-    "gap": (without("d_gap"), "slip, pointwise"),
+    "averaged pressure": (without_coupling, "slip"), "gap": (without("d_gap"), "slip, pointwise"),
     "slip": (without("d_slip"), "stick"),
     "slip through the normal": (without_normal_of("d_slip"), "slip"),
     "elastic slip": (without("d_elastic"), "stick"),
@@ -390,15 +389,12 @@ TERMS = {
     "motion of the closest point": (without("d_xi"), "slip"),
     "motion of the closest point, film": (without("d_xi"), "viscous by speed"),
     "motion of the closest point, groove": (without("d_xi"), "groove"),
-    "rows b": (without_rows(1), "stick"),
-    "rows c": (without_rows(2), "stick"),
+    "rows b": (without_rows(1), "stick"), "rows c": (without_rows(2), "stick"),
     "rows c, film": (without_rows(2), "viscous by speed"),
     "traction by pressure": (BY_PRESSURE, "slip"),
     "traction by pressure, map": (BY_PRESSURE, "mixed"),
-    "traction by pressure, pointwise": (
-        without_derivative("d_traction_d_pressure"),
-        "slip, pointwise",
-    ),
+    "traction by pressure, pointwise": (without_derivative("d_traction_d_pressure"),
+     "slip, pointwise"),
     "traction by elastic slip": (without_derivative("d_traction_d_elastic"), "stick"),
     "traction by elastic slip, map": (without_derivative("d_traction_d_elastic"), "mixed"),
     "traction by slip": (without_derivative("d_traction_d_slip"), "stick"),
@@ -407,7 +403,7 @@ TERMS = {
     "solids": (without_part_of_solids(None), "slip"),
     "distortional part": (without_part_of_solids(0), "slip"),
     "volumetric part": (without_part_of_solids(1), "slip"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TERMS)

@@ -28,16 +28,9 @@ SYNTHETIC = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
 STRIBECK = ROOT / "cases" / "data" / "stribeck-synthetic.csv"
 OF_THE_MACHINE = ["time", "temperature [degC]"]
 BEHIND_IT = {
-    "mu_s": 0.13,
-    "mu_d": 0.10,
-    "A_d": 2e-6,
-    "B": 3e5,
-    "eta_b": 0.5,
-    "V_star": 0.8e-3,
-    "alpha at 10 nm": 0.2,
-    "alpha at 30 nm": 0.8,
-    "alpha at 100 nm": 0.97,
-}
+    "mu_s": 0.13, "mu_d": 0.10, "A_d": 2e-6, "B": 3e5, "eta_b": 0.5, "V_star": 0.8e-3,
+    "alpha at 10 nm": 0.2, "alpha at 30 nm": 0.8, "alpha at 100 nm": 0.97,
+}  # fmt: skip
 
 
 def law(**changes) -> FrictionMapParameters:
@@ -503,8 +496,7 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["is empty"]),
-        (HEAD, ["no data"]),
+        ("", ["is empty"]), (HEAD, ["no data"]),
         (GOOD.replace(",", ";"), [":1:", "semicolons", "commas", "point"]),
         (GOOD.replace(",", "\t"), [":1:", "tabs", "commas"]),
         (GOOD.replace("0,1e-3,3,303", '0,1e-3,3,"303,5"'), [":4:", "traction", "point"]),
@@ -523,12 +515,10 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
         (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
         (GOOD.replace("thickness [nm]", "Thicknes (nm)"), ['"thickness"', "[m]", "brackets"]),
-        (
-            GOOD.replace("thickness [nm]", "temperature [K]"),
-            ["weight; take other columns out", '--ignore-columns "temperature"'],
-        ),
+        (GOOD.replace("thickness [nm]", "temperature [K]"),
+         ["weight; take other columns out", '--ignore-columns "temperature"']),
     ],
-)
+)  # fmt: skip
 def test_wrong_data_are_one_line(tmp_path, text, words):
     assert_refused(tmp_path, text, words)
 

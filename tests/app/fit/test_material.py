@@ -83,14 +83,8 @@ def measured(data: MaterialData, noise: float, seed: int, shift: Shift | None = 
 
 
 TRUTH = {
-    "G": G,
-    "share 1": 0.3,
-    "share 2": 0.2,
-    "tau 1": 0.05,
-    "tau 2": 2.0,
-    "C1": 9.0,
-    "C2": 110.0,
-}
+    "G": G, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.05, "tau 2": 2.0, "C1": 9.0, "C2": 110.0,
+}  # fmt: skip
 OF_METAL = {
     "E": 70e9, "yield_stress": 80e6, "saturation_stress": 120e6, "exponent": 20.0, "c 1": 4e9,
     "b 1": 100.0,
@@ -303,13 +297,10 @@ def test_units_and_measures_change_nothing(tmp_path):
     [
         ("relaxation", {"G": 2.4e6, "share 1": 0.25, "share 3": 0.10, "tau 2": 0.5}),
         ("dma", {"G": 9e6, "share 4": 0.10, "tau 4": 2.5, "tau 1": 2e-4, "long-term G": 2.16e6}),
-        pytest.param(
-            "rubber-cycles",
-            {"G": 1.5e6, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.08},
-            marks=pytest.mark.long,
-        ),
+        pytest.param("rubber-cycles", {"G": 1.5e6, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.08},
+         marks=pytest.mark.long),
     ],
-)
+)  # fmt: skip
 def test_the_shipped_tests_give_back_the_values_they_state(name, truth):
     result = fit_material(DATA / f"{name}-synthetic.csv")
     assert result.warnings == () and result.notes == ()

@@ -104,20 +104,10 @@ class Scripted:
         (False, [-6, 2], [PredictedStart(), FromInside()], True),
         (True, [-6, 2], [PredictedStart(if_near=True), FromInside("last")], True),
         (True, [2], [PredictedStart(if_near=True)], False),
-        (
-            True,
-            [-6, -6, -6, -6, -6],
-            [
-                PredictedStart(if_near=True),
-                FromInside("last"),
-                PredictedStart(),
-                FromInside("others"),
-                APPROACH,
-            ],
-            False,
-        ),
+        (True, [-6, -6, -6, -6, -6], [PredictedStart(if_near=True), FromInside("last"),
+         PredictedStart(), FromInside("others"), APPROACH], False),
     ],
-)
+)  # fmt: skip
 def test_a_step_after_one_found_from_inside_begins_there(monkeypatch, last, reasons, ran, after):
     seen, given = Scripted(monkeypatch, reasons), attempt(near=False)
     given.newton.inside, given.newton.begin = Inside(last), lambda x: None
@@ -291,14 +281,11 @@ def test_a_step_to_where_there_are_no_numbers_is_halved(pair, monkeypatch, none)
 @pytest.mark.parametrize(
     ("left", "rubs", "flows", "tried"),
     [
-        (0.5 * FAR, False, True, [False]),
-        (0.5 * FAR, True, True, [False]),
-        (2.0 * FAR, False, True, []),
-        (2.0 * FAR, True, False, []),
-        (0.5 * NEARLY, True, True, [True]),
-        (2.0 * NEARLY, True, True, []),
+        (0.5 * FAR, False, True, [False]), (0.5 * FAR, True, True, [False]),
+        (2.0 * FAR, False, True, []), (2.0 * FAR, True, False, []),
+        (0.5 * NEARLY, True, True, [True]), (2.0 * NEARLY, True, True, []),
     ],
-)
+)  # fmt: skip
 def test_after_a_step_from_inside_a_prediction_is_tried_where_it_may_be_near(
     left, rubs, flows, tried
 ):

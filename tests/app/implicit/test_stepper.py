@@ -24,6 +24,13 @@ from tribox.forms.contact.penalty import ContactTerm
 # points that open and close against each other's facets.
 CYLINDER = """
 title = "two soft bodies"
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.49 }
+bodies.aluminium = { material = "hencky", E = "5 MPa", nu = 0.49 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
 [geometry]
 kind = "cylinder-on-block"
 thickness = "1 mm"
@@ -32,28 +39,10 @@ contact_size = "22 um"
 growth = 1.5
 cylinder = { radius = "10 mm" }
 block = { width = "20 mm", height = "10 mm", contact_size = "30 um" }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.49
-[bodies.aluminium]
-material = "hencky"
-E = "5 MPa"
-nu = 0.49
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
 """
 
 
@@ -179,13 +168,14 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
 
 
 FREE = """
+bodies = { strip = { material = "neo-hookean", E = "5 MPa", nu = 0.3 } }
+stage = [
+ { name = "pull", duration = "1 s", steps = 1 },
+ { name = "free", duration = "1 s", steps = 2 },
+]
 [geometry]
 kind = "blocks"
 blocks = { strip = { x = [0, 2e-3], y = [0, 1e-3], elements = [4, 2] } }
-[bodies.strip]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.3
 [[boundary]]
 surface = "strip_left"
 displacement = { x = 0, y = 0 }
@@ -194,14 +184,6 @@ stages = ["pull"]
 surface = "strip_right"
 displacement = { x = [["0 s", 0], ["1 s", "0.1 mm"]] }
 stages = ["pull"]
-[[stage]]
-name = "pull"
-duration = "1 s"
-steps = 1
-[[stage]]
-name = "free"
-duration = "1 s"
-steps = 2
 """
 
 

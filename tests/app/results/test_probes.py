@@ -29,50 +29,31 @@ from tribox.app.simulation.simulation import Simulation
 PRESSURE = 0.4e6
 # Two like blocks that may widen freely and carry the same pressure everywhere.
 LIKE = """
+bodies.elastomer = { material = "neo-hookean", E = "2 MPa", nu = 0.4 }
+bodies.aluminium = { material = "neo-hookean", E = "2 MPa", nu = 0.4 }
+boundary = [
+ { surface = "bottom", displacement = { y = 0 } },
+ { surface = "elastomer_left", displacement = { x = 0 } },
+ { surface = "aluminium_left", displacement = { x = 0 } },
+ { surface = "top", pressure = [["0 s", 0], ["1 s", "0.4 MPa"]] },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+probe = [
+ { name = "point", point = ["0.4 mm", "0.3 mm"] },
+ { name = "line", line = { from = [0, "-0.3 mm"], to = ["1 mm", "0.2 mm"], points = 3 } },
+ { name = "block", body = "elastomer" },
+ { name = "all along", contact = "elastomer_contact-aluminium_contact" },
+ { name = "four", contact = "elastomer_contact-aluminium_contact", points = 4 },
+]
 [geometry]
 kind = "two-blocks"
 thickness = "2 mm"
 upper = { width = "1 mm", height = "0.5 mm", elements = [3, 2] }
 lower = { width = "1 mm", height = "0.5 mm", elements = [3, 2] }
-[bodies]
-elastomer = { material = "neo-hookean", E = "2 MPa", nu = 0.4 }
-aluminium = { material = "neo-hookean", E = "2 MPa", nu = 0.4 }
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { y = 0 }
-[[boundary]]
-surface = "elastomer_left"
-displacement = { x = 0 }
-[[boundary]]
-surface = "aluminium_left"
-displacement = { x = 0 }
-[[boundary]]
-surface = "top"
-pressure = [["0 s", 0], ["1 s", "0.4 MPa"]]
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[[probe]]
-name = "point"
-point = ["0.4 mm", "0.3 mm"]
-[[probe]]
-name = "line"
-line = { from = [0, "-0.3 mm"], to = ["1 mm", "0.2 mm"], points = 3 }
-[[probe]]
-name = "block"
-body = "elastomer"
-[[probe]]
-name = "all along"
-contact = "elastomer_contact-aluminium_contact"
-[[probe]]
-name = "four"
-contact = "elastomer_contact-aluminium_contact"
-points = 4
 """
 PROBES = """
 [[probe]]

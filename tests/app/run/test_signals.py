@@ -188,14 +188,11 @@ def long(*values: object):
 @pytest.mark.parametrize(
     ("kind", "number"),
     [
-        ("single", signal.SIGHUP),
-        long("single", signal.SIGINT),
-        long("single", signal.SIGTERM),
-        long("explicit", signal.SIGINT),
-        long("explicit", signal.SIGTERM),
+        ("single", signal.SIGHUP), long("single", signal.SIGINT), long("single", signal.SIGTERM),
+        long("explicit", signal.SIGINT), long("explicit", signal.SIGTERM),
         long("explicit", signal.SIGHUP),
     ],
-)
+)  # fmt: skip
 def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
     process, out = start(kind), tmp_path / "out"
     read_steps(process, 1 if kind == "explicit" else 3)

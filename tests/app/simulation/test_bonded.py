@@ -127,20 +127,14 @@ def test_a_piece_of_two_materials_without_contact_runs_and_balances(on_ranks):
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (
-            '[[contact]]\nslave = "interface"\nmaster = "upper side"\n',
-            'surface "interface": 2 of its 2 facets lie inside the mesh',
-        ),
-        (
-            '[[boundary]]\nsurface = "interface"\ndisplacement = { x = 0 }\n',
-            "bodies that share nodes are bonded and have no surface there",
-        ),
-        (
-            '[[contact]]\nslave = "left side"\nmaster = "upper side"\n',
-            'surface "left side" must lie on one body; it lies on rubber pad, steel plate',
-        ),
+        ('[[contact]]\nslave = "interface"\nmaster = "upper side"\n',
+         'surface "interface": 2 of its 2 facets lie inside the mesh'),
+        ('[[boundary]]\nsurface = "interface"\ndisplacement = { x = 0 }\n',
+         "bodies that share nodes are bonded and have no surface there"),
+        ('[[contact]]\nslave = "left side"\nmaster = "upper side"\n',
+         'surface "left side" must lie on one body; it lies on rubber pad, steel plate'),
     ],
-)
+)  # fmt: skip
 def test_a_contact_where_bodies_are_bonded_is_refused(layered, lines, said):
     friction = 'friction = { law = "frictionless" }\n' if "contact" in lines else ""
     path = layered(CASE.replace("[[probe]]", lines + friction + "[[probe]]"))

@@ -20,29 +20,22 @@ ROOT = Path(__file__).parents[3]
 PRONY = [(0.3, 0.1), (0.2, 1.0)]
 G, K = 1e6, 1e10  # Pa: nu = 0.49995
 CELL = """
+boundary = [
+ { surface = "rubber_bottom", displacement = { y = 0 } },
+ { surface = "rubber_left", displacement = { x = 0 } },
+ { surface = "rubber_top" },
+]
+stage = [{ name = "move" }]
 [geometry]
 kind = "blocks"
 thickness = "1 m"
-[geometry.blocks.rubber]
-x = ["0 m", "1 m"]
-y = ["0 m", "1 m"]
-elements = [1, 1]
+blocks = { rubber = { x = ["0 m", "1 m"], y = ["0 m", "1 m"], elements = [1, 1] } }
 [bodies.rubber]
 material = "neo-hookean"
 G = 1e6
 K = 1e10
 moduli = "instantaneous"
 prony = [[0.3, 0.1], [0.2, 1.0]]
-[[boundary]]
-surface = "rubber_bottom"
-displacement = { y = 0 }
-[[boundary]]
-surface = "rubber_left"
-displacement = { x = 0 }
-[[boundary]]
-surface = "rubber_top"
-[[stage]]
-name = "move"
 """
 
 
@@ -140,29 +133,21 @@ def test_stages_without_rates_are_relaxed_and_long_term_moduli_are_those_of_them
 
 
 BLOCK = """
+boundary = [
+ { surface = "rubber_bottom", displacement = { x = 0, y = 0 } },
+ { surface = "rubber_top", displacement = { x = 0, y = [["0 s", 0], ["1 ms", "-0.1 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 ms", steps = 40 }]
 [geometry]
 kind = "blocks"
 section = "SECTION"
-[geometry.blocks.rubber]
-x = ["0 mm", "1 mm"]
-y = ["0 mm", "1 mm"]
-elements = [2, 2]
+blocks = { rubber = { x = ["0 mm", "1 mm"], y = ["0 mm", "1 mm"], elements = [2, 2] } }
 [bodies.rubber]
 material = "neo-hookean"
 G = "1 MPa"
 K = "20 MPa"
 density = 1000
 prony = [[0.4, "0.2 ms"], [0.2, "2 ms"]]
-[[boundary]]
-surface = "rubber_bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "rubber_top"
-displacement = { x = 0, y = [["0 s", 0], ["1 ms", "-0.1 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 ms"
-steps = 40
 """
 
 

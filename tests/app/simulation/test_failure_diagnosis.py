@@ -133,6 +133,14 @@ def test_a_strut_past_its_buckling_load_is_told_to_snap(strain, said):
 
 
 RING = """
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+bodies.aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
+boundary = [
+ { surface = "bottom", displacement = { y = 0 } },
+ { surface = "top", displacement = { y = 0 } },
+ { surface = "elastomer_right", pressure = [["0 s", "0 MPa"], ["1 s", "0.1 MPa"]] },
+]
+stage = [{ name = "squeeze", duration = "1 s", steps = 1 }]
 [geometry]
 kind = "two-blocks"
 section = "axisymmetric"
@@ -140,31 +148,10 @@ gap = "0.1 mm"
 offset = "1 mm"
 upper = { width = "2 mm", height = "1 mm", elements = [3, 2] }
 lower = { width = "4 mm", height = "1 mm", elements = [5, 2] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "coulomb", mu = 0.2 }
-[[boundary]]
-surface = "bottom"
-displacement = { y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { y = 0 }
-[[boundary]]
-surface = "elastomer_right"
-pressure = [["0 s", "0 MPa"], ["1 s", "0.1 MPa"]]
-[[stage]]
-name = "squeeze"
-duration = "1 s"
-steps = 1
 """
 
 

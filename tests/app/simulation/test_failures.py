@@ -146,26 +146,18 @@ HOPELESS = {
     stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "less load, a rounder corner"),
-    pushed: (
-        "slide",
-        "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.18 N in x drives "
-        "body elastomer now",
-        "try a prescribed displacement in x instead of the force, or a spring that holds it",
-    ),
-    pushed_on_a_film: (
-        "slide",
-        "contact.0: no equilibrium: T has reached mu N everywhere",
-        "or rate_dependent = true: a film holds any force, at some speed",
-    ),
+    pushed: ("slide",
+     "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.18 N in x drives "
+     "body elastomer now",
+     "try a prescribed displacement in x instead of the force, or a spring that holds it"),
+    pushed_on_a_film: ("slide", "contact.0: no equilibrium: T has reached mu N everywhere",
+     "or rate_dependent = true: a film holds any force, at some speed"),
     hurried: ("press", "contact.0: the penalty is 3e+09 times", "try the default penalty"),
-    overrun: (
-        "slide",
-        "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
-        "(0.0015, 0) m, undeformed",
-        "a master surface aluminium_contact that reaches further there",
-    ),
+    overrun: ("slide",
+     "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
+     "(0.0015, 0) m, undeformed", "a master surface aluminium_contact that reaches further there"),
     firm: ("slide", "contact.0: the penalty is 1e+02 times the default", "= 30)"),
-}
+}  # fmt: skip
 
 
 AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film)
@@ -245,14 +237,10 @@ def of_default_penalty(data: dict) -> None:
 
 
 CURES = [
-    (pushed, held_by_displacement),
-    (pushed, held_by_spring),
-    (pushed, pushed_less),
-    (pushed, rubbed_more),
-    (pushed_on_a_film, feeling_rates),
-    (overrun, reaching_further),
+    (pushed, held_by_displacement), (pushed, held_by_spring), (pushed, pushed_less),
+    (pushed, rubbed_more), (pushed_on_a_film, feeling_rates), (overrun, reaching_further),
     (firm, of_default_penalty),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("problem", "cure"), CURES, ids=lambda part: part.__name__)
@@ -356,20 +344,15 @@ def test_forces_of_a_body_that_only_moves_are_no_imbalance(block, tmp_path):
 @pytest.mark.parametrize(
     ("penalty", "said"),
     [
-        (
-            {"penalty_factor": 3e7},
-            "3e+07 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
-            "Newton",
-        ),
-        (
-            {"penalty_factor": 3e-8},
-            "3e-08 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
-            "the bodies overlap",
-        ),
-        ({"penalty": 1e8}, "0.00058 times"),
-        ({}, None),
+        ({"penalty_factor": 3e7},
+         "3e+07 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
+         "Newton"),
+        ({"penalty_factor": 3e-8},
+         "3e-08 times the stiffness max(10 G, M/10)/h of the softer body's elements beside it: "
+         "the bodies overlap"),
+        ({"penalty": 1e8}, "0.00058 times"), ({}, None),
     ],
-)
+)  # fmt: skip
 def test_absurd_penalties_are_noted_before_the_run(block, penalty, said):
     data = plain(block)
     data["contact"][0] |= penalty

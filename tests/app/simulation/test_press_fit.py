@@ -19,33 +19,17 @@ BORE, INNER, OUTER, HIGH = 10e-3, 5e-3, 15e-3, 2e-3  # m
 OVERLAP, MU = 10e-6, 0.2
 HUB, SHAFT = (70e9, 0.33), (210e9, 0.3)  # Pa, –
 RINGS = {
-    "geometry": {
-        "kind": "blocks",
-        "section": "axisymmetric",
-        "blocks": {
-            "hub": {"x": [BORE, OUTER], "y": [0, HIGH], "elements": [10, 4]},
-            "shaft": {"x": [INNER, BORE], "y": [0, HIGH], "elements": [10, 5]},
-        },
-    },
-    "bodies": {
-        "hub": {"material": "neo-hookean", "E": HUB[0], "nu": HUB[1]},
-        "shaft": {"material": "neo-hookean", "E": SHAFT[0], "nu": SHAFT[1]},
-    },
-    "contact": [
-        {
-            "slave": "hub_left",
-            "master": "shaft_right",
-            "interference": OVERLAP,
-            "friction": {"law": "frictionless"},
-        }
-    ],
-    "boundary": [
-        {"surface": f"{body}_{side}", "symmetry": True}
-        for body in ("hub", "shaft")
-        for side in ("bottom", "top")
-    ],
+    "geometry": {"kind": "blocks", "section": "axisymmetric",
+     "blocks": {"hub": {"x": [BORE, OUTER], "y": [0, HIGH], "elements": [10, 4]},
+     "shaft": {"x": [INNER, BORE], "y": [0, HIGH], "elements": [10, 5]}}},
+    "bodies": {"hub": {"material": "neo-hookean", "E": HUB[0], "nu": HUB[1]},
+     "shaft": {"material": "neo-hookean", "E": SHAFT[0], "nu": SHAFT[1]}},
+    "contact": [{"slave": "hub_left", "master": "shaft_right", "interference": OVERLAP,
+     "friction": {"law": "frictionless"}}],
+    "boundary": [{"surface": f"{body}_{side}", "symmetry": True} for body in ("hub", "shaft")
+     for side in ("bottom", "top")],
     "stage": [{"name": "fit", "duration": 1.0, "steps": 2}],
-}
+}  # fmt: skip
 
 
 def lame() -> float:

@@ -104,15 +104,11 @@ def test_where_nothing_is_driven_the_log_tells_the_speed_of_what_moves(tmp_path,
 @pytest.mark.parametrize(
     ("time", "dt", "text"),
     [
-        (0.1, 0.1, "0.1 s"),
-        (1.0 / 3.0, 0.1, "0.333333 s"),
-        (0.100000001, 1e-9, "0.100000001 s"),
-        (1234.5678901, 1e-4, "1234.56789 s"),
-        (0.0, 1e-9, "0 s"),
-        (2.5, 0.0, "2.5 s"),
+        (0.1, 0.1, "0.1 s"), (1.0 / 3.0, 0.1, "0.333333 s"), (0.100000001, 1e-9, "0.100000001 s"),
+        (1234.5678901, 1e-4, "1234.56789 s"), (0.0, 1e-9, "0 s"), (2.5, 0.0, "2.5 s"),
         (2.5, float("inf"), "2.5 s"),
     ],
-)
+)  # fmt: skip
 def test_digits_follow_from_the_step(time, dt, text):
     assert time_text(time, dt) == text
 

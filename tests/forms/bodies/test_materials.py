@@ -66,12 +66,9 @@ def hencky(C, J):
 
 
 FORMULAS = {
-    "neo-hookean": neo_hookean,
-    "mooney-rivlin": mooney_rivlin,
-    "yeoh": yeoh,
-    "ogden": ogden,
+    "neo-hookean": neo_hookean, "mooney-rivlin": mooney_rivlin, "yeoh": yeoh, "ogden": ogden,
     "hencky": hencky,
-}
+}  # fmt: skip
 
 
 class Cell:

@@ -33,15 +33,11 @@ BACK = replace(SOON, kinematic=(Backstress(0.5, 12.0), Backstress(0.02)))
 SOFT = Viscoelastic(NeoHookean(G, K), (Branch(0.5, 0.3),), Mullins(1.5, 2e-3, 0.1))
 VISCOUS = Viscoelastic(NeoHookean(G, K), (Branch(0.7, 0.3), Branch(0.4, 2.0)))
 KINDS = [
-    ("quadrilateral", "plane-strain", "q1"),
-    ("quadrilateral", "plane-strain", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q2"),
-    ("triangle", "plane-strain", "q2"),
-    ("triangle", "axisymmetric", "q1"),
-    ("hexahedron", "3D", "q1-sri"),
-    ("tetrahedron", "3D", "q2"),
-]
+    ("quadrilateral", "plane-strain", "q1"), ("quadrilateral", "plane-strain", "q1-sri"),
+    ("quadrilateral", "axisymmetric", "q1-sri"), ("quadrilateral", "axisymmetric", "q2"),
+    ("triangle", "plane-strain", "q2"), ("triangle", "axisymmetric", "q1"),
+    ("hexahedron", "3D", "q1-sri"), ("tetrahedron", "3D", "q2"),
+]  # fmt: skip
 FEW = [KINDS[0], KINDS[2], KINDS[5], KINDS[6]]
 
 

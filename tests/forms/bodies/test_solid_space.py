@@ -192,15 +192,11 @@ def patch_error(cell, formulation, section, distortion, **shape):
 @pytest.mark.parametrize(
     ("cell", "formulation", "section"),
     [
-        ("hexahedron", "q1", "3D"),
-        ("tetrahedron", "q1", "3D"),
-        ("tetrahedron", "q2", "3D"),
-        ("quadrilateral", "q1", "axisymmetric"),
-        ("quadrilateral", "q2", "axisymmetric"),
-        ("quadrilateral", "q2", "plane-strain"),
-        ("triangle", "q2", "plane-strain"),
+        ("hexahedron", "q1", "3D"), ("tetrahedron", "q1", "3D"), ("tetrahedron", "q2", "3D"),
+        ("quadrilateral", "q1", "axisymmetric"), ("quadrilateral", "q2", "axisymmetric"),
+        ("quadrilateral", "q2", "plane-strain"), ("triangle", "q2", "plane-strain"),
     ],
-)
+)  # fmt: skip
 def test_patch_of_distorted_elements(cell, formulation, section):
     assert patch_error(cell, formulation, section, 0.2) < 1e-11
 
@@ -315,13 +311,10 @@ def test_cylinder_under_even_pressure_stays_a_cylinder(formulation):
 @pytest.mark.parametrize(
     ("cell", "degree", "section"),
     [
-        ("hexahedron", 1, "3D"),
-        ("tetrahedron", 2, "3D"),
-        ("quadrilateral", 1, "axisymmetric"),
-        ("triangle", 2, "axisymmetric"),
-        ("quadrilateral", 2, "plane-strain"),
+        ("hexahedron", 1, "3D"), ("tetrahedron", 2, "3D"), ("quadrilateral", 1, "axisymmetric"),
+        ("triangle", 2, "axisymmetric"), ("quadrilateral", 2, "plane-strain"),
     ],
-)
+)  # fmt: skip
 def test_pressure_all_round_works_against_the_volume(cell, degree, section):
     """The residual is p times the derivative of the enclosed volume, its tangent the second."""
     u = box(cell, degree, 2, 0.1)

@@ -19,13 +19,9 @@ from tribox.geometry.meshes.mesh import generate
 R, BLOCK_R, H, WIDTH = 1.0, 0.8, 0.6, 0.3
 SPHERE = SphereOnBlock(R, BLOCK_R, H, WIDTH, 0.05, 1.3)
 PARTS = [
-    ("axisymmetric", "quadrilateral"),
-    ("axisymmetric", "triangle"),
-    ("quarter", "hexahedron"),
-    ("half", "hexahedron"),
-    ("full", "hexahedron"),
-    ("quarter", "tetrahedron"),
-]
+    ("axisymmetric", "quadrilateral"), ("axisymmetric", "triangle"), ("quarter", "hexahedron"),
+    ("half", "hexahedron"), ("full", "hexahedron"), ("quarter", "tetrahedron"),
+]  # fmt: skip
 SHARE = {"axisymmetric": 1.0, "quarter": 0.25, "half": 0.5, "full": 1.0}
 
 

@@ -143,13 +143,10 @@ def test_size_bounds_the_height_at_the_contact_with_the_fewest_layers(grading):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"width": -1.0}, "width = -1.0"),
-        ({"height": math.nan}, "height = nan"),
+        ({"width": -1.0}, "width = -1.0"), ({"height": math.nan}, "height = nan"),
         ({"grading": 0.0}, "grading = 0.0 is not allowed; from 0.001 to 1000.0"),
-        ({"grading": 1e308}, "grading = 1e"),
-        ({"grading": math.nan}, "grading = nan"),
-        ({"elements": None}, "either elements or size"),
-        ({"size": 0.1}, "either elements or size"),
+        ({"grading": 1e308}, "grading = 1e"), ({"grading": math.nan}, "grading = nan"),
+        ({"elements": None}, "either elements or size"), ({"size": 0.1}, "either elements or size"),
         ({"elements": None, "size": -0.1}, "size = -0.1"),
         ({"elements": None, "size": 1e-300}, "size = 1e-300 m is not allowed; at least 1e-07 m"),
         ({"elements": (0, 3)}, r"elements = \[0, 3\]"),
@@ -158,7 +155,7 @@ def test_size_bounds_the_height_at_the_contact_with_the_fewest_layers(grading):
         ({"elements": (2, 1), "grading": 2.0}, "grading = 2.0"),
         ({"elements": (100_000, 1000)}, "at most 10000000"),
     ],
-)
+)  # fmt: skip
 def test_bad_block_is_refused(values, said):
     with pytest.raises(ValueError, match=said):
         Block(**{"width": 1.0, "height": 1.0, "elements": (2, 2), **values})

@@ -21,19 +21,13 @@ BOXES = TwoBoxes(UPPER, LOWER, offset=(0.35e-3, 0.1e-3), gap=0.1e-3)
 
 # name: (axis, position, area)
 SIDES = {
-    "elastomer_contact": (1, 0.1e-3, 0.6e-6),
-    "top": (1, 0.6e-3, 0.6e-6),
-    "elastomer_left": (0, 0.35e-3, 0.3e-6),
-    "elastomer_right": (0, 1.35e-3, 0.3e-6),
-    "elastomer_back": (2, 0.1e-3, 0.5e-6),
-    "elastomer_front": (2, 0.7e-3, 0.5e-6),
-    "aluminium_contact": (1, 0.0, 2.0e-6),
-    "bottom": (1, -0.4e-3, 2.0e-6),
-    "aluminium_left": (0, 0.0, 0.4e-6),
-    "aluminium_right": (0, 2.0e-3, 0.4e-6),
-    "aluminium_back": (2, 0.0, 0.8e-6),
-    "aluminium_front": (2, 1.0e-3, 0.8e-6),
-}
+    "elastomer_contact": (1, 0.1e-3, 0.6e-6), "top": (1, 0.6e-3, 0.6e-6),
+    "elastomer_left": (0, 0.35e-3, 0.3e-6), "elastomer_right": (0, 1.35e-3, 0.3e-6),
+    "elastomer_back": (2, 0.1e-3, 0.5e-6), "elastomer_front": (2, 0.7e-3, 0.5e-6),
+    "aluminium_contact": (1, 0.0, 2.0e-6), "bottom": (1, -0.4e-3, 2.0e-6),
+    "aluminium_left": (0, 0.0, 0.4e-6), "aluminium_right": (0, 2.0e-3, 0.4e-6),
+    "aluminium_back": (2, 0.0, 0.8e-6), "aluminium_front": (2, 1.0e-3, 0.8e-6),
+}  # fmt: skip
 
 
 def integral(named, dim, entities):

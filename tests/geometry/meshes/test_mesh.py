@@ -22,17 +22,10 @@ BLOCKS = TwoBlocks(
     Block(1.0e-3, 0.5e-3, (8, 4), grading=3.0), Block(2.0e-3, 0.4e-3, (13, 5)), offset=0.35e-3
 )
 MEASURES = {
-    "elastomer": 0.5e-6,
-    "aluminium": 0.8e-6,
-    "elastomer_contact": 1.0e-3,
-    "aluminium_contact": 2.0e-3,
-    "top": 1.0e-3,
-    "bottom": 2.0e-3,
-    "elastomer_left": 0.5e-3,
-    "elastomer_right": 0.5e-3,
-    "aluminium_left": 0.4e-3,
-    "aluminium_right": 0.4e-3,
-}
+    "elastomer": 0.5e-6, "aluminium": 0.8e-6, "elastomer_contact": 1.0e-3,
+    "aluminium_contact": 2.0e-3, "top": 1.0e-3, "bottom": 2.0e-3, "elastomer_left": 0.5e-3,
+    "elastomer_right": 0.5e-3, "aluminium_left": 0.4e-3, "aluminium_right": 0.4e-3,
+}  # fmt: skip
 
 
 def resultants(named):

@@ -142,14 +142,11 @@ def from_axis(points):
 @pytest.mark.parametrize(
     ("name", "apart"),
     [
-        ("circle", from_point),
-        ("hollow circle", from_point),
-        ("sphere", from_point),
-        ("hollow sphere", from_point),
-        ("cylinder", from_axis),
+        ("circle", from_point), ("hollow circle", from_point), ("sphere", from_point),
+        ("hollow sphere", from_point), ("cylinder", from_axis),
         ("hollow cylinder", lambda points: points * [1.0, 1.0, 0.0]),
     ],
-)
+)  # fmt: skip
 def test_round_ones_in_closed_form(name, apart):
     shape = SMOOTH[name]()
     points = around(shape)
