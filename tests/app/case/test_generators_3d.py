@@ -273,14 +273,6 @@ def test_mistakes_are_named(blocks, change, said):
     assert any(re.search(said, line) for line in lines), lines
 
 
-def test_an_unknown_body_is_named_with_those_there_are():
-    data = tomllib.loads(CASE)
-    data["bodies"]["stripe"] = data["bodies"].pop("strip")
-    with pytest.raises(ValidationError) as caught:
-        Case.model_validate(data)
-    assert "strip" in str(caught.value)
-
-
 def test_corners_and_edges_are_groups_for_boundaries():
     """Held at one corner and along one edge, drawn at another: the reactions are there alone."""
     from tests.tool_cases import run

@@ -128,13 +128,6 @@ def test_a_boundary_of_a_tool_is_told_where_its_motion_stands():
     assert line == 'boundary.1.surface = "punch": is a tool; what moves it stands in [tools.punch]'
 
 
-def test_so_is_one_of_a_tool_on_a_mesh_that_is_read(tmp_path):
-    data = block_case(block_mesh(tmp_path / "block.msh", (2, 1)))
-    data["boundary"].append({"surface": "punch", "displacement": {"x": 0}})
-    with pytest.raises(InputError, match=r"boundary\.1\.surface = \"punch\": is a tool; what"):
-        build_model(case_of(data), MPI.COMM_SELF)
-
-
 @pytest.mark.parametrize(
     ("stages", "tools", "line"),
     [

@@ -184,12 +184,6 @@ def test_several_mistakes_are_counted_and_listed(film):
     assert check_case(film) == []
 
 
-def test_a_film_law_without_film(film):
-    film.write_text(FILM_CASE.replace('[contact.film]\nthickness = "30 nm"\n', ""))
-    [line] = check_case(film)
-    assert 'contact.0.film.thickness: missing; law = "friction-map" needs the film' in line
-
-
 def test_a_missing_body(film):
     film.write_text(FILM_CASE.replace("[bodies.aluminium]", "[bodies.aluminum]"))
     lines = check_case(film)

@@ -10,7 +10,6 @@ from tribox.app.simulation.contact_warnings import (
     off_curve,
     softer_factor,
     waves,
-    waves_text,
 )
 
 MEAN, SHARE = 5.0, 0.1
@@ -51,12 +50,6 @@ def test_smooth_pressures_and_singular_ends_make_no_waves(surface, period):
     assert share_of(surface, flat, period) < WAVES
 
 
-def test_nothing_is_said_of_few_vertices(surface):
-    comb = np.where(np.arange(surface.vertices.count) % 2, 1.0, 0.0)
-    few = surface.slave.position[:, 0] < np.sort(surface.vertices.position[:, 0])[4]
-    assert share_of(surface, comb, inside=few) == 0.0
-
-
 def test_waves_in_space_are_measured_over_a_surface():
     """Corners every three vertices one way, on a smooth hill."""
     x = np.linspace(0.0, 1.0, 16)
@@ -67,13 +60,6 @@ def test_waves_in_space_are_measured_over_a_surface():
     assert np.allclose(off_curve(place, hill, 0.2)[0], 0.0, atol=1e-12)
     assert 100 < fitted.sum() < 256 and not fitted[0]
     assert np.abs(off[fitted]).max() == pytest.approx(SHARE, rel=0.4)
-
-
-def test_the_warning_names_the_contact_and_a_cure():
-    line = waves_text(2, 0.078, 1e-4)
-    assert line.startswith("contact.2: combed pressures: from vertex to vertex they are off")
-    assert "a smooth curve by 7.8 % of their mean" in line and "0.0001 m apart" in line
-    assert 'smooth the master (smoothing_angle = "30 deg")' in line
 
 
 @pytest.mark.parametrize(

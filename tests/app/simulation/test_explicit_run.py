@@ -13,10 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from mpi4py import MPI
 
-from benchmarks.explicit_verification import draw_overlay
 from tests.app.conftest import FILM, SLID
 from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
@@ -292,26 +290,6 @@ def test_a_phase_plot_of_a_sprung_surface(tmp_path):
     assert_momentum(tmp_path / "out" / "bodies.csv")
     assert rows[-1]["velocity_x"] > 0.0
     assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
-
-
-def test_overlaid_histories_are_drawn_at_the_middle_of_explicit_rows(tmp_path, monkeypatch):
-    drawn = []
-    semilogy = Axes.semilogy
-
-    def keep(axes, x, y, *style, **options):
-        drawn.append((np.array(x), np.array(y)))
-        return semilogy(axes, x, y, *style, **options)
-
-    monkeypatch.setattr(Axes, "semilogy", keep)
-    rows = [
-        {"driven_displacement": k * 1e-6, "friction_force": 1.0 + k, "velocity": float(k > 0)}
-        for k in range(4)
-    ]
-    draw_overlay({"D = 10 nm": (rows, rows)}, tmp_path / "overlay.png")
-    assert (tmp_path / "overlay.png").stat().st_size > 1000
-    (dots, _), (line, force) = drawn
-    assert np.allclose(dots, [1.0, 2.0, 3.0]) and np.allclose(line, [0.5, 1.5, 2.5])
-    assert np.allclose(force, [2.0, 3.0, 4.0])
 
 
 def test_scaled_mass_is_reported(tmp_path):

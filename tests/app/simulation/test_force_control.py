@@ -126,21 +126,6 @@ def test_a_force_finds_the_contact_and_is_met(apart, shape, nu, steps, gap):
         assert row.normal_resultant == pytest.approx(force * count / steps, rel=1e-7)
 
 
-def test_springs_let_the_load_move_the_body_to_the_other_at_once(apart, monkeypatch):
-    """The first stage goes the whole distance and a little further."""
-    ways, springs = [], tribox.app.implicit.globalisation._springs
-
-    def noted(bodies, loads, way, place):
-        ways.append(way)
-        return springs(bodies, loads, way, place)
-
-    monkeypatch.setattr(tribox.app.implicit.globalisation, "_springs", noted)
-    apart(30e-6)
-    simulate(pressed("cylinders", 0.45, 1))
-    assert 30e-6 < ways[0] < 33e-6
-    assert ways[1] < ways[0]
-
-
 def test_a_pressure_finds_the_contact_too(apart):
     """No platen: the springs act on all of the body."""
     apart(30e-6)
