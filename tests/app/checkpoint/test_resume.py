@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.checkpoint.going_on import TABLES, as_killed, numbers, unlike
+from tests.app.checkpoint.going_on import as_killed, numbers, unlike
 from tests.app.conftest import BLOCK
 from tests.app.read_log import read_log
 from tests.own_law import documented_law, with_law
@@ -236,17 +236,6 @@ def test_another_mesh_is_refused(tribox, case_file, killed):
     done = tribox("run", case_file(CASE), "--out", killed, "--resume")
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "the mesh is not the one of the run: nodes moved by up to 1e-05 m" in done.stderr
-
-
-@pytest.mark.parametrize("table", TABLES)
-def test_a_table_that_lacks_a_step_is_refused(tribox, case_file, killed, table):
-    lines = (killed / table).read_text().splitlines(keepends=True)
-    kept = [line for line in lines if not line.startswith("3,")]
-    (killed / table).write_text("".join(kept))
-    done = tribox("run", case_file(CASE), "--out", killed, "--resume")
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"{killed / table}: does not hold the 4 steps" in done.stderr
-    assert (killed / table).read_text() == "".join(kept)
 
 
 def test_a_law_that_was_changed_is_refused(tribox, case_file, tmp_path):
