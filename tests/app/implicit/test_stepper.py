@@ -2,7 +2,6 @@
 
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -207,41 +206,3 @@ def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floatin
 
 
 FAILED, FOUND = -6, 2
-
-
-@pytest.mark.parametrize(
-    ("reason", "strayed", "floating", "tries"),
-    [
-        (FOUND, False, [], 1),
-        (FOUND, True, [], 1),
-        (FOUND, False, ["strip"], 2),
-        (FAILED, False, [], 1),  # pressed: springs that weak change nothing
-        (FAILED, False, ["strip"], 2),
-        (FAILED, True, [], 2),  # thrown away: what pressed before says nothing
-    ],
-)
-def test_weak_springs_are_tried_where_a_body_may_have_lost_its_contacts(
-    reason, strayed, floating, tries
-):
-    stepper, held = object.__new__(ImplicitStepper), []
-    step = StepMode()
-    problem = SimpleNamespace(roundoff=0.0)
-    stepper.problem, stepper._floating, stepper._pressed = problem, (), True
-    stepper.x = stepper.trial = SimpleNamespace(array_r=np.zeros(1))
-    stepper.newton = SimpleNamespace(largest_force=1.0, strayed=strayed, evaluate=lambda step: None)
-    stepper._weak = SimpleNamespace(
-        bodies=["strip"],
-        adrift=lambda largest: False,
-        floating=lambda largest: floating,
-        is_loaded=lambda largest: False,
-        springs=lambda place, largest: "springs",
-        strain=lambda springs, at: 0.0,
-    )
-
-    def tried(step, pressed):
-        held.append(step.holding)
-        return 3, reason
-
-    stepper._tried = tried
-    assert stepper._solve(step) == (3 * tries, reason, 0.0)
-    assert held == [None, "springs"][:tries]
