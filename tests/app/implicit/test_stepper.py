@@ -203,6 +203,3 @@ def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floatin
     assert tried[0].converged and tried[1].converged
     assert tried[0].iterations == tried[1].iterations
     assert tried[0].floating == tried[1].floating == floating
-
-
-FAILED, FOUND = -6, 2

@@ -150,7 +150,7 @@ def test_pairs_follow_each_other(block, tmp_path):
 
 # -- VTU files as pyvista and meshio read them -----------------------------------------------------
 
-TRIANGLE, VERTEX = 5, 1
+TRIANGLE = 5
 
 
 @pytest.fixture
