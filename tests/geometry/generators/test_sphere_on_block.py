@@ -91,14 +91,6 @@ def test_planes_of_symmetry():
         assert len(half.facets(f"{body}_symmetry_z")) == 2 * len(sections.cells(body))
 
 
-@pytest.mark.parametrize(("part", "cell"), [p for p in PARTS if p[1][0] in "qh"])
-def test_counts_are_told_beforehand(part, cell):
-    shape = replace(SPHERE, part=part, cell=cell)
-    named = generate(shape, MPI.COMM_SELF)
-    counts = [len(named.cells(name)) for name in ("elastomer", "aluminium")]
-    assert counts == [shape.cells_of(body) for body in shape.bodies()]
-
-
 def test_cells_are_small_at_the_contact_and_well_shaped_everywhere():
     for part, cell in PARTS:
         with gmsh_session("sphere"):

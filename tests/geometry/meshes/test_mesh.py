@@ -94,22 +94,6 @@ def test_generated_mesh_has_the_right_measures(cell):
     assert resultants(named) == pytest.approx(MEASURES, rel=1e-12)
 
 
-def test_facets_lie_on_the_named_side():
-    named = generate(BLOCKS, MPI.COMM_SELF)
-    for name, axis, value in (
-        ("elastomer_contact", 1, 0.0),
-        ("aluminium_contact", 1, 0.0),
-        ("top", 1, 0.5e-3),
-        ("elastomer_right", 0, 1.35e-3),
-    ):
-        facets = named.facets(name)
-        assert facets.dtype == np.int32
-        middles = dolfinx.mesh.compute_midpoints(named.mesh, 1, facets)
-        np.testing.assert_allclose(middles[:, axis], value, atol=1e-15)
-    assert len(named.facets("elastomer_contact")) == 8
-    assert len(named.facets("aluminium_contact")) == 13
-
-
 def test_unknown_names_offer_the_nearest():
     named = generate(BLOCKS, MPI.COMM_SELF)
     assert named.body_tag("elastomer") != named.body_tag("aluminium")
@@ -508,19 +492,3 @@ def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
     assert resultants(named) == pytest.approx(dict.fromkeys([*named.bodies, *named.surfaces], 1.0))
     between = int(np.count_nonzero(np.abs(named.mesh.geometry.x[:, 1] - 1.0) < 1e-9))
     assert bodies_sharing_nodes(named) == ({} if apart else {("lower", "upper"): between})
-
-
-def test_wedges_are_divided(msh):
-    def wedges():
-        geo = gmsh.model.geo
-        corners = [geo.addPoint(x, y, 0.0, 1.0) for x, y in ((0, 0), (1, 0), (0, 1))]
-        lines = [geo.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
-        face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        _, volume, *_ = geo.extrude([(2, face)], 0, 0, 1, numElements=[1], recombine=True)
-        geo.synchronize()
-        group(3, [volume[1]], "body")
-        gmsh.model.mesh.generate(3)
-
-    named = read(msh(wedges), MPI.COMM_SELF)
-    assert named.notes == ("cells (2 prisms): refined to 12 hexahedra",)
-    assert resultants(named) == pytest.approx({"body": 0.5})
