@@ -144,14 +144,6 @@ def test_a_contact_where_bodies_are_bonded_is_refused(layered, lines, said):
     assert len(error.value.lines) == 1
 
 
-def test_bonded_bodies_are_supported_as_one(layered):
-    text = CASE.replace('surface = "left side"\ndisplacement = { x = 0 }', "")
-    text = text.replace("[[boundary]]\n\n", "")
-    notes = build_model(load_case(layered(text)), MPI.COMM_SELF).notes
-    loose = [note for note in notes if "no boundary prescribes" in note]
-    assert [note.partition(":")[0] for note in loose] == ["body rubber pad and steel plate"]
-
-
 @pytest.mark.parametrize(
     ("scale", "length"),
     [("", 2.0), ('scale = "mm"', 2e-3), ("scale = 0.001", 2e-3), ('scale = "2.5 cm"', 0.05)],

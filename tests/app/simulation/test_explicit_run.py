@@ -278,20 +278,6 @@ def test_pressures_change_the_momentum(tmp_path):
     assert right == pytest.approx(-0.2 * left, rel=0.1)
 
 
-def test_a_phase_plot_of_a_sprung_surface(tmp_path):
-    data = tomllib.loads(SLID)
-    data["boundary"][1]["spring"] = {"direction": "x", "stiffness": "1e6 N/m", "end": "driven"}
-    del data["boundary"][1]["displacement"]
-    data["output"]["figures"] = True
-    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    rows = [r for r in read_table(tmp_path / "out" / "surfaces.csv") if r["surface"] == "top"]
-    stretch = 0.2 * (rows[-1]["time"] - 1.0) - rows[-1]["displacement_x"]
-    assert 0.0 < rows[-1]["force_x"] < 2e6 * stretch  # the mean over an interval that swings
-    assert_momentum(tmp_path / "out" / "bodies.csv")
-    assert rows[-1]["velocity_x"] > 0.0
-    assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
-
-
 def test_scaled_mass_is_reported(tmp_path):
     data = tomllib.loads(SLID)
     data["solver"]["mass_scaling"] = {"kind": "uniform", "factor": 9}

@@ -17,14 +17,9 @@ from mpi4py import MPI
 from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
-from tribox.app.simulation.implicit_stage import ImplicitStage
-from tribox.app.simulation.pair_bodies import penalty_factor
-from tribox.forms.bodies.materials import NeoHookean
-from tribox.forms.bodies.solid import Solid
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 # Give up soon: what is tested is how.
@@ -252,24 +247,6 @@ def test_what_a_message_says_to_try_helps(block, film, tmp_path, problem, cure):
     assert simulation.rows[-1].time == pytest.approx(2.0)
 
 
-def test_saved_state_is_the_last_converged_one(monkeypatch, block, tmp_path):
-    """The fields end with the unknowns of the last step, whatever was tried after it."""
-    seen = []
-    commit = ImplicitStage._commit
-
-    def watched(stage, *arguments):
-        commit(stage, *arguments)
-        seen.append(stage.stepper.x.array_r.reshape(-1, 2).copy())
-
-    monkeypatch.setattr(ImplicitStage, "_commit", watched)
-    case = Case.model_validate(collapsing(block, "") | {"output": {"fields_every": 0}})
-    with pytest.raises(SolutionError):
-        run_case(case, tmp_path / "out", quiet=True)
-    saved = last_displacement(tmp_path / "out")[:, :2]
-    assert np.allclose(np.sort(saved, axis=0), np.sort(seen[-1], axis=0), rtol=0.0, atol=1e-18)
-    assert np.max(np.abs(seen[-1] - seen[-2])) > 1e-6
-
-
 def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):
     text = block.replace('"-0.05 mm"', '"-0.6 mm"')
     text += "[solver]\nmin_step_fraction = 0.3\nmax_iterations = 12\n"
@@ -362,20 +339,6 @@ def test_absurd_penalties_are_noted_before_the_run(block, penalty, said):
     else:
         [note] = notes
         assert note.startswith("contact.0: the penalty is ") and said in note
-
-
-@pytest.mark.parametrize("kind", ["averaged", "pointwise"])
-def test_penalty_factor_is_that_of_the_case(block, kind):
-    """Of the pair's bodies: a softer one beside them does not count."""
-    data = plain(block)
-    data["contact"][0]["pressure"] = kind
-    problem = build_model(Case.model_validate(data), MPI.COMM_SELF).problem
-    [term] = problem.contacts
-    none = np.empty(0, dtype=np.int32)
-    problem.solids.append(Solid("gel", problem.u, none, NeoHookean(1e2, 1e3), "q1"))
-    assert penalty_factor(problem, term) == pytest.approx(30.0, rel=1e-12)
-    bodies = bodies_of(problem, term)
-    assert [bodies.slave.name, bodies.master.name] == ["elastomer", "aluminium"]
 
 
 # -- numbers that are none ------------------------------------------------------------------------

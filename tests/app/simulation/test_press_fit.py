@@ -86,11 +86,6 @@ def test_rings_press_as_lames_do(data):
     assert abs(row.energy_error) < 1e-3 * row.external_work
 
 
-def test_fit_and_drawn_overlap_agree():
-    forces = [run_in_memory(data).state.rows[-1].normal_force for data in (RINGS, drawn())]
-    assert forces[0] == pytest.approx(forces[1], rel=3e-4)  # the shaft is 0.1 % larger
-
-
 def test_a_clearance_has_to_be_closed_first():
     """Half of the pressure on the hub closes the gap, the other presses."""
     data = changed(interference=-1e-6)
@@ -220,13 +215,6 @@ def test_a_drawn_overlap_is_refused_without_the_key():
     del data["contact"][0]["interference"]
     with pytest.raises(InputError, match='interference = "drawn"'):
         run_in_memory(data)
-
-
-def test_a_fit_needs_a_stage_with_a_duration():
-    data = changed()
-    data["stage"] = [{"name": "slide", "velocities": [1e-3], "slip_step": 1e-6}]
-    with pytest.raises(ValidationError, match="needs a duration"):
-        Case.model_validate(data)
 
 
 def facts(comm, directory):
