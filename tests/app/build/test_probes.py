@@ -88,11 +88,3 @@ def test_places_that_are_none(places, probe, line):
     with pytest.raises(InputError) as told:
         places(probe)
     assert line in str(told.value)
-
-
-def test_check_says_so(block, case_file, tribox):
-    text = block + '[[probe]]\nname = "far"\npoint = ["1 m", 0]\n'
-    done = tribox("check", case_file(text))
-    assert done.returncode == 2
-    [line] = done.stderr.splitlines()
-    assert "probe.0.point = [1.0, 0.0]: probe 'far': lies outside all bodies" in line

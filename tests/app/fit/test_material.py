@@ -449,18 +449,6 @@ def test_the_section_loads_in_a_case(tmp_path, block, kind):
         assert found.hardening.law == "voce" and found.nu == 0.33
 
 
-def test_sections_are_written_as_people_write_them():
-    text = sections()
-    metal = tomllib.loads(text["kinematic"])["bodies"]["upper"]
-    [[c, b]] = metal["kinematic"]
-    assert c.endswith(" GPa") and float(c.split()[0]) == pytest.approx(3.2, rel=0.05)
-    assert float(b) == pytest.approx(80.0, rel=0.05)
-    assert metal["hardening"]["yield_stress"].endswith(" MPa") and metal["E"].endswith(" GPa")
-    rubber = tomllib.loads(text["prony"])["bodies"]["upper"]
-    assert rubber["K"] == "1 GPa" and "shift" not in rubber
-    assert [row[1].split()[1] for row in rubber["prony"]] == ["ms", "ms", "s"]
-
-
 # -- wrong data -----------------------------------------------------------------------------------
 
 
@@ -507,13 +495,6 @@ def test_all_wrong_rows_are_named_at_once(tmp_path):
         fit_material(file)
     file.write_text("time [s],true_strain,true_stress [MPa]\n1,0.1,2\n3,0.1,-2\n")
     with pytest.raises(InputError, match=r"data.csv:3: stress .* must have the sign of"):
-        fit_material(file)
-
-
-def test_a_step_of_no_strain_is_refused(tmp_path):
-    file = tmp_path / "data.csv"
-    file.write_text("time [s],true_strain,true_stress [MPa]\n1,0,2\n3,0,2\n")
-    with pytest.raises(InputError, match="the strain of a relaxation test is 0"):
         fit_material(file)
 
 
