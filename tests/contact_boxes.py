@@ -23,15 +23,10 @@ from tribox.geometry.surfaces.surface import ContactSurface
 GAP = 0.05
 PENALTY = 50.0
 SHAPES = {
-    "T3": ("triangle", 1),
-    "Q4": ("quadrilateral", 1),
-    "T6": ("triangle", 2),
-    "Q9": ("quadrilateral", 2),
-    "tet4": ("tetrahedron", 1),
-    "hex8": ("hexahedron", 1),
-    "tet10": ("tetrahedron", 2),
-    "hex27": ("hexahedron", 2),
-}
+    "T3": ("triangle", 1), "Q4": ("quadrilateral", 1), "T6": ("triangle", 2),
+    "Q9": ("quadrilateral", 2), "tet4": ("tetrahedron", 1), "hex8": ("hexahedron", 1),
+    "tet10": ("tetrahedron", 2), "hex27": ("hexahedron", 2),
+}  # fmt: skip
 
 
 def box(cell, count, low, high):

@@ -19,34 +19,21 @@ from shutil import which
 ROOT = Path(__file__).resolve().parent.parent
 CASE = """
 title = "a law of somebody else"
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+bodies.aluminium = { material = "neo-hookean", E = "70 GPa", nu = 0.33 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = "-0.01 mm" } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 1 }]
 [geometry]
 kind = "two-blocks"
 upper = { width = "1 mm", height = "0.5 mm", elements = [4, 2] }
 lower = { width = "2 mm", height = "0.5 mm", elements = [5, 2] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "neo-hookean"
-E = "70 GPa"
-nu = 0.33
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
-[contact.friction]
-law = "python"
-class = "law.py:Law"
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = "-0.01 mm" }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 1
+friction = { law = "python", class = "law.py:Law" }
 """
 # Tries to write in each place, and fails as the last attempt did.
 LAW = """

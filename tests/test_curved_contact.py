@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from benchmarks.curved_contact.runs import chosen, markdown
 from tribox.app.verify.curved import (
     beyond_line,
     beyond_point,
@@ -63,28 +60,3 @@ def test_slip_is_faster_where_the_surface_is_stretched():
     back = rubber - np.array([(1.0 - stretch) * step, 0.0])
     slip = slip_integral((rubber, tool), (back, tool - along), found, dt)
     assert slip == pytest.approx(stretch * step / dt * 2.0 * A, rel=1e-3)
-
-
-@dataclass(frozen=True)
-class Setup:
-    size: float = 40.0
-    smooth: bool = True
-    kind: str = "a"
-
-
-def test_rows_are_varied_one_by_one_or_as_a_product():
-    axes = {"size": (80.0, 40.0), "smooth": (True, False)}
-    assert chosen(Setup(), axes, {}) == [Setup(), Setup(80.0), Setup(smooth=False)]
-    some = chosen(Setup(), axes, {"size": "80,20", "smooth": "no", "kind": "b"})
-    assert some == [Setup(80.0, False, "b"), Setup(20.0, False, "b")]
-    with pytest.raises(ValueError, match="choose from size"):
-        chosen(Setup(), axes, {"length": "1"})
-
-
-def test_tables_have_a_column_for_each_name_of_any_row():
-    assert list(markdown([{"a": 1.0}, {"a": True, "b|c": "x|y"}])) == [
-        "| a | b/c |",
-        "|---|---|",
-        "| 1 |  |",
-        "| yes | x/y |",
-    ]

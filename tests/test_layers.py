@@ -10,8 +10,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 TOP = ("app", "forms", "geometry")
 
@@ -163,50 +161,3 @@ def test_the_top_level_can_be_taken_in_at_a_glance():
             p for p in (ROOT / top).iterdir() if p.suffix == ".py" or (p / "__init__.py").is_file()
         ]
         assert len(inside) <= 23, top
-
-
-@pytest.mark.parametrize(
-    ("module", "line", "said"),
-    [
-        (
-            "tribox.geometry.surfaces.surface",
-            "from tribox.forms.contact.penalty import ContactTerm",
-            "not a lower room",
-        ),
-        ("tribox.forms.friction.law", "import scipy", "tribox.forms.friction may not"),
-        (
-            "tribox.forms.friction.law",
-            "from tribox.geometry.surfaces.facets import Floats",
-            "tribox.forms.friction may not",
-        ),
-        (
-            "tribox.app.implicit.stepper",
-            "from tribox.app.explicit.stepper import ExplicitStepper",
-            "not a lower room",
-        ),
-        (
-            "tribox.app.implicit.stepper",
-            "from tribox.app.case.case import Case",
-            "tribox.app.implicit may not",
-        ),
-        ("tribox.app.results.directory", "import numpy", "tribox.app.results.directory may not"),
-        (
-            "tribox.app.results.directory",
-            "def f():\n    from tribox.app.case import load_case",
-            "may not",
-        ),
-    ],
-)
-def test_a_forbidden_import_is_seen(tmp_path, module, line, said):
-    for name, path in sources().items():
-        copy = tmp_path / path.relative_to(ROOT)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        text = path.read_text(encoding="utf-8")
-        copy.write_text(text + "\n" + line + "\n" if name == module else text, encoding="utf-8")
-    before = violations(imports())
-    new = [v for v in violations(imports(tmp_path)) if v not in before]
-    assert any(said in v for v in new), new
-
-
-def test_a_circle_is_seen():
-    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]

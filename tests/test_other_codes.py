@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 
 import numpy as np
 import pytest
 
 from benchmarks.other_codes.inputs import MICRO, case_text, deck, forces_in, iterations_in
-from benchmarks.other_codes.problem import Problem, press_and_slide, shear_and_lame
-from benchmarks.other_codes.runs import Record, read, tables, write
+from benchmarks.other_codes.problem import press_and_slide, shear_and_lame
 from tribox.app.case.reading import load_case
 
 SMALL = press_and_slide(4)
@@ -37,18 +35,6 @@ def block(text: str, head: str) -> list[list[str]]:
     start = next(i for i, line in enumerate(lines) if line.startswith(head)) + 1
     rows = itertools.takewhile(lambda line: not line.startswith("*"), lines[start:])
     return [[word for word in row.split(",") if word] for row in rows]
-
-
-def test_the_problem_has_about_ten_thousand_unknowns():
-    assert press_and_slide().dofs == 9381
-
-
-def test_every_step_moves_the_top_by_as_much():
-    x, y = np.array(list(SMALL.steps())).T
-    assert len(x) == SMALL.press_steps + SMALL.slide_steps
-    assert np.diff(y[: SMALL.press_steps]) == pytest.approx(-SMALL.pressed / SMALL.press_steps)
-    assert np.diff(x[SMALL.press_steps :]) == pytest.approx(SMALL.slid / SMALL.slide_steps)
-    assert (x[-1], y[-1]) == (SMALL.slid, -SMALL.pressed)
 
 
 def test_elements_of_the_deck_fill_both_boxes():
@@ -128,21 +114,3 @@ def test_forces_and_iterations_of_calculix_are_read():
         (2.0, 0.06139534, -0.8254334, -9.629633e-09),
     ]
     assert iterations_in(STA) == [4, 2]
-
-
-def record(name: str, factor: float, problem: Problem = SMALL) -> Record:
-    count = problem.press_steps + problem.slide_steps
-    forces = [(0.0, factor)] * problem.press_steps
-    forces += [(0.2 * factor, factor)] * (count - problem.press_steps)
-    return Record(name, "1.0", "as it is", 100, 10.0 * factor, 11.0, 50.0, forces, [2] * count)
-
-
-def test_tables_compare_with_the_first(tmp_path):
-    write(record("A", 1.0), tmp_path / "tribox.json")
-    records = {"tribox": read(tmp_path / "tribox.json"), "calculix": record("B", 1.5)}
-    assert records["tribox"] == record("A", 1.0)
-    lines = list(tables(records, SMALL))
-    costs = [line for line in lines if line.startswith("| B |")]
-    assert re.search(r"\| 40 \| 15\.0 \| 11\.0 \| 50 \| \*\*1\.50\*\* \|$", costs[0])
-    # Pressed there is no friction, so nothing to compare with.
-    assert costs[1].startswith("| B | 1.5000 (+50.00 %) | 0 | 1.5000 (+50.00 %) | 0.3000")

@@ -14,13 +14,9 @@ from tribox.app.simulation.history import energy_gap
 CASE = Path(__file__).parents[1] / "cases" / "forming" / "own-mesh.toml"
 SHORTER = [
     'boundary.2.displacement.y=[["0 s", "0 mm"], ["1 s", "-2 mm"], ["2 s", "-1.4 mm"]]',
-    "stage.0.steps=8",
-    "solver.tolerance=1e-10",
-    "stage.1.steps=5",
-    "stage.1.duration=1",
-    "output.figures=false",
-    "output.fields_every=0",
-]
+    "stage.0.steps=8", "solver.tolerance=1e-10", "stage.1.steps=5", "stage.1.duration=1",
+    "output.figures=false", "output.fields_every=0",
+]  # fmt: skip
 
 
 def test_a_sheet_bent_by_a_bonded_punch_springs_back(tmp_path):

@@ -38,20 +38,16 @@ def test_the_command_of_an_installation_exists():
     ("module", "names"),
     [
         ("tribox.app.case", "Case, load_case, check_case, json_schema, resolved_toml"),
-        ("tribox.app.run", "run_case"),
-        ("tribox.app.results", "Results, read"),
+        ("tribox.app.run", "run_case"), ("tribox.app.results", "Results, read"),
         ("tribox.app.fit", "Calibration, coordinates, fit_setup"),
-        ("tribox.app.fit_model", "coordinates"),
-        ("tribox.app.fit_run", "fit_setup"),
-        (
-            "tribox.forms.friction",
-            "Dissipation, FrictionLaw, FrictionResponse, FrictionState, Regime",
-        ),
+        ("tribox.app.fit_model", "coordinates"), ("tribox.app.fit_run", "fit_setup"),
+        ("tribox.forms.friction",
+         "Dissipation, FrictionLaw, FrictionResponse, FrictionState, Regime"),
         ("tribox.forms.friction_map", "FrictionMap"),
         ("tribox.forms.friction_parameters", "FrictionMapParameters, with_preset"),
         ("tribox.forms.closed_forms", "effective_viscosity, film_fraction, steady_traction"),
     ],
-)
+)  # fmt: skip
 def test_documented_imports_stay_where_they_are(module, names):
     for name in names.split(", "):
         assert callable(getattr(importlib.import_module(module), name))
@@ -117,17 +113,11 @@ def installed(unpacked, sources) -> Path:
 
 
 CARRIED = (
-    "app/case/materials.toml",
-    "app/init/own-mesh.geo",
-    "app/init/two-blocks.toml",
-    "app/report/template.html",
-    "cases/block-slide.toml",
-    "cases/data/tribometer-synthetic.csv",
-    "cases/forming/own-mesh.geo",
-    "forms/native/lanes.h",
-    "forms/native/plane_kernel.c",
+    "app/case/materials.toml", "app/init/own-mesh.geo", "app/init/two-blocks.toml",
+    "app/report/template.html", "cases/block-slide.toml", "cases/data/tribometer-synthetic.csv",
+    "cases/forming/own-mesh.geo", "forms/native/lanes.h", "forms/native/plane_kernel.c",
     "geometry/native/closest_points.c",
-)
+)  # fmt: skip
 
 
 def test_sdist_and_wheel_hold_the_package_and_nothing_else(unpacked, installed):

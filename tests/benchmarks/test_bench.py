@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import tribox
-from benchmarks import bench
 from benchmarks import law as bench_law
 from benchmarks import probe as bench_probe
 from benchmarks.bench import CONTACT, PARTS, Measured, Options, measure, run_bench, tables
 from benchmarks.comparison import Job
-from benchmarks.probe import Probe
 from tribox.app.errors import InputError, SolutionError
 
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]
@@ -58,20 +53,6 @@ def cells(lines: list[str], row: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
-def test_without_words_levels_one_two_and_four_of_block_slide_run(monkeypatch, capsys):
-    asked = []
-    monkeypatch.setattr(
-        bench, "fastest", lambda job, n: asked.append((job, n)) or made_up(job.level)
-    )
-    run_bench([], Options())
-    assert [(job.name, job.level, count) for job, count in asked] == [
-        ("block-slide", 1, 3),
-        ("block-slide", 2, 3),
-        ("block-slide", 4, 1),
-    ]
-    assert "| run | level 1 | level 2 | level 4 |" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "found"),
     [(["fast"], '"fast"'), (["0"], '"0"'), (["65"], '"65"'), (["1", "-2"], '"-2"')],
@@ -100,16 +81,6 @@ def test_files_that_are_there_are_kept(tmp_path):
         run_bench(["1"], Options(out=tmp_path))
 
 
-def test_report_is_written(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench, "fastest", lambda job, n: made_up(job.level))
-    run_bench(["1", "2"], Options(out=tmp_path / "new", repeat=1))
-    found = json.loads((tmp_path / "new" / "bench.json").read_text(encoding="utf-8"))
-    assert [run["level"] for run in found["runs"]] == [1, 2]
-    assert found["runs"][0]["seconds"]["law"] == 0.5 / len(CONTACT)
-    text = (tmp_path / "new" / "bench.md").read_text(encoding="utf-8")
-    assert text == "\n".join(tables([made_up(1), made_up(2)])) + "\n"
-
-
 def test_tables_state_shares_ratios_and_growth():
     lines = list(tables([made_up(1), made_up(2, dofs=400, memory=75.0)]))
     assert cells(lines, "Newton") == ["20", "20"]
@@ -127,21 +98,6 @@ def test_tables_state_shares_ratios_and_growth():
     growth = lines[lines.index("Growth from level to level:") :]
     assert cells(growth, "dofs") == ["× 4.00"]
     assert cells(growth, "peak memory") == ["× 1.50"]
-
-
-def test_a_full_iteration_takes_each_part_once():
-    run = made_up()
-    # 40 residuals, 10 tangents, 25 solves, 20 iterations.
-    assert run.full_bare == pytest.approx(1 / 40 + (1 + 1 + 2) / 10 + 1 / 25)
-    forces, tangent = 0.5 * 7 / 9, 0.5 * 2 / 9
-    assert run.full_contact == pytest.approx(forces / 40 + (tangent + 1.0) / 10 + 1 / 20)
-
-
-def test_runs_of_several_names_are_told_apart():
-    lines = list(tables([made_up(1, "one"), made_up(1, "two"), made_up(2, "two")]))
-    assert lines[0] == "| run | one, level 1 | two, level 1 | two, level 2 |"
-    assert "| | two, level 1 → 2 |" in lines
-    assert next(tables([made_up(1, "one"), made_up(1, "two")])) == "| run | one | two |"
 
 
 def test_parts_of_a_run_add_up_to_the_command(measured):
@@ -179,32 +135,6 @@ def test_a_run_that_fails_says_why(short):
         measure(Job("short", 1, (str(short), "--set", "no_such_key=1")))
 
 
-def test_parts_count_only_inside_an_attempt():
-    def spin(_seconds: float = 0.02) -> None:
-        end = time.process_time() + _seconds
-        while time.process_time() < end:
-            pass
-
-    probe = Probe()
-    inner = probe.timed(spin, "law")
-    step, output = (probe.framed(inner, part) for part in ("rest of solver", "output"))
-    output()
-    assert "law" not in probe.seconds and probe.seconds["output"] >= 0.02
-    step()
-    assert probe.seconds["law"] >= 0.02 > probe.seconds["rest of solver"]
-    time.sleep(0.05)
-    with probe("contact"):  # outside an attempt
-        pass
-    assert set(probe.seconds) == {"output", "rest of solver", "law"}
-
-
-def test_a_probe_on_what_is_gone_is_an_error():
-    with pytest.raises(AttributeError, match="no_such_function"):
-        bench_probe.replace(
-            "tribox.app.simulation.simulation:Simulation.no_such_function", lambda f: f
-        )
-
-
 def test_law_is_compared_with_plain_coulomb():
     lines = list(bench_law.lines(points=2000, repeat=1))
     assert cells(lines, "law") == ["s", "ns per point", "over the faster Coulomb"]
@@ -212,16 +142,6 @@ def test_law_is_compared_with_plain_coulomb():
     assert min(float(row[-1]) for row in rows.values()) == 1.0
     assert float(cells(lines, "slip weakening")[-1]) > 0.0
     assert lines[-1].endswith("(limit 8)")
-
-
-def test_both_ways_to_write_coulomb_agree():
-    rng = np.random.default_rng(1)
-    given = (4e-7 * rng.normal(size=(50, 2)), 3e6 * rng.random(50), 1e-7 * rng.normal(size=(50, 2)))
-    plain = bench_law.coulomb(*given, np.zeros(50))
-    lean = bench_law.lean_coulomb(*given, np.zeros(50))
-    for a, b in zip(plain, lean, strict=True):
-        points_first = np.moveaxis(b, -1, 0)
-        assert a == pytest.approx(points_first, rel=1e-9, abs=1e-9 * np.abs(a).max())
 
 
 def test_bench_is_a_command(tribox):

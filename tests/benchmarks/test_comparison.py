@@ -6,33 +6,28 @@ import json
 import math
 import re
 import shutil
-import time
 from pathlib import Path
 
 import pytest
 
 from benchmarks import comparison
-from benchmarks.bench import Options, all_jobs, in_order, job_table, run_bench
+from benchmarks.bench import Options, run_bench
 from benchmarks.comparison import (
     SOURCES,
-    Comparison,
     Cost,
     Difference,
     Job,
     Ran,
     Side,
     compare,
-    compiled_since,
-    environment,
     force_difference,
     jobs_of,
     level_options,
     run_python,
-    run_warm,
     sides_of,
 )
 from tribox.app.case.reading import load_case
-from tribox.app.errors import InputError, SolutionError
+from tribox.app.errors import InputError
 
 JOB = Job("short", 1, ("short.toml",))
 SIDES = (Side("old"), Side("new"))
@@ -65,11 +60,6 @@ def rows(**columns: list[float]) -> list[dict[str, float]]:
 
 def difference(**columns: list[float]) -> Difference:
     return force_difference(ran(), ran(history=rows(**columns)))
-
-
-def cells(lines: list[str], row: str) -> list[str]:
-    (line,) = [line for line in lines if line.startswith(f"| {row} |")]
-    return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
 # --- forces ---------------------------------------------------------------------------------------
@@ -126,63 +116,6 @@ def test_sides_run_in_turn_and_the_fastest_of_each_counts(monkeypatch):
     assert (found.first.cost.cpu, found.second.cost.cpu) == (2.0, 8.0)
 
 
-def test_on_ranks_the_clock_counts_and_nothing_is_probed(monkeypatch):
-    costs = iter([(3.0, 1.0), (9.0, 1.0), (2.0, 4.0), (8.0, 0.5)])
-    probes = []
-
-    def fake(job: Job, side: Side, probed: bool) -> Ran:
-        probes.append(probed)
-        return ran(side.name, *next(costs))
-
-    monkeypatch.setattr(comparison, "run_warm", fake)
-    found = compare(JOB, (Side("1 rank"), Side("2 ranks", ranks=2)), 2)
-    assert probes == [False] * 4 and found.by_clock
-    assert (found.first.cost.clock, found.second.cost.clock) == (1.0, 0.5)
-
-
-def test_a_run_that_compiled_something_is_made_again(monkeypatch):
-    compiled = iter([True, False])
-    costs = iter([9.0, 1.0])
-    monkeypatch.setattr(comparison, "compiled_since", lambda started: next(compiled))
-    monkeypatch.setattr(comparison, "run", lambda *_: ran(cpu=next(costs)))
-    assert run_warm(JOB, SIDES[0], True).cost.cpu == 1.0
-
-
-def test_what_is_compiled_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(comparison.tempfile, "gettempdir", lambda: str(tmp_path / "none"))
-    cache = tmp_path / "fenics"
-    cache.mkdir()
-    assert not compiled_since(0.0)
-    library = cache / "form.so"
-    library.touch()
-    written = library.stat().st_mtime
-    assert compiled_since(written - 1.0) and not compiled_since(written)
-
-
-def test_several_ranks_run_the_program_as_it_is(monkeypatch):
-    asked = []
-
-    def fake(words: list[str], name: str, tree: Path) -> Cost:
-        asked.append((words, tree))
-        results = Path(words[words.index("--out") + 1])
-        results.mkdir()
-        keys = ("dofs", "steps", "attempts", "newton_iterations", "factorisations")
-        summary = dict.fromkeys(keys, 7) | {"seconds": {"run": 2.0, "contact": 1.0}}
-        (results / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-        (results / "history.csv").write_text("step,time,normal_force\n1,0.5,2\n")
-        return Cost(4.0, 2.0)
-
-    monkeypatch.setattr(comparison, "run_python", fake)
-    side = Side("2 ranks", SOURCES, 2, ("a=1",))
-    found = comparison.run(JOB, side, False)
-    ((words, tree),) = asked
-    assert words[:4] == ["-m", "tribox", "run", "short.toml"] and words[-2:] == ["--np", "2"]
-    assert words[4:6] == ["--set", "a=1"] and tree == side.tree
-    assert found.parts == {"contact": 1.0} and found.iterations == 7
-    assert found.history == [{"step": 1.0, "time": 0.5, "normal_force": 2.0}]
-
-
 @pytest.fixture(scope="module")
 def other_tree(tmp_path_factory) -> Path:
     """A copy of this tree whose runs burn a second and have half the friction."""
@@ -221,35 +154,6 @@ def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file,
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def test_tables_divide_the_second_by_the_first():
-    second = ran("new", 1.0, 6.0, iterations=11, parts={"imports": 0.5, "projection": 0.1})
-    found = Comparison(JOB, ran(), second, Difference(1e-12, "drag, row 3"), False)
-    lines = list(job_table(found))
-    assert lines[0] == "| short, level 1 | old | new | new / old |"
-    assert cells(lines, "command, CPU (s)") == ["2.00", "1.00", "**0.500**"]
-    assert cells(lines, "command, clock (s)") == ["3.00", "6.00", "**2.000**"]
-    assert cells(lines, "Newton iterations") == ["10", "11", "1.100"]
-    assert cells(lines, "largest difference of the forces")[-1] == "1.0e-12 (drag, row 3)"
-    assert cells(lines, "contact, CPU (s)") == ["0.500", "0.100", "0.20"]
-    assert cells(lines, "time integration, CPU (s)") == ["0.100", "0.000", "0.00"]
-    (row,) = list(all_jobs([found]))[2:]
-    assert "| 10 | 2.00 | 1.00 | **0.500** | 3.00 | 6.00 | **2.000** | 10 → 11 |" in row
-
-
-def test_a_ratio_to_nothing_is_left_out():
-    none = ran(iterations=0, parts={"imports": 0.001})
-    lines = list(job_table(Comparison(JOB, none, none, Difference(0.0, ""), True)))
-    assert cells(lines, "Newton iterations") == ["0", "0", "–"]
-    assert cells(lines, "imports, clock (s)")[-1] == "–"
-    assert cells(lines, "largest difference of the forces")[-1] == "the same"
-
-
-def test_parts_that_nobody_knows_are_shown_last():
-    assert in_order(["checkpoints", "output", "contact", "imports"]) == [
-        *("imports", "contact", "output", "checkpoints")
-    ]
-
-
 # -- Runs in processes of their own: whose packages they have, and what they cost ------------------
 
 BURN = "import time\nwhile time.process_time() < 0.4: pass\n"
@@ -273,35 +177,7 @@ def test_children_of_a_process_count():
     assert run_python(["-c", inner], "a run").cpu > 0.4
 
 
-def test_clock_goes_on_where_the_processor_waits():
-    cost = run_python(["-c", "import time; time.sleep(0.5)"], "a run")
-    assert cost.clock >= 0.5 > cost.cpu
-
-
-def test_cost_is_of_one_process_only():
-    run_python(["-c", BURN], "before")
-    started = time.perf_counter()
-    cost = run_python(["-c", "pass"], "a run")
-    assert cost.cpu < 0.4 and cost.clock <= time.perf_counter() - started
-
-
-def test_failure_says_the_last_word():
-    with pytest.raises(SolutionError, match=r"bench: a run failed: ValueError: why$"):
-        run_python(["-c", "raise ValueError('why')"], "a run")
-
-
-def test_variables_of_mpi_stay_here():
-    ours = {"OMPI_COMM_WORLD_SIZE": "2", "PMIX_RANK": "0", "HOME": "/h", "OMP_NUM_THREADS": "8"}
-    kept = environment(ours, SOURCES)
-    assert kept["HOME"] == "/h" and kept["OMP_NUM_THREADS"] == "1"
-    assert not {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK"} & kept.keys()
-
-
 # -- What ``tribox bench`` compares with what ------------------------------------------------------
-
-
-def test_alone_nothing_is_compared():
-    assert sides_of(None, (), 1) is None
 
 
 def a_tree(place):
@@ -315,26 +191,6 @@ def test_another_tree_is_the_old_one(tmp_path, ranks):
     old, new = sides_of(tmp_path, (), ranks)
     assert (old.name, old.tree, old.ranks) == ("old", tmp_path / "src", ranks)
     assert (new.name, new.tree, new.ranks) == ("new", SOURCES, ranks)
-
-
-def test_probes_of_a_tree_are_where_it_has_them(tmp_path):
-    a_tree(tmp_path)
-    old, new = sides_of(tmp_path, (), 1)
-    assert old.probe == tmp_path / "app" / "bench" / "probe.py"
-    (tmp_path / "benchmarks" / "probe.py").touch()
-    assert old.probe == tmp_path / "benchmarks" / "probe.py"
-    assert new.probe.is_file()
-
-
-def test_changes_are_made_on_the_second_side_only():
-    first, second = sides_of(None, ("a=1", "b=2"), 1)
-    assert (first.changes, second.changes) == ((), ("a=1", "b=2"))
-    assert first.tree == second.tree == SOURCES
-
-
-def test_ranks_alone_are_compared_with_one():
-    first, second = sides_of(None, (), 2)
-    assert (first.ranks, second.ranks) == (1, 2)
 
 
 def test_a_directory_that_is_no_tree_is_refused(tmp_path):

@@ -18,27 +18,14 @@ LANGUAGES = ("sh", "python", "toml", "text", "json", "csv", "geo")
 DIRECTIVE = re.compile(r"\{[\w:-]+\}.*")
 # Why a block need not run, and why a text need not be what a block above has printed.
 REASONS = (
-    "a benchmark",
-    "needs a cluster",
-    "needs a container engine",
-    "needs a second machine",
-    "needs another program",
-    "needs root",
-    "needs the network",
-    "takes minutes",
-)
+    "a benchmark", "needs a cluster", "needs a container engine", "needs a second machine",
+    "needs another program", "needs root", "needs the network", "takes minutes",
+)  # fmt: skip
 SHOWN = ("a sketch", "of another machine", "of a long run", "the parts of a line")
 MARKS = (
-    "not run",
-    "not printed",
-    "fails with",
-    "file",
-    "in",
-    "in the test first",
-    "in the test with",
-    "printed by",
-    "differs",
-)
+    "not run", "not printed", "fails with", "file", "in", "in the test first", "in the test with",
+    "printed by", "differs",
+)  # fmt: skip
 LONG = "<!-- long test -->"
 _FENCE = re.compile(r"(?P<indent>[ >]*)(?P<fence>`{3,}|~{3,})\s*(?P<language>.*?)\s*$")
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)

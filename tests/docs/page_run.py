@@ -23,14 +23,10 @@ from tests.docs.printed import difference
 
 # Marks by the language of the blocks that they may stand above.
 _FOR = {
-    "not run": ("sh", "python", "toml"),
-    "not printed": ("text",),
-    "printed by": ("text",),
-    "differs": ("text",),
-    "fails with": ("sh", "python", "toml", "text"),
-    "in": ("toml",),
+    "not run": ("sh", "python", "toml"), "not printed": ("text",), "printed by": ("text",),
+    "differs": ("text",), "fails with": ("sh", "python", "toml", "text"), "in": ("toml",),
     "in the test with": ("sh", "text"),
-}
+}  # fmt: skip
 
 
 def check_page(page: Path) -> list[str]:

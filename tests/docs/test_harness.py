@@ -186,14 +186,11 @@ def test_files_of_a_page_are_written(run):
 @pytest.mark.parametrize(
     ("shown", "printed"),
     [
-        ("N 0.877 N", "N 0.8765 N"),
-        ("1.6e-04 of", "1.61e-04 of"),
-        ("a\n...\nd 5", "a\nb\nc\nd 5"),
+        ("N 0.877 N", "N 0.8765 N"), ("1.6e-04 of", "1.61e-04 of"), ("a\n...\nd 5", "a\nb\nc\nd 5"),
         ("took … s, 3 steps", "took 1 min 2.5 s, 3 steps"),
-        ("a  b", "a b\n\n"),
-        ("-0.5", "-0.50"),
+        ("a  b", "a b\n\n"), ("-0.5", "-0.50"),
     ],
-)
+)  # fmt: skip
 def test_outputs_that_are_the_same(shown, printed):
     assert difference(shown, printed) is None
 
@@ -201,16 +198,11 @@ def test_outputs_that_are_the_same(shown, printed):
 @pytest.mark.parametrize(
     ("shown", "printed"),
     [
-        ("N 0.877 N", "N 0.879 N"),
-        ("0.5", "-0.5"),
-        ("1.6e-04 of", "1.6e-03 of"),
-        ("40 steps", "40.0 steps"),
-        ("a\n...\nd 5", "a\nb\nd 6"),
-        ("took … s, 3 steps", "took 2 s, 4 steps"),
-        ("a b", "a b c"),
-        ("a", ""),
+        ("N 0.877 N", "N 0.879 N"), ("0.5", "-0.5"), ("1.6e-04 of", "1.6e-03 of"),
+        ("40 steps", "40.0 steps"), ("a\n...\nd 5", "a\nb\nd 6"),
+        ("took … s, 3 steps", "took 2 s, 4 steps"), ("a b", "a b c"), ("a", ""),
     ],
-)
+)  # fmt: skip
 def test_outputs_that_are_not_the_same(shown, printed):
     assert difference(shown, printed) is not None
 

@@ -88,20 +88,15 @@ def test_only_one_module_uses_what_is_private_or_differs_between_versions():
 @pytest.mark.parametrize(
     "line",
     [
-        "from dolfinx import cpp as _cpp",
-        "import dolfinx.cpp.fem",
-        "from dolfinx.cpp.mesh import to_string",
-        "from dolfinx.io import gmshio",
-        "from dolfinx.io import gmsh",
-        "dolfinx.cpp.mesh.to_string(cell)",
-        "form._cpp_object",
+        "from dolfinx import cpp as _cpp", "import dolfinx.cpp.fem",
+        "from dolfinx.cpp.mesh import to_string", "from dolfinx.io import gmshio",
+        "from dolfinx.io import gmsh", "dolfinx.cpp.mesh.to_string(cell)", "form._cpp_object",
         "dolfinx.fem.form(a, entity_maps=maps)",
         "dolfinx.fem.compute_integration_domains(kind, topology, facets)",
-        "mesh.geometry.dofmap[cells]",
-        "element.interpolation_points()",
+        "mesh.geometry.dofmap[cells]", "element.interpolation_points()",
         "dolfinx.jit.get_options()",
     ],
-)
+)  # fmt: skip
 def test_such_a_use_is_seen(line):
     assert violations(line)
 

@@ -17,18 +17,11 @@ COPIES = [
 
 # Of the files that the image is made from, one of each place.
 SOURCES = (
-    "src/tribox/__init__.py",
-    "forms/bodies/solid.py",
-    "forms/native/plane_kernel.c",
-    "geometry/native/closest_points.c",
-    "geometry/meshes/mesh.py",
-    "app/__init__.py",
-    "app/errors.py",
-    "app/precompile.py",
-    "app/equilibrium/equilibrium.py",
-    "app/results/__init__.py",
-    "app/results/fields.py",
-)
+    "src/tribox/__init__.py", "forms/bodies/solid.py", "forms/native/plane_kernel.c",
+    "geometry/native/closest_points.c", "geometry/meshes/mesh.py", "app/__init__.py",
+    "app/errors.py", "app/precompile.py", "app/equilibrium/equilibrium.py",
+    "app/results/__init__.py", "app/results/fields.py",
+)  # fmt: skip
 
 
 # Records each call, one argument per line. Images are files in $STATE/images; what else happens

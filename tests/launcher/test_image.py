@@ -31,13 +31,10 @@ def test_image_is_made_once(docker: Machine) -> None:
 @pytest.mark.parametrize(
     ("name", "rebuilt"),
     [
-        ("Dockerfile", True),
-        ("docker/entry", True),
-        *((source, True) for source in SOURCES),
-        ("app/cli.py", False),
-        ("cases/sfa.toml", False),
+        ("Dockerfile", True), ("docker/entry", True), *((source, True) for source in SOURCES),
+        ("app/cli.py", False), ("cases/sfa.toml", False),
     ],
-)
+)  # fmt: skip
 def test_only_dependencies_and_forms_rebuild_it(docker: Machine, name: str, rebuilt: bool) -> None:
     docker.launch("check")
     before = image_of(docker.container())

@@ -9,7 +9,6 @@ import dolfinx
 import numpy as np
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.case.boundary import Boundary
@@ -84,22 +83,6 @@ def test_driven_along_a_direction(degree):
     assert np.isnan(values[~chosen]).all()
 
 
-def test_components_without_direction_each_move_with_the_drive():
-    table = {"x": "driven", "z": "driven"}
-    case = Setting("3D", [{"surface": "top", "displacement": table}])
-    _, chosen = case.on(top)
-    values = case.moved(1.0, 0.5)[chosen]
-    np.testing.assert_allclose(values[:, [0, 2]], 0.5)
-    assert np.isnan(values[:, 1]).all()
-
-
-def test_velocity_along_z_is_integrated():
-    table = {"z": [[0.0, 0.0], [1.0, 2.0]]}
-    case = Setting("3D", [{"surface": "top", "velocity": table}])
-    _, chosen = case.on(top)
-    np.testing.assert_allclose(case.moved(1.0, 0.0)[chosen, 2], 1.0)
-
-
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_rotation_in_space(axis):
     """Distances from the axis are kept, and the angle is right-handed about it."""
@@ -117,14 +100,6 @@ def test_rotation_in_space(axis):
     small = case.moved(1e-9, 0.0)[chosen]
     angle = 0.5 * np.pi * 1e-9
     np.testing.assert_allclose(small[:, first], -angle * arm[:, second], rtol=1e-6)
-
-
-def test_rotation_in_the_plane_about_the_origin():
-    case = Setting("plane-strain", [{"surface": "top", "rotation": {"angle": 0.3}}])
-    x, chosen = case.on(top)
-    c, s = np.cos(0.3), np.sin(0.3)
-    expected = x[chosen] @ np.array([[c, s], [-s, c]])
-    np.testing.assert_allclose(x[chosen] + case.moved(0.0, 0.0)[chosen], expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -178,23 +153,6 @@ def test_force_of_a_platen(section, surface, direction, force):
 def test_a_platen_along_its_surface_is_refused():
     with pytest.raises(InputError, match='direction = "z" is tangential'):
         Setting("3D", [{"surface": "top", "platen": {"direction": "z", "force": 1.0}}])
-
-
-def test_held_values_of_an_array_enter_residual_and_unknowns():
-    turn = {"axis": "y", "angle": 0.2, "centre": [0.5, 0.0, 0.5]}
-    case = Setting("3D", [{"surface": "top", "rotation": turn}])
-    for program in case.loads.programs:
-        program(0.0, 0.0)
-    problem = Equilibrium(case.u, [], [], case.loads.prescribed)
-    x, f = problem.new_vector(), problem.new_vector()
-    assert isinstance(x, PETSc.Vec)
-    problem.residual(None, x, f)
-    wanted = problem.constrained_values(x)
-    np.testing.assert_allclose(
-        f.array[problem.constrained_dofs()], -wanted[problem.constrained_dofs()]
-    )
-    largest = x.comm.tompi4py().allreduce(np.abs(wanted).max(initial=0.0), op=MPI.MAX)
-    assert largest > 0.05
 
 
 @pytest.mark.parametrize(

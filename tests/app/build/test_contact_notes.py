@@ -5,37 +5,17 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from tribox.app.build.contact_notes import note_on_stick, notes_on_penalty
+from tribox.app.build.contact_notes import note_on_stick
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import TABLES
 from tribox.app.case.reading import load_case
 
 CASES = Path(__file__).parents[3] / "cases"
-
-
-def test_a_stiff_penalty_is_noted_in_explicit_runs_only():
-    [note] = notes_on_penalty(1, 130.1342, 0.5, True)
-    assert note.startswith("contact.1: a penalty of penalty_factor = 130.1, 65.1 times")
-    assert "shortens explicit steps" in note and note.endswith("; 2 to 6 is stiff enough for most")
-    assert not list(notes_on_penalty(1, 130.1342, 0.5, False))
-
-
-def test_waves_feel_the_oedometric_modulus_and_not_the_factor():
-    """The default is three times it where a body is nearly incompressible: nothing to say."""
-    assert not list(notes_on_penalty(0, 30.0, 0.1, True))
-    assert len(list(notes_on_penalty(0, 30.0, 0.9, True))) == 1
-
-
-@pytest.mark.parametrize("stiffness", [10.0, np.nextafter(10.0, 11.0), 3.0])
-@pytest.mark.parametrize("ratio", [1.0, 0.1, 2.86])
-def test_round_off_in_the_factor_makes_no_note(stiffness, ratio):
-    assert not list(notes_on_penalty(0, stiffness / ratio, ratio, True))
 
 
 def test_a_stick_far_softer_than_the_elements_is_noted():

@@ -156,26 +156,14 @@ def test_rubber_of_full_integration_is_said_to_lock(model, shape, cells, formula
         ("boxes", 'section = "axisymmetric"', [], 'geometry.section = "axisymmetric": the mesh is'),
         ("astride", 'section = "axisymmetric"', [], "the mesh reaches x = -0.0005 m; x is the"),
         ("blocks", "", ["boundary.0.displacement.z=0"], "there is no z in a mesh in the plane"),
-        (
-            "tetrahedra",
-            "",
-            ["bodies.elastomer.formulation=q1-sri"],
-            'bodies.elastomer.formulation: "q1-sri" needs quadrilaterals or hexahedra',
-        ),
-        (
-            "blocks",
-            "",
-            ["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q1"],
-            'bodies.aluminium.formulation: bodies.elastomer has "q2"',
-        ),
-        (
-            "one surface",
-            "",
-            ["boundary.1.surface=both"],
-            'surface "both" must lie on one body; it lies on elastomer, aluminium',
-        ),
+        ("tetrahedra", "", ["bodies.elastomer.formulation=q1-sri"],
+         'bodies.elastomer.formulation: "q1-sri" needs quadrilaterals or hexahedra'),
+        ("blocks", "", ["bodies.elastomer.formulation=q2", "bodies.aluminium.formulation=q1"],
+         'bodies.aluminium.formulation: bodies.elastomer has "q2"'),
+        ("one surface", "", ["boundary.1.surface=both"],
+         'surface "both" must lie on one body; it lies on elastomer, aluminium'),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_go_with_the_mesh_is_named(model, shape, geometry, overrides, said):
     with pytest.raises(InputError) as error:
         model(shape, geometry, *overrides)

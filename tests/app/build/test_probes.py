@@ -69,40 +69,22 @@ def test_where_bodies_touch_one_is_chosen(places, body):
 @pytest.mark.parametrize(
     ("probe", "line"),
     [
-        (
-            'point = ["1.7 mm", "0.3 mm"]',
-            "probe.0.point = [0.0017, 0.0003]: probe 'here': lies outside all bodies; the nearest "
-            'is "elastomer", by 0.0002 m; it begins at (0.0015, 0.0003) m',
-        ),
-        (
-            'point = ["1 mm", "0.3 mm"]\nbody = "aluminium"',
-            'lies outside the body "aluminium", by 0.0003 m; it begins at (0.001, 0) m',
-        ),
-        (
-            "point = [1e-3, 0]",
-            "probe.0.point = [0.001, 0.0]: probe 'here': lies where elastomer and aluminium touch; "
-            "choose one with body",
-        ),
-        (
-            'point = [0.8e-3, 0]\nat = "node"',
-            "probe.0.point = [0.0008, 0.0]: nodes of elastomer and aluminium are equally near; "
-            "choose one with body",
-        ),
-        (
-            "line = { from = [1e-3, 0.4e-3], to = [1e-3, 0.6e-3], points = 3 }",
-            "probe.0.line: probe 'here': point 3 of 3, (0.001, 0.0006) m, lies outside all bodies",
-        ),
+        ('point = ["1.7 mm", "0.3 mm"]',
+         "probe.0.point = [0.0017, 0.0003]: probe 'here': lies outside all bodies; the nearest "
+         'is "elastomer", by 0.0002 m; it begins at (0.0015, 0.0003) m'),
+        ('point = ["1 mm", "0.3 mm"]\nbody = "aluminium"',
+         'lies outside the body "aluminium", by 0.0003 m; it begins at (0.001, 0) m'),
+        ("point = [1e-3, 0]",
+         "probe.0.point = [0.001, 0.0]: probe 'here': lies where elastomer and aluminium touch; "
+         "choose one with body"),
+        ('point = [0.8e-3, 0]\nat = "node"',
+         "probe.0.point = [0.0008, 0.0]: nodes of elastomer and aluminium are equally near; "
+         "choose one with body"),
+        ("line = { from = [1e-3, 0.4e-3], to = [1e-3, 0.6e-3], points = 3 }",
+         "probe.0.line: probe 'here': point 3 of 3, (0.001, 0.0006) m, lies outside all bodies"),
     ],
-)
+)  # fmt: skip
 def test_places_that_are_none(places, probe, line):
     with pytest.raises(InputError) as told:
         places(probe)
     assert line in str(told.value)
-
-
-def test_check_says_so(block, case_file, tribox):
-    text = block + '[[probe]]\nname = "far"\npoint = ["1 m", 0]\n'
-    done = tribox("check", case_file(text))
-    assert done.returncode == 2
-    [line] = done.stderr.splitlines()
-    assert "probe.0.point = [1.0, 0.0]: probe 'far': lies outside all bodies" in line

@@ -114,13 +114,6 @@ def test_given_values_stay_as_they_are():
     assert build_model(Case.model_validate(data), MPI.COMM_SELF).film_onset == [0.0]
 
 
-def test_second_order_of_one_body_is_that_of_all():
-    data = tomllib.loads(BLOCK)
-    data["bodies"]["elastomer"]["formulation"] = "q2"
-    bodies = build_model(Case.model_validate(data), MPI.COMM_SELF).case.bodies
-    assert {body.formulation for body in bodies.values()} == {"q2"}
-
-
 def test_a_sweep_is_left_out_of_what_is_solved():
     data = tomllib.loads(BLOCK)
     data["sweep"] = {"key": "contact.0.friction.mu", "values": [0.1, 0.3]}
@@ -129,13 +122,3 @@ def test_a_sweep_is_left_out_of_what_is_solved():
     assert "# penalty_factor = 30.0" in resolved_toml(case)
     [low, _] = [build_model(single, MPI.COMM_SELF).case for _, single in case.sweep_cases()]
     assert low.contact[0].friction.mu == 0.1 and low.contact[0].friction.K_T is not None
-
-
-def test_a_stiff_penalty_is_noted_again(tmp_path):
-    data = tomllib.loads(SLID)
-    data["contact"][0]["penalty_factor"] = 100.0
-    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-    path = tmp_path / "case.toml"
-    path.write_text(resolved_toml(model.case), encoding="utf-8")
-    assert any("shortens explicit steps" in note for note in model.notes)
-    assert build_model(load_case(path), MPI.COMM_SELF).notes == model.notes

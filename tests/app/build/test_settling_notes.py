@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
-import pytest
-
-from tribox.app.build.case_notes import drive_to_load, notes_on, shear_compliance, weakening_slip
+from tribox.app.build.case_notes import notes_on
 from tribox.app.case.case import Case
 
 
@@ -55,15 +53,3 @@ def test_a_thick_layer_takes_long_to_be_sheared(film):
     thick = film.replace('height = "0.1 mm"', 'height = "20 mm"')
     [note] = short(case(thick, stage, {"mu_d": 0.12}))
     assert "1 of 1 velocities" in note
-
-
-def test_lengths_by_hand(film):
-    found = case(film)
-    law = found.contact[0].friction.parameters()
-    assert shear_compliance(found) == pytest.approx(1e-4 / 1.844e6)
-    assert weakening_slip(law, 0.0, 30e-9, 0.0) == pytest.approx(
-        1e-6 + (0.02 / (0.1e-3 / 0.999) - 1.0) / 1e6
-    )
-    assert weakening_slip(law, 1.0, 30e-9, 1e6) == 0.0
-    dry = drive_to_load(law, found.stage[1], 0.0, 30e-9, 1e6, 1e-10)
-    assert dry == pytest.approx(2.0 * (0.12e-6 + 0.5 * 0.12e6 * 1e-10))

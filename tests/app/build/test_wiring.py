@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -14,10 +14,8 @@ from tests.tool_cases import block_mesh
 from tribox.app.build.contacts import resolved_contact
 from tribox.app.build.tools import tool_surface
 from tribox.app.case.bodies import Body, Hardening, Rate
-from tribox.app.case.case import Geometry
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import Friction
-from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.library import LAWS
 from tribox.app.case.own_code import OwnMaterial
 from tribox.app.case.table import Model
@@ -121,30 +119,6 @@ def test_each_class_of_a_case_builds_its_own(name, tmp_path, monkeypatch):
         asked = TypeAdapter(union).validate_python({key: word, **keys}, context=source)
         assert type(build(asked)) is kind, word
     assert len({kind for _, kind in table.values()}) == len(members(union))
-
-
-@pytest.mark.parametrize("name", ["tools"])
-def test_a_class_that_is_not_known_builds_nothing(name):
-    """Rather than another material, or no friction."""
-    word, build = UNIONS[name][1], UNIONS[name][3]
-
-    class New(Model):
-        material: Literal["plane"] = "plane"
-        law: Literal["plane"] = "plane"
-        shape: Literal["plane"] = "plane"
-        shear_modulus: float = 1.0
-        bulk_modulus: float = 5.0
-
-    assert word in New.model_fields
-    with pytest.raises(AssertionError, match="unreachable"):
-        build(New())
-
-
-def test_each_geometry_makes_a_mesh():
-    """All but a mesh of the user's own, each of them a shape of its own."""
-    made = [m for m in members(Geometry) if issubclass(m, GeneratedGeometry)]
-    assert [m.__name__ for m in members(Geometry) if m not in made] == ["MeshGeometry"]
-    assert all(m.shape is not GeneratedGeometry.shape for m in made)
 
 
 def test_every_material_is_a_word_of_the_library():

@@ -11,11 +11,10 @@ import pytest
 from tests.app.case.test_case import FILM_CASE
 from tribox.app.build.solids import notes_on_materials
 from tribox.app.case.case import Case, given_keys, resolved_toml
-from tribox.app.case.library import description, entries, listing
+from tribox.app.case.library import entries
 from tribox.app.case.quantities import parse_quantity
 from tribox.app.case.reading import check_case
 from tribox.app.case.toml_files import toml_text
-from tribox.app.errors import InputError
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
 YEOH = {"material": "yeoh", "C10": 1, "K": 9}
@@ -283,31 +282,7 @@ def test_a_sweep_over_materials_takes_each_with_its_own_numbers():
     assert [part for _, part in again.sweep_cases()] == [part for _, part in case.sweep_cases()]
 
 
-def test_a_sweep_over_a_number_leaves_the_others():
-    data = case_with(material="AA1050-O")
-    data["sweep"] = {"key": "bodies.aluminium.hardening.n", "values": [0.2, 0.3]}
-    bodies = [part.bodies["aluminium"] for _, part in read(data).sweep_cases()]
-    assert [(b.hardening.n, b.hardening.K, b.library) for b in bodies] == [
-        (0.2, 139.3e6, "AA1050-O"),
-        (0.3, 139.3e6, "AA1050-O"),
-    ]
-
-
 def test_a_case_of_a_library_that_is_no_more():
     """The numbers of a resolved case are enough."""
     body = {"material": "hencky", "library": "AA9999-O", "E": 7e10, "nu": 0.3}
     assert read(case_with(**body)).bodies["aluminium"].E == 7e10
-
-
-def test_listing_and_description():
-    assert [line.split()[0] for line in listing()] == list(entries())
-    told = "\n".join(description("AA5052-O"))
-    for word in (
-        'E = "70.3 GPa"',
-        "Aluminum Association",
-        "tensile strength: 193.1 MPa",
-        "n = 0.2096",
-    ):
-        assert word in told
-    with pytest.raises(InputError, match='"AA5052": no such material; did you mean "AA5052-O"'):
-        description("AA5052")

@@ -9,13 +9,9 @@ from tribox.app.case.contact import Contact
 from tribox.app.case.film import Film
 
 OIL = {
-    "model": "reynolds",
-    "sigma": "0.3 um",
-    "oil": "1.5 g/m^2",
-    "density": "900 kg/m^3",
-    "share": "contact",
-    "eta_b": "0.8 Pa*s",
-}
+    "model": "reynolds", "sigma": "0.3 um", "oil": "1.5 g/m^2", "density": "900 kg/m^3",
+    "share": "contact", "eta_b": "0.8 Pa*s",
+}  # fmt: skip
 COULOMB = {"law": "coulomb", "mu": 0.3}
 MAP = {
     "law": "friction-map", "mu_s": 0.3, "K_T": 1e11, "eta_b": 0.8, "D_max": 1e-6, "beta": 1.0,

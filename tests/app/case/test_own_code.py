@@ -171,23 +171,11 @@ SPOILT = {
     "one part": ("return distortion, 0.25", "return distortion + 0.25", "must return two parts"),
     "raises": ("stretched = (k.J", "stretched = (k.F3", ": AttributeError"),
     "a vector": ("return distortion,", "return ufl.as_vector([distortion] * 2),", "two scalars"),
-    "prestressed": (
-        "- 2.0 * ufl.ln(k.J)",
-        "- 1.9 * ufl.ln(k.J)",
-        "undeformed body: must be 0",
-    ),
-    "stiffer": (
-        "-0.5 * c",
-        "-0.6 * c",
-        "the modulus G = 1.2e+06 Pa in the",
-    ),
+    "prestressed": ("- 2.0 * ufl.ln(k.J)", "- 1.9 * ufl.ln(k.J)", "undeformed body: must be 0"),
+    "stiffer": ("-0.5 * c", "-0.6 * c", "the modulus G = 1.2e+06 Pa in the"),
     "no numbers": ('"K": K', '"K": [K]', "parameters(): K must be a number, found [50000000000.0]"),
-    "no method": (
-        "def energy(",
-        "def energies(",
-        "it has no method energy",
-    ),
-}
+    "no method": ("def energy(", "def energies(", "it has no method energy"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SPOILT)

@@ -58,42 +58,26 @@ def on_punch(**changed):
         (on_punch(force={"z": "1 N"}), "tools.punch.force.z: there is no z in a mesh in the plane"),
         (on_punch(force={"x": "1 m"}), "tools.punch.force.x"),
         (on_punch(mass="1 kg"), "tools.punch.mass = 1.0: goes with force or spring only"),
-        (
-            on_punch(force={"x": 1}, mass="1 kg"),
-            'tools.punch.mass = 1.0: goes with solver.kind = "',
-        ),
+        (on_punch(force={"x": 1}, mass="1 kg"),
+         'tools.punch.mass = 1.0: goes with solver.kind = "'),
         (on_punch(displacement={"x": "driven"}), "tools.punch.displacement.x = "),
         (on_punch(stages=["pres"]), 'tools.punch.stages = "pres": no stage has this name; there'),
         (on_punch(stages=[]), "tools.punch.stages"),
-        (
-            on_punch(displacement_stages=["pres"], force={"y": 0}),
-            'tools.punch.displacement_stages = "pres": no stage has this name; there',
-        ),
-        (
-            on_punch(displacement_stages=["press"]),
-            "no component has both a force and a displacement or velocity; give the force",
-        ),
-        (
-            on_punch(spring={"direction": "y", "stiffness": 1, "end": 0}),
-            "tools.punch.spring.y: displacement.y is given too",
-        ),
-        (
-            on_punch(spring={"direction": "x", "stiffness": 1, "end": 0, "mass": 1}),
-            "tools.punch.spring.mass = 1.0: is that of a surface; give the tool its mass",
-        ),
-        (
-            on_punch(spring={"direction": "x", "stiffness": 1, "end": "driven"}),
-            'tools.punch.spring.end = "driven": never moves: no stage has velocity',
-        ),
+        (on_punch(displacement_stages=["pres"], force={"y": 0}),
+         'tools.punch.displacement_stages = "pres": no stage has this name; there'),
+        (on_punch(displacement_stages=["press"]),
+         "no component has both a force and a displacement or velocity; give the force"),
+        (on_punch(spring={"direction": "y", "stiffness": 1, "end": 0}),
+         "tools.punch.spring.y: displacement.y is given too"),
+        (on_punch(spring={"direction": "x", "stiffness": 1, "end": 0, "mass": 1}),
+         "tools.punch.spring.mass = 1.0: is that of a surface; give the tool its mass"),
+        (on_punch(spring={"direction": "x", "stiffness": 1, "end": "driven"}),
+         'tools.punch.spring.end = "driven": never moves: no stage has velocity'),
         (on_punch(hold_force=["y"]), 'hold_force = ["y"]: holds what displacement_stages end with'),
-        (
-            on_punch(displacement_stages=["press"], force={"y": 0}, hold_force=["x"]),
-            'tools.punch.hold_force = ["x"]: neither displacement.x nor velocity is given',
-        ),
-        (
-            on_punch(rotation={}),
-            "tools.punch.rotation: give one of angle, rate, rim and moment, found n",
-        ),
+        (on_punch(displacement_stages=["press"], force={"y": 0}, hold_force=["x"]),
+         'tools.punch.hold_force = ["x"]: neither displacement.x nor velocity is given'),
+        (on_punch(rotation={}),
+         "tools.punch.rotation: give one of angle, rate, rim and moment, found n"),
         (on_punch(rotation={"angle": 1, "rate": 1}), "found angle and rate"),
         (on_punch(rotation={"rim": 1, "clockwise": True}), 'goes with rim = "driven" only'),
         (on_punch(rotation={"rim": 1, "centre": [0, 0]}), "with rim, a circle turns about its own"),
@@ -114,7 +98,7 @@ def on_punch(**changed):
         ({"die": {"shape": "mesh", "file": "no.msh", "surface": "a"}}, "die.file"),
         ({"die": {"shape": "mesh", "surface": "a"}}, "tools.die.file: missing"),
     ],
-)
+)  # fmt: skip
 def test_each_mistake_is_one_line(tools, line):
     found = mistakes(tools)
     assert len(found) == 1, found
@@ -124,20 +108,14 @@ def test_each_mistake_is_one_line(tools, line):
 @pytest.mark.parametrize(
     ("contact", "line"),
     [
-        (
-            {"slave": "top", "master": "pnch"},
-            'contact.0.master = "pnch": no such surface or tool; d',
-        ),
-        (
-            {"slave": "punch", "master": "top"},
-            'contact.0.slave = "punch": is a tool; a tool is the',
-        ),
-        (
-            {"slave": "top", "master": "punch", "smoothing_angle": "9 deg"},
-            "tools are smooth as they are",
-        ),
+        ({"slave": "top", "master": "pnch"},
+         'contact.0.master = "pnch": no such surface or tool; d'),
+        ({"slave": "punch", "master": "top"},
+         'contact.0.slave = "punch": is a tool; a tool is the'),
+        ({"slave": "top", "master": "punch", "smoothing_angle": "9 deg"},
+         "tools are smooth as they are"),
     ],
-)
+)  # fmt: skip
 def test_a_contact_names_a_tool_as_its_master(contact, line):
     found = mistakes(on_punch(), {"friction": {"law": "frictionless"}} | contact)
     assert len(found) == 1, found
@@ -150,30 +128,17 @@ def test_a_boundary_of_a_tool_is_told_where_its_motion_stands():
     assert line == 'boundary.1.surface = "punch": is a tool; what moves it stands in [tools.punch]'
 
 
-def test_so_is_one_of_a_tool_on_a_mesh_that_is_read(tmp_path):
-    data = block_case(block_mesh(tmp_path / "block.msh", (2, 1)))
-    data["boundary"].append({"surface": "punch", "displacement": {"x": 0}})
-    with pytest.raises(InputError, match=r"boundary\.1\.surface = \"punch\": is a tool; what"):
-        build_model(case_of(data), MPI.COMM_SELF)
-
-
 @pytest.mark.parametrize(
     ("stages", "tools", "line"),
     [
         ([["idle"]], {"idle": ROUND}, "no boundary holds or moves a surface of this name, and no "),
-        (
-            [["press_on"]],
-            {},
-            'stage.1.release = "press_on": is the name of a surface and a contact',
-        ),
+        ([["press_on"]], {},
+         'stage.1.release = "press_on": is the name of a surface and a contact'),
         ([["punch"], ["punch"]], {}, 'stage.2.release = "punch": is released in stage b already'),
-        (
-            [["pair"]],
-            {"punch": ROUND | {"stages": ["b"]}},
-            "does not act in stage a, the one before",
-        ),
+        ([["pair"]], {"punch": ROUND | {"stages": ["b"]}},
+         "does not act in stage a, the one before"),
     ],
-)
+)  # fmt: skip
 def test_only_what_presses_is_released(stages, tools, line):
     stages = [[], *stages]
     names = [{"name": "abc"[k], "duration": 1, "release": r} for k, r in enumerate(stages)]

@@ -184,12 +184,6 @@ def test_several_mistakes_are_counted_and_listed(film):
     assert check_case(film) == []
 
 
-def test_a_film_law_without_film(film):
-    film.write_text(FILM_CASE.replace('[contact.film]\nthickness = "30 nm"\n', ""))
-    [line] = check_case(film)
-    assert 'contact.0.film.thickness: missing; law = "friction-map" needs the film' in line
-
-
 def test_a_missing_body(film):
     film.write_text(FILM_CASE.replace("[bodies.aluminium]", "[bodies.aluminum]"))
     lines = check_case(film)
@@ -198,43 +192,28 @@ def test_a_missing_body(film):
 
 
 NOT_TOML = {
-    'E = "5 MPa"': [
-        ("E = 5 MPa", 'a value with a unit stands in quotes: E = "5 MPa"'),
-        ("E = 5*10**6", "no sums"),
-    ],
+    'E = "5 MPa"': [("E = 5 MPa", 'a value with a unit stands in quotes: E = "5 MPa"'),
+     ("E = 5*10**6", "no sums")],
     'width = "1.0 mm"': [("width = 1.0 mm", 'in quotes: width = "1.0 mm"')],
-    'law = "coulomb"': [
-        ("law = coulomb", 'text stands in quotes: law = "coulomb"'),
-        ('law = "coulomb', "the quote is not closed"),
-        ("law = “coulomb”", "quotes are straight"),
-    ],
-    "figures = false": [
-        ("figures = False", "write figures = false"),
-        ("figures = no", "write figures = false"),
-        ("figures = None", "leave figures out"),
-    ],
-    "mu = 0.2": [
-        ("mu = 0,2", "decimals stand behind a point: 0.2"),
-        ("mu = .2", "a digit stands before the point too: 0.2"),
-        ("mu = 2.", "a digit stands behind the point too: 2.0"),
-        ("mu: 0.2", "have = between them: mu ="),
-        ("mu 0.2", "have = between them: mu ="),
-        ("mu =", "mu has no value"),
-        ("mu = 0.2;", "without a semicolon"),
-        ("mu = 0.2 // friction", "comments begin with #"),
-        ("mu = 0.2\nmu = 0.3", "mu stands there twice"),
-        ("µ = 0.2", "a key consists of letters"),
-    ],
-    "[bodies.aluminium]": [
-        ("[bodies.aluminium", "the bracket is not closed: [bodies.aluminium]"),
-        ("[bodies.my plate]", 'in quotes: [bodies."my plate"]'),
-        ("[bodies.elastomer]", "there is a table [bodies.elastomer] already"),
-    ],
+    'law = "coulomb"': [("law = coulomb", 'text stands in quotes: law = "coulomb"'),
+     ('law = "coulomb', "the quote is not closed"), ("law = “coulomb”", "quotes are straight")],
+    "figures = false": [("figures = False", "write figures = false"),
+     ("figures = no", "write figures = false"), ("figures = None", "leave figures out")],
+    "mu = 0.2": [("mu = 0,2", "decimals stand behind a point: 0.2"),
+     ("mu = .2", "a digit stands before the point too: 0.2"),
+     ("mu = 2.", "a digit stands behind the point too: 2.0"),
+     ("mu: 0.2", "have = between them: mu ="), ("mu 0.2", "have = between them: mu ="),
+     ("mu =", "mu has no value"), ("mu = 0.2;", "without a semicolon"),
+     ("mu = 0.2 // friction", "comments begin with #"),
+     ("mu = 0.2\nmu = 0.3", "mu stands there twice"), ("µ = 0.2", "a key consists of letters")],
+    "[bodies.aluminium]": [("[bodies.aluminium", "the bracket is not closed: [bodies.aluminium]"),
+     ("[bodies.my plate]", 'in quotes: [bodies."my plate"]'),
+     ("[bodies.elastomer]", "there is a table [bodies.elastomer] already")],
     '[[boundary]]\nsurface = "top"': [('[[boundary]\nsurface = "top"', "closed: [[boundary]]")],
     "{ x = 0, y = 0 }": [("{ x = 0,\n y = 0 }", "a table in braces stands on one line")],
     '"-0.05 mm"]]': [('"-0.05 mm"]', "a list above is not closed with ]")],
     'title = "small block"': [('title = "C:\\users"', "write / in paths")],
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -42,20 +42,13 @@ CASES = {
     "implicit 3D": changed(BOXES, SPACE | {"stage.1.steps": 12}),
     "explicit 2D": changed(SLID, {"stage.1.duration": "15 us", "stage.1.steps": 30}),
     "thrown 2D": changed(THROWN, {"stage.0.steps": 40}),
-    "explicit 3D": changed(
-        BOXES,
-        SPACE
-        | DENSE
-        | SOFT
-        | {
-            "boundary.1.displacement.x": [["50 us", "0 mm"], ["300 us", "0.05 mm"]],
-            "boundary.1.platen.pressure": THROUGH,
-            "stage": [{"name": "all", "duration": "300 us", "steps": 30}],
-            "solver": {"kind": "explicit"},
-        },
-    ),
+    "explicit 3D": changed(BOXES, SPACE | DENSE | SOFT
+     | {"boundary.1.displacement.x": [["50 us", "0 mm"], ["300 us", "0.05 mm"]],
+     "boundary.1.platen.pressure": THROUGH,
+     "stage": [{"name": "all", "duration": "300 us", "steps": 30}],
+     "solver": {"kind": "explicit"}}),
     "sweep": changed(BLOCK + SWEEP, COARSE | {"stage.1.steps": 15}),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -193,6 +193,13 @@ def pairs(directory: Path, **solver: Any) -> Data:
 _TOP = {"surface": "top", "displacement": {"x": TRAVEL}}
 _SLOW = {"contact.0.film": {"thickness": "30 nm"}, "contact.0.friction": MAP}
 _ROUND = """
+bodies.elastomer = { material = "hencky", E = "70 GPa", nu = 0.33 }
+bodies.aluminium = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+stage = [
+ { name = "press", duration = "1 s", steps = 2 },
+ { name = "turn", duration = "1 s", steps = 4 },
+]
+output = {}
 [geometry]
 kind = "cylinder-on-block"
 thickness = "1 mm"
@@ -201,9 +208,6 @@ contact_size = "0.2 mm"
 growth = 2
 cylinder = { radius = "5 mm" }
 block = { width = "12 mm", height = "4 mm", contact_size = "0.2 mm" }
-[bodies]
-elastomer = { material = "hencky", E = "70 GPa", nu = 0.33 }
-aluminium = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
 [[contact]]
 slave = "aluminium_contact"
 master = "elastomer_contact"
@@ -215,15 +219,6 @@ displacement = { x = 0, y = [["0 s", 0], ["1 s", "0.05 mm"]] }
 [[boundary]]
 surface = "top"
 rotation = { centre = ["0 mm", "5 mm"], angle = [["1 s", "0 deg"], ["2 s", "4 deg"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[[stage]]
-name = "turn"
-duration = "1 s"
-steps = 4
-[output]
 """
 _BOXES = {
     "geometry.upper.elements": [2, 2, 2],
@@ -264,30 +259,19 @@ _LET_GO = {"name": "let go", "duration": "1 s", "steps": 3, "release": ["alumini
 # Loads that come and go, a force that is held, a support that appears and is released.
 _BY_STAGE = [
     {"surface": "bottom", "foundation": {"normal": "1e12 Pa/m", "tangential": "1e12 Pa/m"}},
-    {
-        **_TOP,
-        "platen": {
-            **{"direction": "y", "displacement": [["0 s", 0], ["1 s", "0.03 mm"]]},
-            **{"displacement_stages": ["press"], "hold_force": True},
-        },
-    },
+    {**_TOP, "platen": {**{"direction": "y", "displacement": [["0 s", 0], ["1 s", "0.03 mm"]]},
+     **{"displacement_stages": ["press"], "hold_force": True}}},
     {"surface": "aluminium_left", "traction": {"x": "20 MPa"}, "stages": ["slide"]},
     {"surface": "aluminium_right", "velocity": {"x": 0}, "stages": ["slide", "let go"]},
-]
+]  # fmt: skip
 _OBLIQUE = [
     BOTTOM,
-    {
-        "surface": "top",
-        "platen": {"direction": [-0.2, 1], "force": [["0 s", 0], ["2 s", "1 N"]]},
-        "stages": ["slide", "let go"],
-    },
-    {
-        "surface": "top",
-        "displacement": {"x": 0, "y": [["0 s", 0], ["1 s", "-0.02 mm"]]},
-        "stages": ["press"],
-    },
+    {"surface": "top", "platen": {"direction": [-0.2, 1], "force": [["0 s", 0], ["2 s", "1 N"]]},
+     "stages": ["slide", "let go"]},
+    {"surface": "top", "displacement": {"x": 0, "y": [["0 s", 0], ["1 s", "-0.02 mm"]]},
+     "stages": ["press"]},
     {"surface": "elastomer_left", "foundation": {"tangential": "1e9 Pa/m", "normal": "1e9 Pa/m"}},
-]
+]  # fmt: skip
 
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -13,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tribox.app.checkpoint import checkpointer as files
 from tribox.app.checkpoint.checkpointer import Checkpoint, latest, write_checkpoint
 from tribox.app.errors import InputError
 
@@ -119,23 +116,6 @@ def test_another_format_is_refused_with_the_version_that_wrote_it(tmp_path):
     said = r"of format 99, this version of tribox reads 4; .* \(9\.9"
     with pytest.raises(InputError, match=said):
         latest(tmp_path)
-
-
-@pytest.mark.parametrize("name", ["_fill", "_sync"])
-def test_a_write_that_fails_leaves_those_before(tmp_path, monkeypatch, name):
-    for step in (1, 2):
-        write_checkpoint(tmp_path, checkpoint(step), 2)
-    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-
-    def fail(path: Path, *more: object) -> None:
-        (path / "state.json").write_text("half") if path.is_dir() else None
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(files, name, fail)
-        with pytest.raises(OSError, match="No space left"):
-            write_checkpoint(tmp_path, checkpoint(3), 2)
-    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
 LIMITED = """

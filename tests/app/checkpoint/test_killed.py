@@ -20,7 +20,7 @@ from tests.app.checkpoint.campaign import (
     left_alone,
     start,
 )
-from tests.app.checkpoint.going_on import as_killed, numbers, unlike
+from tests.app.checkpoint.going_on import numbers, unlike
 from tests.app.checkpoint.small_cases import changed
 from tests.app.checkpoint.test_resume import CASE
 from tests.app.run.test_signals import of_run, statuses
@@ -83,17 +83,6 @@ def test_kills_at_random_moments(work):
     for killed in campaign(kinds, random.SystemRandom().randrange(1, 10**6), work):
         print(killed)
         assert killed.unlike == [], killed
-
-
-@pytest.mark.long
-def test_a_refusal_is_one_line_also_when_petsc_has_been_told_more(work, tmp_path):
-    path, reference = left_alone("implicit 2D", work)
-    out = as_killed(reference, tmp_path / "out", numbers(reference)[0])
-    (out / "summary.json").write_text('{"status": "running"}')
-    process = start(path, out, "--resume", "--set", "solver.linear=krylov")
-    said, _ = process.communicate(timeout=LIMIT)
-    assert process.returncode == 2 and said.count("\n") == 1
-    assert 'solver.linear = "krylov" instead of "direct"' in said
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.checkpoint.going_on import TABLES, as_killed, numbers, unlike
+from tests.app.checkpoint.going_on import as_killed, numbers, unlike
 from tests.app.conftest import BLOCK
 from tests.app.read_log import read_log
 from tests.own_law import documented_law, with_law
@@ -206,17 +206,11 @@ def test_another_case_is_refused_by_the_key_that_differs(tribox, case_file, kill
 
 
 ALLOWED = {
-    "title": '"another"',
-    "output.fields_every": "0",
-    "output.checkpoint_every": "0",
-    "solver.tolerance": "1e-9",
-    "solver.max_iterations": "30",
-    "solver.min_step_fraction": "1e-3",
-    "solver.partition": '"cells"',
-    "geometry.max_cells": "10000",
-    "stage.1.duration": '"1.25 s"\n',
+    "title": '"another"', "output.fields_every": "0", "output.checkpoint_every": "0",
+    "solver.tolerance": "1e-9", "solver.max_iterations": "30", "solver.min_step_fraction": "1e-3",
+    "solver.partition": '"cells"', "geometry.max_cells": "10000", "stage.1.duration": '"1.25 s"\n',
     "probe": '[{ name = "upper", body = "elastomer" }]',
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("keys", [tuple(ALLOWED)[:8], tuple(ALLOWED)[8:]], ids=range(2))
@@ -242,17 +236,6 @@ def test_another_mesh_is_refused(tribox, case_file, killed):
     done = tribox("run", case_file(CASE), "--out", killed, "--resume")
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "the mesh is not the one of the run: nodes moved by up to 1e-05 m" in done.stderr
-
-
-@pytest.mark.parametrize("table", TABLES)
-def test_a_table_that_lacks_a_step_is_refused(tribox, case_file, killed, table):
-    lines = (killed / table).read_text().splitlines(keepends=True)
-    kept = [line for line in lines if not line.startswith("3,")]
-    (killed / table).write_text("".join(kept))
-    done = tribox("run", case_file(CASE), "--out", killed, "--resume")
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"{killed / table}: does not hold the 4 steps" in done.stderr
-    assert (killed / table).read_text() == "".join(kept)
 
 
 def test_a_law_that_was_changed_is_refused(tribox, case_file, tmp_path):

@@ -15,16 +15,13 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.conftest import BLOCK
-from tests.app.read_log import read_log
-from tests.app.simulation.test_explicit_run import THROWN
-from tests.own_law import documented_law
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.checkpoint.checkpointer import _sum, latest
 from tribox.app.checkpoint.layout import _leaves
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
-from tribox.app.results.directory import check_free, checkpoint_numbers
+from tribox.app.results.directory import checkpoint_numbers
 from tribox.app.results.inputs import write_case
 from tribox.app.run.progress import StagesProgress
 from tribox.app.run.run import Interruption, run_case
@@ -77,32 +74,6 @@ def done(tmp_path_factory) -> Path:
 # -- stops ------------------------------------------------------------------------------------
 
 
-def test_a_run_stopped_while_a_step_is_cut_goes_on_to_the_same_rows(tmp_path, monkeypatch):
-    """Attempts that failed before the stop count, and are not made again."""
-    stages = [COARSE["stage"][0], COARSE["stage"][1] | {"steps": 2}]
-    case = case_of(stage=stages, solver={"max_iterations": 2})
-    whole = run(case, tmp_path / "whole")
-    cuts = sum(row.attempts - 1 for row in whole.rows)
-    assert cuts >= 2
-    for number in range(1, cuts + 1):
-        seen = 0
-
-        def cut(self, *_, number=number):
-            nonlocal seen
-            seen += 1
-            if seen == number:
-                raise Interrupted
-
-        out = tmp_path / f"cut-{number}"
-        with monkeypatch.context() as patch:
-            patch.setattr(Interruption, "cut", cut)
-            with pytest.raises(Interrupted):
-                run(case, out)
-        run(case, out, resume=True)
-        for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
-            assert (out / name).read_text() == (tmp_path / "whole" / name).read_text(), number
-
-
 # -- checkpoints that are not as they were written ----------------------------------------------
 
 
@@ -130,19 +101,6 @@ def rewritten(
         }
     about.pop("sha256")
     damage_manifest(path, about | {"sha256": _sum(about)})
-
-
-@pytest.mark.parametrize(
-    "about",
-    ["[]", '{"format": 4}', "[" * 100_000, '{"format": 4, "files": []}', "\0"],
-    ids=["list", "nothing", "nested", "no files", "zero"],
-)
-def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
-    out = as_killed(done, tmp_path / "out", 3)
-    damage_manifest(out / "checkpoints" / "000003", about)
-    found, notes = latest(out)
-    assert found is not None and found.about["step"] == 2
-    assert len(notes) == 1 and "000003: is damaged" in notes[0] and "one before" in notes[0]
 
 
 def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_path):
@@ -272,17 +230,6 @@ def test_what_a_run_reads_is_not_cleared_where_it_cannot_go_on(tribox, case_file
     assert (out / "case.toml").is_file() and (out / "history.csv").is_file()
 
 
-def test_adios2_files_of_a_run_that_went_on_may_be_cleared(tmp_path):
-    case = case_of(output={"formats": ["adios2"]})
-    run(case, tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
-    run(case, out, resume=True)
-    assert (out / "fields_after_000002.bp").is_dir()
-    check_free(out, force=True)
-    run(case, out, force=True)
-    assert not list(out.glob("*_after_*"))
-
-
 def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypatch):
     """Also where the run was killed while it wrote one."""
     out = as_killed(done, tmp_path / "out", 3)
@@ -303,43 +250,7 @@ def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypat
 # -- other cases ----------------------------------------------------------------------------------
 
 
-def test_another_class_of_the_same_file_is_another_law(tmp_path):
-    law = documented_law()
-    path = tmp_path / "laws.py"
-    path.write_text(law + law[law.index("class MyLaw") :].replace("class MyLaw", "class Other"))
-
-    def with_law(name: str) -> Case:
-        friction = {"law": "python", "class": f"{path}:{name}", "parameters": {"mu": 0.1}}
-        friction["parameters"]["speed"] = 1e-6
-        contact = tomllib.loads(BLOCK)["contact"][0] | {"friction": friction}
-        return case_of(contact=[contact])
-
-    run(with_law("MyLaw"), tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
-    with pytest.raises(InputError, match=r'contact.0.friction.class = "Other" instead of "MyLaw"'):
-        run(with_law("Other"), out, resume=True)
-
-
 # -- what a run remembers ----------------------------------------------------------------------
-
-
-def test_limits_of_rounding_are_those_of_the_run(tmp_path):
-    """They follow from forces of implicit steps that an explicit stage does not make again."""
-    stages = [
-        {"name": "press", "duration": "1 s", "steps": 2, "solver": "implicit"},
-        {"name": "slide", "duration": "1 us", "steps": 2},
-    ]
-    bodies = tomllib.loads(BLOCK)["bodies"]
-    bodies = {name: body | {"density": 2000} for name, body in bodies.items()}
-    case = case_of(stage=stages, bodies=bodies, solver={"kind": "explicit"})
-    whole = run(case, tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 3)
-    gone_on = run(case, out, resume=True)
-    limits = [
-        (r.model.problem.reference_force, r.stepper._watch._roundoff) for r in (whole, gone_on)
-    ]
-    assert limits[0][0] > 0.0
-    assert limits[0] == limits[1]
 
 
 def test_bars_begin_in_the_stage_that_the_run_is_in():
@@ -459,31 +370,3 @@ def test_rows_of_tables_must_not_change_what_was(way, time, fits):
     later = case_of(boundary=moved([["2 s", "0 mm"], ["3 s", "1 mm"]]))
     assert not list(changes(still, later, 1, time=2.0))
     assert list(changes(still, later, 1, time=2.1))
-
-
-def test_an_explicit_run_goes_on_before_its_first_row(tmp_path, monkeypatch):
-    data = tomllib.loads(THROWN)
-    geometry = COARSE["geometry"]
-    data |= {"geometry": data["geometry"] | {k: geometry[k] for k in ("upper", "lower")}}
-    data["stage"][0]["steps"] = 1
-    case = Case.model_validate(data | {"output": OUTPUT})
-    run(case, tmp_path / "whole")
-    asked = iter([False, False, True])
-
-    def ready(self, state):
-        if next(asked):
-            raise Interrupted
-
-    out = tmp_path / "out"
-    with monkeypatch.context() as patch:
-        patch.setattr(Interruption, "ready", ready)
-        with pytest.raises(Interrupted):
-            run(case, out)
-    found, _ = latest(out)
-    assert found is not None and found.about["step"] == 0 and found.about["time"] > 0.0
-    for table in out.glob("*.csv"):  # a run that was killed would not have begun them
-        table.unlink()
-    run(case, out, resume=True)
-    assert "goes on after step 0" in read_log(out)
-    for name in ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv"):
-        assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()

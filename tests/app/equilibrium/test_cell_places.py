@@ -100,21 +100,3 @@ def test_values_are_changed_in_place():
         values[:] = np.arange(len(values))
     assert A.stateGet() > before  # or a solver would keep its factors
     np.testing.assert_array_equal(own_block(A).getValuesCSR()[2], np.arange(len(values)))
-
-
-def test_cells_without_room_are_outside():
-    """PETSc says so when they are added; nothing is put where it does not belong."""
-    mesh = rectangle(MPI.COMM_SELF)
-    space, wide = matrix_of(mesh)
-    A = PETSc.Mat().createAIJ(wide.getSizes(), bsize=2, nnz=1, comm=MPI.COMM_SELF)
-    A.setLGMap(*wide.getLGMap())
-    A.setDiagonal(wide.getDiagonal())
-    A.assemble()
-    nodes = np.asarray(space.dofmap.list)
-    places = CellPlaces(A, nodes, 2)
-    assert not places.inside.any() and places.starts.shape == (0, 4, 2, 4)
-    A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-    with pytest.raises(PETSc.Error):
-        places.add(A, np.ones((len(nodes), 4, 2, 4, 2)))
-    with pytest.raises(ValueError, match="places for"), places.values(wide):
-        pass

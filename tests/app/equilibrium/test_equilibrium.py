@@ -9,18 +9,14 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-import tribox.forms.contact.kinematics
-import tribox.forms.contact.tangent
 from tests.grid import grid
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from tribox.app.equilibrium.tangent import Tangent
 from tribox.forms.bodies.loads import FollowerPressure
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.contact.state import ContactMode, ContactTrial
-from tribox.forms.contact.tangent import PairTangent
+from tribox.forms.contact.state import ContactMode
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
 from tribox.forms.friction.friction_map import FrictionMap
@@ -255,169 +251,6 @@ def test_whole_tangent_against_finite_differences(pair, name):
             np.ptp(np.arctan2(trial.kinematics.normal[:, 0], trial.kinematics.normal[:, 1])) > 0.1
         )
     assert error < 1e-6
-
-
-def without_normal_of_pressure(patch):
-    """t_N δn left out."""
-    whole = PairTangent.traction_variation
-
-    def less(self, trial, take):
-        d_traction, v = whole(self, trial, take)
-        return d_traction - trial.pressure[take][:, None, None] * v.d_normal, v
-
-    patch.setattr(PairTangent, "traction_variation", less)
-
-
-def changed_kinematics(patch, change):
-    """Contact kinematics whose variations went through ``change``."""
-    whole = tribox.forms.contact.tangent.vary
-
-    def less(points, projection, anchor, *more):
-        variations = whole(points, projection, anchor, *more)
-        change(variations, points, projection, anchor)
-        return variations
-
-    patch.setattr(tribox.forms.contact.tangent, "vary", less)
-
-
-def without(name):
-    """One variation of the kinematics left out."""
-
-    def switch(patch):
-        changed_kinematics(patch, lambda k, *_: getattr(k, name).fill(0.0))
-
-    return switch
-
-
-def without_normal_of(name):
-    """The part of a variation that comes from the turning of the tangent plane left out."""
-
-    def switch(patch):
-        def change(k, *arguments):
-            with pytest.MonkeyPatch.context() as inner:
-                inner.setattr(
-                    tribox.forms.contact.kinematics,
-                    "_vary_in_plane",
-                    lambda n, v, d_normal: np.zeros_like(d_normal),
-                )
-                less = tribox.forms.contact.kinematics.vary(*arguments)
-            getattr(k, name)[:] = getattr(less, name)
-
-        changed_kinematics(patch, change)
-
-    return switch
-
-
-def without_rows(which):
-    """A generalised coordinate left out of the operator G: its rows are zero."""
-
-    def switch(patch):
-        whole = PairTangent.generalised_rows
-
-        def less(self, state, trial, take):
-            rows, nodes = whole(self, state, trial, take)
-            rows[:, which] = 0.0
-            return rows, nodes
-
-        patch.setattr(PairTangent, "generalised_rows", less)
-
-    return switch
-
-
-def without_derivative(name, inside="traction_variation"):
-    """A derivative of the friction law left out of one part of the tangent."""
-
-    def switch(patch):
-        whole = getattr(PairTangent, inside)
-
-        def less(self, *arguments):
-            (trial,) = (a for a in arguments if isinstance(a, ContactTrial))
-            table = getattr(trial.response, name)
-            kept = table.copy()
-            table[:] = 0.0
-            try:
-                return whole(self, *arguments)
-            finally:
-                table[:] = kept
-
-        patch.setattr(PairTangent, inside, less)
-
-    return switch
-
-
-def without_coupling(patch):
-    """The change of the averaged pressure left out."""
-    patch.setattr(PairTangent, "vertex_coupling", lambda *arguments: None)
-
-
-def without_part_of_solids(part):
-    """One integral of the solids (0: distortional, 1: volumetric), or both, left out."""
-
-    def switch(patch):
-        whole = Tangent._assemble_forms
-
-        def less(self, A, carried):
-            solids, cells = self.bodies.solids, self.bodies.cells
-            kept = [list(solid.forms) for solid in solids]
-            self.bodies.cells = [None] * len(solids)  # a compiled loop has all parts or none
-            for solid in solids:
-                solid.forms = [] if part is None else [solid.forms[1 - part]]
-            try:
-                whole(self, A, carried)
-            finally:
-                self.bodies.cells = cells
-                for solid, all_forms in zip(solids, kept, strict=True):
-                    solid.forms = all_forms
-
-        patch.setattr(Tangent, "_assemble_forms", less)
-
-    return switch
-
-
-BY_PRESSURE = without_derivative("d_traction_d_pressure", "vertex_coupling")
-
-# Each term, the switch that leaves it out of the tangent, and a setting in which it matters. The
-# rows d of the operator are missing: in the plane a vector of given length knows no other freedom
-# than the angle of the normal (see test_contact_kinematics for three dimensions).
-TERMS = {
-    "turning of the pressure": (without_normal_of_pressure, "slip"),
-    "averaged pressure": (without_coupling, "slip"),
-    "gap": (without("d_gap"), "slip, pointwise"),
-    "slip": (without("d_slip"), "stick"),
-    "slip through the normal": (without_normal_of("d_slip"), "slip"),
-    "elastic slip": (without("d_elastic"), "stick"),
-    "elastic slip through the normal": (without_normal_of("d_elastic"), "onset"),
-    "motion of the closest point": (without("d_xi"), "slip"),
-    "motion of the closest point, film": (without("d_xi"), "viscous by speed"),
-    "motion of the closest point, groove": (without("d_xi"), "groove"),
-    "rows b": (without_rows(1), "stick"),
-    "rows c": (without_rows(2), "stick"),
-    "rows c, film": (without_rows(2), "viscous by speed"),
-    "traction by pressure": (BY_PRESSURE, "slip"),
-    "traction by pressure, map": (BY_PRESSURE, "mixed"),
-    "traction by pressure, pointwise": (
-        without_derivative("d_traction_d_pressure"),
-        "slip, pointwise",
-    ),
-    "traction by elastic slip": (without_derivative("d_traction_d_elastic"), "stick"),
-    "traction by elastic slip, map": (without_derivative("d_traction_d_elastic"), "mixed"),
-    "traction by slip": (without_derivative("d_traction_d_slip"), "stick"),
-    "traction by slip, film": (without_derivative("d_traction_d_slip"), "viscous by speed"),
-    "slip of closing points": (without("d_slip"), "closing"),
-    "solids": (without_part_of_solids(None), "slip"),
-    "distortional part": (without_part_of_solids(0), "slip"),
-    "volumetric part": (without_part_of_solids(1), "slip"),
-}
-
-
-@pytest.mark.parametrize("name", TERMS)
-def test_each_term_of_the_tangent_is_needed(pair, monkeypatch, name):
-    switch, where = TERMS[name]
-    problem, x, A = prepared(pair, SETTINGS[where][0])
-    slopes = differences(problem, x)
-    assert slopes.error(problem, x, A) < 1e-6
-    switch(monkeypatch)
-    assert slopes.error(problem, x, A) > 1e-4
 
 
 def test_settings_hold_what_they_are_named_after(pair):

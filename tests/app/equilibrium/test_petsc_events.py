@@ -26,13 +26,3 @@ def test_the_events_named_are_heard_as_they_begin_and_end():
     with events(names, heard.append, lambda: heard.append("end")):
         solve_once()
     assert heard == ["set-up", "analysis", "end", "numbers", "end", "end"]
-
-
-def test_nothing_is_heard_afterwards():
-    heard = []
-    with events({"KSPSolve": "solve"}, heard.append, lambda: heard.append("end")):
-        solve_once()
-        solve_once()
-    assert heard == ["solve", "end"] * 2
-    solve_once()
-    assert heard == ["solve", "end"] * 2

@@ -24,16 +24,3 @@ def test_an_inner_part_is_taken_out_of_the_outer_one():
         clock.now += 5.0
     assert dict(watch.seconds) == {"outer": 3.0, "inner": 15.0}
     assert dict(watch.calls) == {"outer": 1, "inner": 2}
-
-
-def test_a_part_that_raises_is_ended():
-    clock = Clock()
-    watch = Stopwatch(clock)
-    with watch("outer"):
-        try:
-            with watch("inner"):
-                clock.now += 1.0
-                raise KeyError
-        except KeyError:
-            clock.now += 2.0
-    assert dict(watch.seconds) == {"outer": 2.0, "inner": 1.0}

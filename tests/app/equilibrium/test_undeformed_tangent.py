@@ -9,10 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.conftest import BLOCK, BOXES
-from tests.flowing import SOFT_METAL
 from tribox.app.build.model import body_dofs, build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.undeformed_tangent import SLENDER, SMALL
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
@@ -88,13 +86,6 @@ def test_bodies_with_a_compiled_loop_have_none():
     assert assembled(model, model.problem.new_vector())[1] == (False, False)
 
 
-def limit_of(model):
-    """Largest bound with which the aluminium keeps its tangent."""
-    assembled(model, model.problem.new_vector())
-    (one,) = model.problem.tangent.undeformed._candidates
-    return one.largest
-
-
 @pytest.mark.parametrize("motion", [stretched(1e-3), turned(1e-3), turned(np.pi)])
 def test_a_strain_or_a_rotation_ends_it(block, motion):
     """A rotation has no strain, and turns the tangent all the same."""
@@ -108,55 +99,10 @@ def test_a_strain_or_a_rotation_ends_it(block, motion):
     assert assembled(block, shifted)[1] == (False, True)
 
 
-def test_numbers_that_are_none_end_it(block):
-    x = block.problem.new_vector()
-    x.array[body_dofs(block, "aluminium")[3]] = np.nan
-    assert assembled(block, x)[1] == (False, False)
-    assert assembled(block, block.problem.new_vector())[1] == (False, True)
-
-
 @pytest.mark.parametrize(("ratio", "kept"), [(50.0, False), (150.0, True)])
 def test_only_bodies_far_stiffer_than_the_softest_in_contact(ratio, kept):
     model = model_of(bodies__aluminium__E=f"{5 * ratio} MPa", bodies__elastomer__nu=0.33)
     assert assembled(model, model.problem.new_vector())[1] == (False, kept)
-
-
-def test_a_body_that_may_flow_has_the_tangent_of_its_points():
-    model = model_of(bodies__aluminium=SOFT_METAL | {"E": "70 GPa"})
-    x = model.problem.new_vector()
-    model.problem.residual(None, x, x.copy())
-    assert assembled(model, x)[1] == (False, False)
-
-
-def test_bodies_that_touch_nothing_soft_have_none():
-    model = model_of(bodies__elastomer__E="70 GPa")
-    assert assembled(model, model.problem.new_vector())[1] == (False, False)
-
-
-def test_slender_bodies_have_to_move_less(block):
-    """A membrane strain counts in them beside the small stiffness against bending."""
-    assert limit_of(block) == pytest.approx(min(SMALL, SLENDER * 0.25**2))
-    thin = model_of(
-        geometry__lower={"width": "2.0 mm", "height": "0.04 mm", "elements": [15, 1]},
-    )
-    assert limit_of(thin) == pytest.approx(SLENDER * 0.02**2)
-    assert assembled(thin, moved(thin, stretched(3e-6)))[1] == (False, False)
-    assert assembled(block, moved(block, stretched(3e-6)))[1] == (False, True)
-
-
-def test_it_is_made_again_for_another_pattern(block):
-    """With the same values; of pattern and platens alone it depends, not of the state."""
-    problem, keeper = block.problem, block.problem.tangent.undeformed
-    A, _ = assembled(block, moved(block, stretched(1e-7)))
-    made = keeper.made
-    problem.assemble_tangent(moved(block, stretched(1e-6)), A)
-    problem.assemble_tangent(problem.new_vector(), A)
-    assert keeper.made == made and problem.tangent.undeformed.on == (False, True)
-    before = A.copy()
-    problem.tangent.make_room(A)
-    problem.assemble_tangent(problem.new_vector(), A)
-    assert keeper.made == made + 1
-    assert difference(A, before) == 0.0
 
 
 class Counts(Observer):

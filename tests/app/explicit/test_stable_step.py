@@ -285,18 +285,3 @@ def test_mass_only_where_the_step_is_limited(pair):
     assert stiff.estimate().penalty > 0.99 * wanted
     assert stiff.added_mass > 1.5 * scaled.added_mass
     assert stiff.mass[2 * blocks.nodes("aluminium")].sum() > 4.0
-
-
-@pytest.mark.parametrize(
-    ("values", "word"),
-    [
-        ({"kind": "limiting"}, "takes step"),
-        ({"kind": "limiting", "step": 1.0, "factor": 2.0}, "no factor"),
-        ({"kind": "uniform"}, "either"),
-        ({"kind": "uniform", "factor": 0.5}, "at least 1"),
-        ({"kind": "uniform", "step": 0.0}, "above 0"),
-    ],
-)
-def test_mass_scaling_that_says_nothing_is_refused(values, word):
-    with pytest.raises(ValueError, match=word):
-        MassScaling(**values)

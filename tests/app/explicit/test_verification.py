@@ -130,13 +130,9 @@ def test_bars_in_impact(other):
 HEIGHT, DENSITY, PRESSURE, START = 0.5e-3, 7800.0, 2e5, 2.0
 MASS = DENSITY * HEIGHT  # kg/m² of contact
 MAP = {
-    "law": "friction-map",
-    "D_max": 2.5e-6,
-    "K_T": 1e13,
-    "eta_b": 0.02,
-    "V_star": 100.0,
+    "law": "friction-map", "D_max": 2.5e-6, "K_T": 1e13, "eta_b": 0.02, "V_star": 100.0,
     "V_star_at": 5e-7,
-}
+}  # fmt: skip
 FILM = 5e-7  # m
 
 

@@ -19,22 +19,14 @@ from tribox.app.simulation.history import COLUMNS
 
 STRIP = """
 title = "strip between punch and die"
-[geometry]
-kind = "file"
-mesh = "strip.msh"
-section = "SECTION"
-[bodies.punch]
-material = "neo-hookean"
-E = "200 MPa"
-nu = 0.3
-[bodies.strip]
-material = "neo-hookean"
-E = "20 MPa"
-nu = 0.4
-[bodies.die]
-material = "neo-hookean"
-E = "400 MPa"
-nu = 0.3
+geometry = { kind = "file", mesh = "strip.msh", section = "SECTION" }
+bodies.punch = { material = "neo-hookean", E = "200 MPa", nu = 0.3 }
+bodies.strip = { material = "neo-hookean", E = "20 MPa", nu = 0.4 }
+bodies.die = { material = "neo-hookean", E = "400 MPa", nu = 0.3 }
+stage = [
+ { name = "press", duration = "1 s", steps = 2 },
+ { name = "slide", duration = "1 s", velocity = "0.2 mm/s", steps = 3 },
+]
 [[contact]]
 name = "upper"
 slave = "strip_upper"
@@ -51,15 +43,6 @@ displacement = { x = 0, y = 0 }
 [[boundary]]
 surface = "punch_top"
 displacement = { x = "driven", y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[[stage]]
-name = "slide"
-duration = "1 s"
-velocity = "0.2 mm/s"
-steps = 3
 """
 STAGES = ("press", "press", "slide", "slide", "slide")
 STEPS = tuple(range(1, 6))

@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.app.figures.made_results import write_strip
 from tribox.app.errors import InputError
-from tribox.app.figures.animation import MOST_FRAMES, animate, common_palette, frames_of
+from tribox.app.figures.animation import MOST_FRAMES, animate, frames_of
 from tribox.app.results import read
 
 
@@ -68,19 +68,3 @@ def test_the_directory_at_hand_does_not_choose_the_program_that_makes_films(
     with suppress(FileNotFoundError):  # there need not be any
         animate(strip, tmp_path / "a.mp4", "von_mises_stress")
     assert not ran.exists() and not (tmp_path / "more.mp4").exists()
-
-
-def test_all_frames_have_one_palette_with_thin_lines_and_white_as_drawn(tmp_path):
-    """Of 50 000 pixels 50 are a red line, beside a ramp of all colours between blue and yellow."""
-    ramp = np.linspace([0, 0, 255], [255, 255, 0], 200).astype(np.uint8)
-    frames = []
-    for number in range(3):
-        pixels = np.full((250, 200, 3), 255, dtype=np.uint8)
-        pixels[50 + number : 200] = ramp
-        pixels[10 + 40 * number, :50] = (230, 57, 155)
-        frames.append(Image.fromarray(pixels))
-    palette = common_palette(frames)
-    for number, frame in enumerate(frames):
-        drawn = np.asarray(frame.quantize(palette=palette, dither=Image.Dither.NONE).convert("RGB"))
-        assert (drawn[0] == 255).all()
-        assert np.abs(drawn[10 + 40 * number, :50].astype(int) - (230, 57, 155)).max() <= 8

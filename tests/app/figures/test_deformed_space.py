@@ -20,33 +20,22 @@ from tribox.app.results import Results, read
 
 CASE = """
 title = "box on a plate"
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+bodies.aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0, z = 0 } },
+ { surface = "top", displacement = { x = 0, z = 0, y = [["0 s", "0 mm"], ["1 s", "-0.02 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
 [geometry]
 kind = "two-boxes"
 upper = { width = "1 mm", height = "0.5 mm", depth = "1 mm", elements = [2, 1, 2] }
 lower = { width = "2 mm", height = "0.5 mm", depth = "2 mm", elements = [3, 1, 3] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
 [[contact]]
 name = "sole"
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "coulomb", mu = 0.2 }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0, z = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, z = 0, y = [["0 s", "0 mm"], ["1 s", "-0.02 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
 """
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 from tests.app.figures.made_results import (
     PAIRS,
@@ -23,16 +21,7 @@ from tribox.app.figures import steady_points
 from tribox.app.figures.force_displacement import force_displacement_figure
 from tribox.app.figures.history import abscissa_of, energies_figure, forces_figure
 from tribox.app.figures.stribeck import series_of, stribeck_figure
-from tribox.app.figures.style import save
 from tribox.app.results import Results, read
-
-
-def test_saving_leaves_a_picture_and_nothing_else(tmp_path):
-    figure = Figure()
-    figure.subplots().plot([0, 1], [0, 1])
-    save(figure, tmp_path / "a.png")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
-    assert imread(tmp_path / "a.png").std() > 0.0
 
 
 def test_a_jump_is_not_joined():
@@ -147,17 +136,6 @@ def test_velocities_are_drawn_over_the_path_and_decades_on_a_log_scale(film, tmp
     assert (np.diff(pressed) > 0.0).all() and pressed[2] == 0.0 and -2.0 < pressed[0] < -0.5
 
 
-def test_a_film_whose_points_lie_on_one_level_has_room_above_and_below(film, tmp_path):
-    results = write_film(tmp_path / "out", film, thickness="250 nm")
-    rows = [row for row in results.table("load_steps").records() if row["steady"] >= 0.0]
-    eta = results.case.contact[0].friction.eta_b
-    rows = [row | {"effective_viscosity": eta, "mu": 0.1} for row in rows]
-    series = [steady_points.steady_series(results.case, rows)]
-    figure = steady_points._viscosity_figure(series, results.case.title)
-    low, high = figure.axes[0].get_ylim()
-    assert low < eta / 3.0 and high > 3.0 * eta
-
-
 def test_no_line_is_drawn_across_the_threshold_speed(film, tmp_path):
     # V* at 30 nm is 1 mm/s √(1/3) = 0.58 mm/s: between the first two velocities.
     [one] = series_of(write_film(tmp_path / "out", film))
@@ -168,19 +146,6 @@ def test_no_line_is_drawn_across_the_threshold_speed(film, tmp_path):
     [thick] = series_of(write_film(tmp_path / "thick", film, thickness="250 nm"))
     left = stribeck_figure([thick]).axes[0]
     assert len([line for line in left.lines if line.get_marker() != "x"]) == 1
-
-
-def test_all_figures_bear_the_title_of_the_case(film, strip, tmp_path):
-    results = write_film(tmp_path / "out", film)
-    figures = [forces_figure(results), energies_figure(results), force_displacement_figure(strip)]
-    rows = results.table("load_steps").records()
-    series = [steady_points.steady_series(results.case, [r for r in rows if r["steady"] >= 0.0])]
-    title = results.case.title
-    figures.append(stribeck_figure(series_of(results), title))
-    figures.append(steady_points._map_figure(series, title))
-    for figure in figures:
-        expected = strip.case.title if figure is figures[2] else title
-        assert expected and figure.get_suptitle().startswith(expected)
 
 
 def test_time_that_has_no_effect_does_not_hide_what_follows(film, tmp_path):

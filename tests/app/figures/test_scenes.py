@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.figures.scenes import EYE, PIXELS, RIGHT, UP, Scene, facets_seen, rendered
+from tribox.app.figures.scenes import EYE, RIGHT, UP, Scene, facets_seen, rendered
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
 
@@ -17,35 +17,6 @@ def scene(*sheets: np.ndarray) -> Scene:
     number = np.arange(len(sheets))
     low, high = position.min(axis=0), position.max(axis=0)
     return Scene(position, polygons, colours, number, low, high)
-
-
-def test_the_nearer_facet_hides_the_other_whatever_their_order():
-    above = SQUARE + np.array([0.0, 0.3, 0.0])
-    for made, front in ((scene(SQUARE, above), 1), (scene(above, SQUARE), 0)):
-        seen = facets_seen(made)
-        middle = above.mean(axis=0)
-        low, _ = made.window
-        column, row = (np.array([RIGHT, UP]) @ middle - low) / made.pixel
-        assert seen[seen.shape[0] - 1 - int(row), int(column)] == front
-
-
-def test_a_step_between_two_bodies_has_no_teeth():
-    """A wall stands on a plate: the line between them is as straight as pixels allow."""
-    wall = np.array([[0.2, 0.0, 0.5], [0.8, 0.0, 0.5], [0.8, 0.4, 0.5], [0.2, 0.4, 0.5]])
-    made = scene(SQUARE, wall)
-    seen = facets_seen(made)
-    columns = np.flatnonzero((seen == 1).any(axis=0))[5:-5]
-    foot = np.array([np.flatnonzero(seen[:, c] == 1).max() for c in columns])
-    fit = np.polyval(np.polyfit(columns, foot, 1), columns)
-    assert np.abs(foot - fit).max() < 1.5
-    assert len(columns) > 0.3 * PIXELS
-
-
-@pytest.mark.parametrize("corners", [3, 4])
-def test_a_facet_fills_its_pixels(corners):
-    made = scene(SQUARE[:corners])
-    area = EYE[1] * (1.0 if corners == 4 else 0.5)
-    assert (facets_seen(made) == 0).sum() * made.pixel**2 == pytest.approx(area, rel=0.02)
 
 
 @pytest.mark.parametrize("corners", [3, 4])

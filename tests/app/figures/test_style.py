@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import replace
-from itertools import combinations
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from tribox.app.figures import steady_points
 from tribox.app.figures.steady_points import film_numbers
-from tribox.app.figures.stribeck import StribeckSeries, stribeck_figure
 from tribox.app.figures.style import (
     CASE_STYLE,
-    COLOURS,
-    DASHES,
     MARGIN,
-    MARKERS,
-    RED,
     save,
     write_png,
 )
@@ -68,28 +56,6 @@ def test_page_is_cut_as_matplotlib_cuts_it(tmp_path):
     assert abs(int(inked.sum()) / int((theirs != 255).any(axis=2).sum()) - 1.0) < 0.02
 
 
-def test_what_is_drawn_beyond_the_page_is_kept(tmp_path):
-    with rc_context(CASE_STYLE):
-        figure = drawn()
-        figure.axes[0].annotate("far out", (1.3, 0.5), xycoords="axes fraction")
-        save(figure, tmp_path / "wide.png")
-    assert page(tmp_path / "wide.png").shape[1] > 3 * 150
-
-
-def test_shared_axes_keep_the_room_of_their_ticks(tmp_path):
-    """Ticks without labels are told from the layout of matplotlib's own."""
-    shown = []
-    for write in (save, lambda figure, path: figure.savefig(path)):
-        with rc_context(CASE_STYLE):
-            figure = Figure(figsize=(3, 3), layout="constrained")
-            upper, lower = figure.subplots(2, 1, sharex=True)
-            upper.plot([0.0, 1.0], [0.0, 3.0])
-            lower.plot([0.0, 1.0], [0.0, 3e3])
-            write(figure, tmp_path / "shared.png")
-        shown.append([axes.get_position().bounds for axes in figure.axes])
-    np.testing.assert_allclose(shown[0], shown[1], atol=1e-12)
-
-
 def test_ticks_that_are_made_once_are_those_of_matplotlib(tmp_path):
     """Axes whose size the layout changes, one of them logarithmic, and a colour bar."""
     pages = []
@@ -113,49 +79,6 @@ def test_ticks_that_are_made_once_are_those_of_matplotlib(tmp_path):
     np.testing.assert_array_equal(*pages)
 
 
-# From linear RGB to what is seen without the long, or the medium, cones (Machado et al. 2009).
-SIGHTS = {
-    "usual": np.eye(3),
-    "protan": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
-    "deutan": np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]),
-}
-TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-WHITE = np.array([0.9505, 1.0, 1.089])
-
-
-def seen(colour: str, sight: str) -> np.ndarray:
-    """A colour in CIE Lab, as one kind of eyes sees it."""
-    rgb = np.array(to_rgb(colour))
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    x = TO_XYZ @ np.clip(SIGHTS[sight] @ linear, 0.0, 1.0) / WHITE
-    f = np.where(x > 0.008856, np.cbrt(x), 7.787 * x + 16 / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-@pytest.mark.parametrize("sight", list(SIGHTS))
-def test_any_two_colours_differ_for_all_eyes(sight):
-    found = {
-        pair: np.linalg.norm(seen(pair[0], sight) - seen(pair[1], sight))
-        for pair in combinations(COLOURS, 2)
-    }
-    # A difference of 2.3 is just seen; blue and purple were 0.3 apart for protan eyes.
-    assert min(found.values()) > 15.0, min(found, key=found.get)
-    assert len(COLOURS) == len(MARKERS) == len(DASHES) == len(set(map(str, DASHES)))
-
-
-def test_there_is_one_red():
-    reds = {RED}
-    root = Path(__file__).resolve().parents[3]
-    for file in (*root.glob("app/**/*.py"), *root.glob("app/**/*.html")):
-        text = file.read_text(encoding="utf-8")
-        assert not re.search(r'"(?:C3|red|crimson|firebrick|darkred|tab:red)"', text), file
-        for found in re.findall(r"#[0-9a-fA-F]{6}\b", text.split("prefers-color-scheme")[0]):
-            hue, share, light = rgb_to_hsv(to_rgb(found))
-            if (hue < 0.045 or hue > 0.955) and share > 0.5 and light > 0.5:
-                reds.add(found)
-    assert reds == {RED}
-
-
 def test_a_film_has_its_colour_alone_and_beside_others():
     """Of a map, of a sweep and of a run with one film only; films beside it get other ones."""
     law = FrictionMapParameters(
@@ -172,17 +95,3 @@ def test_a_film_has_its_colour_alone_and_beside_others():
             assert len(set(numbers.values())) == len(numbers)
     many = film_numbers([1e-9 * D for D in range(20, 240, 20)], law)
     assert len(many) == 11 and set(range(6)) < set(many.values())
-
-
-def test_figures_of_a_run_with_one_film_take_its_number_and_without_films_count():
-    own = {"mu_s": 0.1, "K_T": 1e12, "V_star": 1e-3, "V_star_at": 1e-8}
-    law = FrictionMapParameters(**with_preset("friction-map", own))
-    film = steady_points.Series("", 180e-9, law, *[np.ones(2)] * 3, 1.0, 0.1, np.ones(2, bool))
-    figure = steady_points._map_figure([film], "")
-    assert {line.get_color() for line in figure.axes[0].lines[:3]} == {COLOURS[2]}
-    curve = StribeckSeries("", *[np.ones(2)] * 3, np.ones(2, bool))
-    drawn = stribeck_figure([replace(curve, film=(180e-9, law))])
-    assert drawn is not None and drawn.axes[0].lines[0].get_color() == COLOURS[2]
-    several = stribeck_figure([curve, curve])  # of pairs, say
-    assert several is not None
-    assert [line.get_color() for line in several.axes[0].lines[::2]] == list(COLOURS[:2])

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgba
 from tests.app.figures.test_scenes import SQUARE, scene
 from tribox.app.figures import animation
 from tribox.app.figures.scenes import EYE, RIGHT, UP
-from tribox.app.figures.tool_surfaces import COLOUR, VEIL, room_for, veil_of
+from tribox.app.figures.tool_surfaces import COLOUR, VEIL, veil_of
 
 SMALL = (SQUARE - 0.5) * [0.4, 0.0, 0.4] + [0.5, 0.0, 0.5]
 
@@ -52,15 +52,6 @@ def test_a_tool_far_larger_than_the_picture_is_cut_off():
     assert np.isclose(veil[..., 3], VEIL).all()
     away = veil_of(made, halves(SQUARE + 50.0 * RIGHT + 3.0 * UP))
     assert not away.any()
-
-
-def test_the_frame_has_room_for_tools_but_not_for_all_of_them():
-    low, high = np.zeros(3), np.ones(3)
-    tool = halves(SQUARE * [9.0, 0.0, 1.0] + [0.0, 1.05, 0.0])
-    found = room_for(low, high, tool)
-    np.testing.assert_allclose(found, [[0.0, 0.0, 0.0], [1.12, 1.05, 1.0]])
-    assert room_for(low, high, None) == (low, high)
-    assert veil_of(scene(SQUARE), None) is None
 
 
 def test_frames_in_the_plane_show_tools_where_they_are(strip, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -15,7 +14,7 @@ from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
 from tribox.app.fit.model import RANGES, coordinates, friction
-from tribox.app.fit.run import draw_fit, report, run_fit
+from tribox.app.fit.run import report, run_fit
 from tribox.app.fit.setup import fit_setup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -28,16 +27,9 @@ SYNTHETIC = ROOT / "cases" / "data" / "tribometer-synthetic.csv"
 STRIBECK = ROOT / "cases" / "data" / "stribeck-synthetic.csv"
 OF_THE_MACHINE = ["time", "temperature [degC]"]
 BEHIND_IT = {
-    "mu_s": 0.13,
-    "mu_d": 0.10,
-    "A_d": 2e-6,
-    "B": 3e5,
-    "eta_b": 0.5,
-    "V_star": 0.8e-3,
-    "alpha at 10 nm": 0.2,
-    "alpha at 30 nm": 0.8,
-    "alpha at 100 nm": 0.97,
-}
+    "mu_s": 0.13, "mu_d": 0.10, "A_d": 2e-6, "B": 3e5, "eta_b": 0.5, "V_star": 0.8e-3,
+    "alpha at 10 nm": 0.2, "alpha at 30 nm": 0.8, "alpha at 100 nm": 0.97,
+}  # fmt: skip
 
 
 def law(**changes) -> FrictionMapParameters:
@@ -207,37 +199,6 @@ def test_intervals_of_the_threshold_speed_hold_whatever_the_width_of_the_transit
         star = fitted(data, law(alpha=0.5), "mu_s", "alpha", "eta_b", "V_star").estimates[-1]
         missed += not (star.low or 0.0) <= speed <= (star.high or np.inf)
     assert missed <= 1
-
-
-def test_the_figure_shows_where_the_threshold_speed_may_lie(tmp_path, monkeypatch):
-    data = between_branches(law(alpha=0.2, V_star=0.462e-3, transition_width=0.3), 0.01, 1)
-    gamma = {"V_star": None, "V_star_at": None, "gamma": 1e-10}
-    for base, name in ((law(alpha=0.2), "V_star"), (law(alpha=0.2, **gamma), "gamma")):
-        drawn: list = []
-        monkeypatch.setattr("tribox.app.fit.run.save", lambda figure, path: drawn.append(figure))
-        draw_fit(data, fitted(data, base, name), tmp_path, "data.csv")
-        top = drawn[0].axes[0]
-        [band] = top.patches
-        ends = band.get_x(), band.get_x() + band.get_width()
-        assert ends == pytest.approx((0.55e-3 / 3.0, 0.55e-3 * 3.0))
-        assert "V* at 10 nm, not determined" in top.get_legend().get_texts()[-1].get_text()
-
-
-def test_rows_of_one_load_that_scatters_are_one_group_below_a_title(tmp_path, monkeypatch):
-    """Measured loads never agree; two loads that are meant to differ still have a line each."""
-    truth = StribeckParameters(mu_s=0.2, mu_d=0.05, V_s=5e-3, K_T=1e18)
-    V, shake = np.geomspace(1e-5, 0.3, 12), np.linspace(0.97, 1.03, 12)
-    for loads, lines in (([0.8e6], 1), ([0.8e6, 2e6], 2)):
-        p = np.concatenate([load * shake for load in loads])
-        data = measured(truth, rows(0.0, np.tile(V, len(loads)), p), 0.01, 4)
-        data = dataclasses.replace(data, observed="friction_coefficient", knows_film=False)
-        drawn: list = []
-        monkeypatch.setattr("tribox.app.fit.run.save", lambda figure, path: drawn.append(figure))
-        draw_fit(data, fitted(data, truth, "mu_s", "V_s"), tmp_path, "my $curve.csv")
-        texts = drawn[0].axes[0].get_legend().get_texts()
-        assert len(texts) == lines
-        assert drawn[0].get_suptitle().startswith("my $curve.csv\n")
-    assert [text.get_text() for text in texts] == ["p = 0.8 MPa", "p = 2 MPa"]
 
 
 def test_weights_decide_between_rows_that_disagree():
@@ -503,8 +464,7 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["is empty"]),
-        (HEAD, ["no data"]),
+        ("", ["is empty"]), (HEAD, ["no data"]),
         (GOOD.replace(",", ";"), [":1:", "semicolons", "commas", "point"]),
         (GOOD.replace(",", "\t"), [":1:", "tabs", "commas"]),
         (GOOD.replace("0,1e-3,3,303", '0,1e-3,3,"303,5"'), [":4:", "traction", "point"]),
@@ -523,12 +483,10 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
         (GOOD.replace("traction [kPa]", "pressure [kPa]"), ["pressure", "twice"]),
         (HEAD + "\n0,1e-3,3,300\n", ["too few data", "mu_s", "2 rows", "found 1", "--fix"]),
         (GOOD.replace("thickness [nm]", "Thicknes (nm)"), ['"thickness"', "[m]", "brackets"]),
-        (
-            GOOD.replace("thickness [nm]", "temperature [K]"),
-            ["weight; take other columns out", '--ignore-columns "temperature"'],
-        ),
+        (GOOD.replace("thickness [nm]", "temperature [K]"),
+         ["weight; take other columns out", '--ignore-columns "temperature"']),
     ],
-)
+)  # fmt: skip
 def test_wrong_data_are_one_line(tmp_path, text, words):
     assert_refused(tmp_path, text, words)
 

@@ -83,14 +83,8 @@ def measured(data: MaterialData, noise: float, seed: int, shift: Shift | None = 
 
 
 TRUTH = {
-    "G": G,
-    "share 1": 0.3,
-    "share 2": 0.2,
-    "tau 1": 0.05,
-    "tau 2": 2.0,
-    "C1": 9.0,
-    "C2": 110.0,
-}
+    "G": G, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.05, "tau 2": 2.0, "C1": 9.0, "C2": 110.0,
+}  # fmt: skip
 OF_METAL = {
     "E": 70e9, "yield_stress": 80e6, "saturation_stress": 120e6, "exponent": 20.0, "c 1": 4e9,
     "b 1": 100.0,
@@ -303,13 +297,10 @@ def test_units_and_measures_change_nothing(tmp_path):
     [
         ("relaxation", {"G": 2.4e6, "share 1": 0.25, "share 3": 0.10, "tau 2": 0.5}),
         ("dma", {"G": 9e6, "share 4": 0.10, "tau 4": 2.5, "tau 1": 2e-4, "long-term G": 2.16e6}),
-        pytest.param(
-            "rubber-cycles",
-            {"G": 1.5e6, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.08},
-            marks=pytest.mark.long,
-        ),
+        pytest.param("rubber-cycles", {"G": 1.5e6, "share 1": 0.3, "share 2": 0.2, "tau 1": 0.08},
+         marks=pytest.mark.long),
     ],
-)
+)  # fmt: skip
 def test_the_shipped_tests_give_back_the_values_they_state(name, truth):
     result = fit_material(DATA / f"{name}-synthetic.csv")
     assert result.warnings == () and result.notes == ()
@@ -458,18 +449,6 @@ def test_the_section_loads_in_a_case(tmp_path, block, kind):
         assert found.hardening.law == "voce" and found.nu == 0.33
 
 
-def test_sections_are_written_as_people_write_them():
-    text = sections()
-    metal = tomllib.loads(text["kinematic"])["bodies"]["upper"]
-    [[c, b]] = metal["kinematic"]
-    assert c.endswith(" GPa") and float(c.split()[0]) == pytest.approx(3.2, rel=0.05)
-    assert float(b) == pytest.approx(80.0, rel=0.05)
-    assert metal["hardening"]["yield_stress"].endswith(" MPa") and metal["E"].endswith(" GPa")
-    rubber = tomllib.loads(text["prony"])["bodies"]["upper"]
-    assert rubber["K"] == "1 GPa" and "shift" not in rubber
-    assert [row[1].split()[1] for row in rubber["prony"]] == ["ms", "ms", "s"]
-
-
 # -- wrong data -----------------------------------------------------------------------------------
 
 
@@ -516,13 +495,6 @@ def test_all_wrong_rows_are_named_at_once(tmp_path):
         fit_material(file)
     file.write_text("time [s],true_strain,true_stress [MPa]\n1,0.1,2\n3,0.1,-2\n")
     with pytest.raises(InputError, match=r"data.csv:3: stress .* must have the sign of"):
-        fit_material(file)
-
-
-def test_a_step_of_no_strain_is_refused(tmp_path):
-    file = tmp_path / "data.csv"
-    file.write_text("time [s],true_strain,true_stress [MPa]\n1,0,2\n3,0,2\n")
-    with pytest.raises(InputError, match="the strain of a relaxation test is 0"):
         fit_material(file)
 
 

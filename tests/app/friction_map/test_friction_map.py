@@ -7,15 +7,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from tribox import load_case
 from tribox.app.errors import InputError
-from tribox.app.figures.style import COLOURS, MARKERS
 from tribox.app.friction_map import line_contact
-from tribox.app.friction_map.figures import _by_film, _jump, _start_stop, _viscosity
 from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
 from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_to_steady
 from tribox.app.friction_map.run import run_map
@@ -70,12 +67,6 @@ def test_steady_sliding_takes_the_weakening_into_account():
     expected = [0.1 * 3e6, (1 - 0.9967) * 0.1 * 3e6 + 0.9967 * 0.8 * 1e-5 / 30e-9, 320e-7 / 1e-6]
     assert steady.traction == pytest.approx(expected, rel=1e-3)
     assert list(steady.regime) == [Regime.SLIP, Regime.MIXED, Regime.VISCOUS]
-
-
-def test_a_point_that_still_sticks_is_not_called_steady():
-    steady = slide_to_steady(law(), 1e-5, np.array([3e6]), np.array([0.0]), most_slip=1e-7,
-                             least_slip=1e-9)  # fmt: skip
-    assert not steady.steady.any()
 
 
 def test_programs_add_up_slip_and_time_and_book_the_work():
@@ -157,33 +148,6 @@ def test_a_jump_over_the_threshold_leaves_the_film_alone(built_in):
     assert track.alpha[fast] == pytest.approx(1.0)
     assert track.traction[fast[-1]] == pytest.approx(setup.parameters.eta_b * speed / D, rel=1e-12)
     assert (track.dissipated >= -1e-15).all()
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e-6])
-def test_labels_of_small_panels_stay_on_the_page(built_in, scale):
-    setup, result = built_in
-    films = setup.films[-3:]
-    for draw, track in ((_start_stop, result.start_stop), (_jump, result.jump)):
-        track = replace(track, traction=scale * track.traction[:, -3:])
-        figure = draw(setup, track, films)
-        figure.canvas.draw()
-        panels = figure.axes[: len(films)]
-        assert min(axes.yaxis.label.get_window_extent().x0 for axes in panels) > 0.0
-        plt.close(figure)
-
-
-def test_films_look_as_in_the_figures_of_a_run_and_each_has_a_marker_and_dashes(built_in):
-    setup, result = built_in
-    for figure in (_by_film(setup, result.by_film), _viscosity(setup, result.by_film)):
-        [axes] = figure.axes
-        lines = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-        films = [label for label in lines if label.startswith("D = ")]
-        assert [lines[label].get_color() for label in films] == list(COLOURS[: len(films)])
-        assert [lines[label].get_marker() for label in films] == list(MARKERS[: len(films)])
-        dashes = [lines[label]._dash_pattern for label in films]
-        assert len(set(map(str, dashes))) == len(films) == 4
-        assert axes.get_title().startswith(setup.title)
-        plt.close(figure)
 
 
 def test_a_case_decides_films_pressure_and_parameters():

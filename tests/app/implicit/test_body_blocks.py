@@ -10,30 +10,26 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run, state_of, unlike
-from tests.app.checkpoint.small_cases import COARSE, STAGES, changed
+from tests.app.checkpoint.small_cases import changed
 from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.app.implicit.test_linear_solver import new_solver
 from tests.conftest import SOFT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit import body_blocks, condensed_bodies
+from tribox.app.implicit import body_blocks
 from tribox.app.implicit.body_blocks import (
-    FAILED,
     KEPT_LIMIT,
     MOST,
-    TOO_MANY,
     BodyBlocks,
     BodyByBody,
 )
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
-from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids, young_modulus
-from tribox.app.implicit.multigrid import KRYLOV, MultigridSolver, rigid_motions_of
+from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
+from tribox.app.implicit.multigrid import MultigridSolver
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.materials import NeoHookean
@@ -134,49 +130,12 @@ def test_a_stiff_body_that_is_moved_takes_the_other_along(pair, by):
     np.testing.assert_allclose(moved, wanted.reshape(-1, 2)[soft], atol=0.03 * np.abs(moved).max())
 
 
-def test_the_stiff_body_is_factorised_once_and_the_other_analysed_once(pair, by, monkeypatch):
-    """The contact moves on to other facets: the pattern of the whole changes, but not theirs.
-
-    The soft body is only carried along: condensed, its bulk is factorised once, too.
-    """
-    monkeypatch.setattr(condensed_bodies, "DENSE", np.inf)
-    blocks = pair("quadrilateral", (6, 2), (40, 2))
-    problem, _ = sunk(blocks)
-    solver = new_solver(problem)
-    seen, make = [], by.make
-
-    def watched(self, matrix, widened):
-        works, anew = make(self, matrix, widened)
-        seen.append((id(self), widened, anew))
-        return works, anew
-
-    monkeypatch.setattr(by, "make", watched)
-    rhs, found = forces(problem), problem.new_vector()
-    for way in (0.0, 0.2, 0.4):
-        x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
-        solver.assemble(x)
-        solver.way.aim(1e-10)
-        solver.ksp.solve(rhs, found)
-        np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-7)
-    assert len({body for body, _, _ in seen}) == 1
-    assert [anew for _, _, anew in seen] == [True, False, False]
-    assert any(widened for _, widened, _ in seen[1:])
-    if by is CondensedBodies:
-        assert solver.way._bodies.bulk.factorised == 1
-
-
 # -- conditions -----------------------------------------------------------------------------------
 
 
 def names(problem):
     kept = kept_bodies(problem, stiff_solids(problem))
     return None if kept is None else tuple(solid.name for solid in kept.solids)
-
-
-def test_young_modulus_of_a_material():
-    E, nu = 70e9, 0.33
-    metal = NeoHookean(E / (2.0 * (1.0 + nu)), E / (3.0 * (1.0 - 2.0 * nu)))
-    assert young_modulus(metal) == pytest.approx(E, rel=1e-14)
 
 
 def test_a_body_is_kept_where_it_is_stiff_and_held(pair):
@@ -189,26 +148,6 @@ def test_a_body_is_kept_where_it_is_stiff_and_held(pair):
     assert names(sunk(blocks, held=("top",))[0]) is None
     # Both would be: contacts that are so soft do not tell which is the soft one.
     assert names(sunk(blocks, upper=METAL)[0]) is None
-
-
-def test_supports_that_leave_a_motion_keep_nothing(pair):
-    blocks = pair()
-    problem, _ = sunk(blocks)
-    across = problem.prescribed[2:]  # x and y of the bottom
-    for part in across:
-        part.acts = False
-        assert names(problem) is None
-        part.acts = True
-    assert names(problem) == ("aluminium",)
-
-
-@pytest.mark.parametrize(("displacement", "kept"), [(None, None), (0.0, ("aluminium",))])
-def test_a_body_under_a_platen_with_a_force_is_not_kept(pair, displacement, kept):
-    blocks = pair()
-    dofs = component_dofs(blocks.u.function_space, blocks.named.facets("aluminium_contact"), 1)
-    platen = Platen(dofs, force=-1.0, displacement=displacement)
-    problem, _ = sunk(blocks, platens=[platen])
-    assert names(problem) == kept
 
 
 def test_what_the_user_chooses_is_left_to_petsc(pair):
@@ -257,22 +196,6 @@ def test_a_solve_that_fails_is_made_with_a_factorisation_of_the_whole(pair, by, 
     solver.assemble(x)
     solver.ksp.solve(rhs, found)
     assert len(seen) == 2 and solver.way._whole is None
-
-
-def test_what_fails_often_is_given_up_until_the_supports_change(pair, by, monkeypatch):
-    problem, x = sunk(pair())
-    solver = assembled(problem, x)
-    seen = failing(monkeypatch, by, range(100))
-    found, rhs = problem.new_vector(), forces(problem)
-    for _ in range(6):
-        solver.assemble(x)
-        solver.ksp.solve(rhs, found)
-    assert len(seen) == -(-TOO_MANY // FAILED)
-    np.testing.assert_allclose(found.array_r, exact(solver.matrix, rhs), atol=1e-9)
-    problem.prescribed[0].acts = False
-    solver.assemble(x)
-    solver.ksp.solve(rhs, found)
-    assert len(seen) == -(-TOO_MANY // FAILED) + 1
 
 
 def test_a_singular_tangent_is_told_and_forgotten(pair, by):
@@ -362,88 +285,6 @@ def test_bodies_solved_for_by_iterations(on_ranks, monkeypatch, boxes_by_factors
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
     assert newton <= exactly + 2 * len(wanted)
     assert 5 * newton < linear < 40 * newton
-
-
-def test_a_body_that_is_solved_for_by_iterations_follows_a_stiff_one(pair):
-    """What moves the stiff one is so large that the forces of the soft one are nothing beside."""
-    problem, x = sunk(pair(), upper=METAL, lower=SOFT)
-    solver = new_solver(problem, "krylov")
-    solver.assemble(x)
-    rhs, increment = problem.new_vector(), problem.new_vector()
-    increment.array[problem.prescribed[1].dofs] = -0.01
-    assert solver.solve_from(x, rhs, increment)
-    assert isinstance(solver.way._bodies.own, MultigridSolver) and solver.way._whole is None
-    wanted = exact(solver.matrix, rhs)
-    soft = pair().nodes("aluminium")
-    moved, wanted = (u.reshape(-1, 2)[soft] for u in (increment.array_r, wanted))
-    np.testing.assert_allclose(moved, wanted, atol=0.03 * np.abs(wanted).max())
-
-
-def test_blocks_follow_the_values_of_the_matrix(pair):
-    """PETSc keeps the inverses of the diagonal blocks, which must not be those of before."""
-    problem, x = sunk(pair())
-    matrix, rhs = assembled(problem, x).matrix, forces(problem)
-    swept = []
-    for changes in ((3.0,), ()):
-        near = rigid_motions_of(problem)
-        solver = MultigridSolver(matrix, near, f"blocks{len(changes)}_", KRYLOV, lambda n: None)
-        solver.make()
-        finest = solver.multigrid.ksp.getPC().getMGLevels() - 1
-        for factor in changes:
-            solver.solve(rhs.array_r, 1e-3 * rhs.norm())
-            matrix.scale(factor)
-            solver.make()
-        swept.append(problem.new_vector())
-        solver.multigrid.ksp.getPC().getMGSmoother(finest).getPC().apply(rhs, swept[-1])
-    np.testing.assert_allclose(swept[0].array_r, swept[1].array_r, rtol=1e-12, atol=1e-15)
-
-
-def solvers_of(directory):
-    """What the checkpoints of a run hold of the linear solver, by their numbers."""
-    states = {n: state_of(directory, n)["simulation"]["runner"] for n in numbers(directory)}
-    return {n: state["solver"] for n, state in states.items()}
-
-
-def resumed(case, directory, number):
-    """What a run that goes on from a checkpoint leaves otherwise than one that never stopped."""
-    again = as_killed(directory, directory.parent / "out", number)
-    run(case, again, resume=True)
-    return unlike(directory, again)
-
-
-@pytest.mark.parametrize("patience", [FAILED, 10**6])
-def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, by, monkeypatch, patience):
-    """Byte by byte: from where the whole is factorised for good, or for some tangents only."""
-    monkeypatch.setattr(condensed_bodies, "PASSES", 1)
-    monkeypatch.setattr(body_blocks, "LIMIT", 3)
-    monkeypatch.setattr(body_blocks, "TOO_MANY", patience)
-    case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
-    run(case, tmp_path / "whole")
-    ways = {n: solver["way"] for n, solver in solvers_of(tmp_path / "whole").items()}
-    assert list(ways.values())[-1]["given_up"] is (patience == FAILED)
-    place = next(n for n, way in ways.items() if way["given_up"] or way["fallen"])
-    assert resumed(case, tmp_path / "whole", place) == []
-
-
-@pytest.mark.parametrize("bulk", ["kept", "worn", "renewed"])
-def test_a_run_with_a_bulk_of_another_tangent_goes_on_as_if_nothing_had_been(
-    tmp_path, monkeypatch, bulk
-):
-    """Byte by byte: the bulk is kept, or about to be factorised again, or was between tangents."""
-    if bulk == "renewed":
-        monkeypatch.setattr(condensed_bodies, "LIMIT", 1)
-    case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
-    run(case, tmp_path / "whole")
-    solvers = solvers_of(tmp_path / "whole")
-    states = {"kept": (False, False), "worn": (True, False), "renewed": (True, True)}
-    place = [
-        number
-        for number, solver in solvers.items()
-        if solver["first"] is not None
-        and (solver["way"]["worn"], solver["way"]["renewed"]) == states[bulk]
-    ]
-    assert place[0] < max(solvers)
-    assert resumed(case, tmp_path / "whole", place[0]) == []
 
 
 def test_nothing_outlives_the_solver(pair):

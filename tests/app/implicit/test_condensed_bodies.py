@@ -1,7 +1,6 @@
 """Where bodies are condensed, and that what they give is right in cases that are not plain."""
 
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,16 +13,13 @@ from tests.app.implicit.test_body_blocks import METAL, assembled, exact, forces,
 from tests.conftest import SOFT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.equilibrium.constraints import Platen, component_dofs
 from tribox.app.implicit import condensed_bodies
 from tribox.app.implicit.body_blocks import BodyByBody
 from tribox.app.implicit.condensed_bodies import (
     CLOSE,
     CondensedBodies,
     ContactCompliance,
-    can_condense,
 )
-from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
@@ -56,27 +52,6 @@ def solves(solver, rhs=None, share=1e-9):
 
 
 # -- conditions -----------------------------------------------------------------------------------
-
-
-def test_bodies_are_condensed_where_contact_is_small_beside_the_bulk(pair, monkeypatch):
-    problem, _ = sunk(pair())
-    bodies = kept_bodies(problem, stiff_solids(problem))
-    touched = 2 * (7 + 8)  # both sides of the contact
-    for dense, small in ((1.001, True), (0.999, False)):
-        ratio = dense * touched**3 / len(bodies.others) ** 1.5
-        monkeypatch.setattr(condensed_bodies, "DENSE", ratio)
-        assert can_condense(problem, bodies) is small
-
-
-def test_bodies_are_condensed_in_the_plane_on_one_rank_with_petsc_of_now(pair, monkeypatch):
-    problem, _ = sunk(pair())
-    bodies = kept_bodies(problem, stiff_solids(problem))
-    assert can_condense(problem, bodies)
-    one, two = (SimpleNamespace(size=size) for size in (1, 2))
-    assert not can_condense(SimpleNamespace(comm=two, dim=2), bodies)
-    assert not can_condense(SimpleNamespace(comm=one, dim=3), bodies)
-    monkeypatch.setattr(condensed_bodies, "is_at_hand", lambda: False)
-    assert not can_condense(problem, bodies)
 
 
 def inner_pair(solver):
@@ -143,47 +118,6 @@ def test_a_compliance_that_is_singular_is_not_used(pair, monkeypatch):
 # -- solutions ------------------------------------------------------------------------------------
 
 
-def test_forces_without_numbers_give_none(pair):
-    problem, x = sunk(pair())
-    solver = condensed(problem, x)
-    rhs, found = forces(problem), problem.new_vector()
-    rhs.array[solver.way._bodies._others[0]] = np.nan
-    solver.ksp.solve(rhs, found)
-    assert np.isnan(found.array_r).any() and solver.way._failures == 0
-
-
-def test_no_forces_move_nothing(pair):
-    problem, x = sunk(pair())
-    solver = condensed(problem, x)
-    found = forces(problem)
-    solver.ksp.solve(problem.new_vector(), found)
-    assert not found.array_r.any() and solver.way._whole is None
-
-
-@pytest.mark.parametrize("on", ["others", "kept"])
-def test_forces_on_some_of_the_bodies_only(pair, on):
-    problem, x = sunk(pair())
-    solver = condensed(problem, x)
-    rhs, bodies = forces(problem), solver.way._bodies
-    rhs.array[bodies._kept if on == "others" else bodies._others] = 0.0
-    found = solves(solver, rhs)
-    assert np.abs(found.array_r[bodies._kept]).max() > 0.0
-    wanted = exact(solver.matrix, rhs)
-    np.testing.assert_allclose(found.array_r, wanted, atol=1e-6 * np.abs(wanted).max())
-
-
-def test_small_forces_inside_a_body_that_bends_are_seen_by_the_others(pair):
-    """Where it is held at its side they reach the contact, even if they are left out at first."""
-    problem, x = sunk(pair(), held=("top", "aluminium_left"))
-    solver = condensed(problem, x)
-    bodies, rhs = solver.way._bodies, forces(problem)
-    down = np.intersect1d(bodies._inside, np.arange(1, problem.owned, 2))
-    rhs.array[bodies._kept] = 0.0
-    rhs.array[down] = -9.0 * CLOSE * rhs.norm() / np.sqrt(len(down))
-    solves(solver, rhs, 1e-2)
-    assert solver.way._whole is None
-
-
 KEPT = pytest.mark.parametrize("upper", [SOFT, METAL], ids=["kept master", "kept slave"])
 
 
@@ -243,23 +177,6 @@ def test_a_soft_body_that_contact_alone_holds(pair):
     """Without contact its bulk is singular; held at the unknowns of contact it is not."""
     problem, x = sunk(pair(), held=("bottom",))
     solves(condensed(problem, x))
-
-
-def test_a_platen_that_contact_is_part_of(pair):
-    """Its leading unknown is one of contact, to which those of its other nodes are sent."""
-    blocks = pair()
-    side = blocks.named.facets("elastomer_left")
-    platen = Platen(component_dofs(blocks.u.function_space, side, 0), force=-0.1)
-    problem, x = sunk(blocks, held=("bottom",), platens=[platen])
-    leader = int(platen.all_dofs[0])
-    x.array[platen.dofs] = x.array_r[leader]
-    solver = condensed(problem, x)
-    bodies = solver.way._bodies
-    assert leader in bodies._others[bodies._s]
-    rhs = forces(problem)
-    np.testing.assert_allclose(
-        solves(solver, rhs).array_r, exact(solver.matrix, rhs), rtol=1e-6, atol=1e-8
-    )
 
 
 # -- whole runs -----------------------------------------------------------------------------------

@@ -5,9 +5,8 @@ import pytest
 import scipy.sparse
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from petsc4py import PETSc
 
-from tribox.app.implicit.condensed_bodies import ContactCompliance, KeptCompliance
+from tribox.app.implicit.condensed_bodies import ContactCompliance
 
 
 def positive(rng, n):
@@ -95,80 +94,9 @@ def test_it_solves_what_block_elimination_solves(system):
     assert np.linalg.norm(A @ x - b) <= 1e-14 * worst * size
 
 
-@settings(max_examples=30, deadline=None)
-@given(systems, st.integers(0, 2**32 - 1))
-def test_the_relief_is_what_the_stiffness_does(system, seed):
-    x_s = np.random.default_rng(seed).normal(size=len(system.b_s))
-    stiffness = system.made.stiffness()
-    relief = system.made.relief(x_s)
-    small = 1e-12 * np.linalg.norm(stiffness) * np.linalg.norm(x_s)
-    assert np.linalg.norm(relief - stiffness @ x_s) <= small
-
-
-@settings(max_examples=30, deadline=None)
-@given(systems)
-def test_only_what_contact_couples_takes_part(system):
-    """A place in the pattern that holds a zero is no contact."""
-    np.testing.assert_array_equal(system.made.touched, system.felt)
-    assert system.made.G.shape == 2 * (len(system.felt),)
-
-
-def test_without_contact_the_bodies_know_nothing_of_each_other():
-    system = System(3, coupled=0)
-    assert system.A_sc.nnz and len(system.made.touched) == 0
-    assert not system.made.stiffness().any() and not system.made.relief(system.b_s).any()
-    none = np.empty(0)
-    assert not system.made.pull(none).any() and system.made.load(none, system.b_s).shape == (0,)
-    alone = [np.linalg.solve(system.A_ss, system.b_s), np.linalg.solve(system.K, system.b_k)]
-    np.testing.assert_allclose(system.solved(), np.concatenate(alone), rtol=1e-12)
-
-
 def test_a_spring_between_two_points_is_in_series_with_the_body():
     """Contact of stiffness k on a point of compliance F: together k / (1 + k F)."""
     k, F = 40.0, 0.2
     parts = [scipy.sparse.csr_matrix([[value]]) for value in (-k, -k, k)]
     made = ContactCompliance.of(np.array([[F]]), *parts)
     assert k - made.stiffness()[0, 0] == pytest.approx(k / (1.0 + k * F), rel=1e-14)
-
-
-def test_what_is_singular_has_no_numbers():
-    parts = [scipy.sparse.csr_matrix([[value]]) for value in (1.0, 1.0, -5.0)]
-    assert np.isnan(ContactCompliance.of(np.array([[0.2]]), *parts).G).all()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_factorisation_of_kept_bodies_gives_the_same(seed):
-    """Of forces inside the bodies only a solve with them tells."""
-    system = System(seed)
-    surface = np.array([1, 2, 4, 5], dtype=np.int32)
-    order = np.concatenate([surface, np.delete(np.arange(6), surface)])
-    K = np.zeros((6, 6))
-    K[np.ix_(order, order)] = system.K
-    matrix = PETSc.Mat().createAIJ((6, 6), csr=[*_csr(K)])
-    kept = KeptCompliance(matrix, surface, "kept_")
-    assert kept.works
-    b = system.b_k[np.argsort(order)]
-    np.testing.assert_allclose(kept.solve(b), np.linalg.solve(K, b), rtol=1e-10)
-    np.testing.assert_allclose(kept.alone(b, True), np.linalg.solve(K, b)[surface], rtol=1e-10)
-    outside = np.zeros(6)
-    outside[surface] = b[surface]
-    wanted = np.linalg.solve(K, outside)[surface]
-    np.testing.assert_allclose(kept.alone(b, False), wanted, rtol=1e-10)
-    own = scipy.sparse.csr_matrix(K[np.ix_(surface, surface)])
-    made = kept.against(system.A_sc, system.A_cs, system.N + own)
-    np.testing.assert_array_equal(made.touched, system.made.touched)
-    np.testing.assert_allclose(made.G, system.made.G, rtol=1e-9, atol=1e-12)
-    kept.destroy()
-
-
-def test_bodies_that_nothing_holds_cannot_be_kept():
-    K = np.array([[2.0, -2.0, 0.0], [-2.0, 3.0, -1.0], [0.0, -1.0, 1.0]])
-    matrix = PETSc.Mat().createAIJ((3, 3), csr=[*_csr(K)])
-    kept = KeptCompliance(matrix, np.array([0], dtype=np.int32), "kept_")
-    # Rounding may leave a pivot, and then a compliance that is no use to anyone.
-    assert not kept.works or np.abs(kept.alone(np.ones(3), False)).max() > 1e10
-
-
-def _csr(A):
-    whole = scipy.sparse.csr_matrix(A)
-    return whole.indptr, whole.indices, whole.data

@@ -1,7 +1,6 @@
 """The linear solvers agree, and the Krylov one knows how bodies move as rigid ones."""
 
 import tomllib
-from unittest.mock import Mock
 
 import dolfinx
 import numpy as np
@@ -16,7 +15,6 @@ from tests.contact_boxes import two_boxes
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit import multigrid
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import (
@@ -265,53 +263,6 @@ def test_multigrid_is_told_the_rigid_motions_of_the_bodies(pair, dim, count):
         np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-12)
 
 
-def a_ksp(iterations):
-    """Stands for PETSc's solver, of the usual tolerance, that takes so many iterations."""
-    ksp = Mock()
-    ksp.getTolerances.return_value = (1e-3, 1e-50, 1e5, 200)
-    ksp.getIterationNumber.side_effect = iterations
-    return ksp
-
-
-@pytest.mark.parametrize(
-    ("share", "on_path", "left"),
-    [(1e-9, False, 1e-3), (1e-9, True, 1e-5), (1e-4, True, 1e-4), (1e-2, True, 1e-3)],
-)
-def test_solves_from_a_start_on_the_path_leave_less(share, on_path, left):
-    ksp = a_ksp([])
-    Multigrid(ksp, Mock(), None).aim(share, on_path)
-    ksp.setTolerances.assert_called_once_with(rtol=left)
-
-
-def test_iterations_to_leave_less_are_no_wear():
-    """Sixty iterations for five digits are 36 for three."""
-    way = Multigrid(a_ksp([25, 60, 60]), Mock(), None)
-    way.set_up(False)
-    worn = []
-    for on_path in (False, True, False):
-        way.aim(1e-9, on_path)
-        worn.append(way.worn())
-    assert worn == [False, False, True]
-
-
-@pytest.mark.parametrize(
-    ("iterations", "worn"),
-    [
-        # What is as good as another 30 iterations is a new preconditioner.
-        ((12, 20, 30, 31), [False, False, False, True]),
-        # More than 30 may be as few as there can be.
-        ((28, 31, 42, 43), [False, False, False, True]),
-        # Before the first solve there is nothing to compare with.
-        ((0, 25, 37, 38), [False, False, False, True]),
-    ],
-)
-def test_a_preconditioner_is_worn_when_solves_take_long(iterations, worn):
-    ksp = a_ksp(iterations)
-    way = Multigrid(ksp, Mock(), None)
-    way.set_up(False)
-    assert [way.worn() for _ in iterations] == worn
-
-
 def coarse_state(solver):
     """What changes when the matrix of the coarsest space is made again.
 
@@ -321,31 +272,6 @@ def coarse_state(solver):
     kept = way if isinstance(way, Multigrid) else way.multigrid
     matrix = kept.ksp.getPC().getMGCoarseSolve().getOperators()[0]
     return matrix, matrix.stateGet()
-
-
-def test_coarse_spaces_are_kept_while_the_pattern_widens(pair, monkeypatch):
-    """All systems are solved with the matrix at hand; worn, everything is made anew."""
-    blocks = pair("quadrilateral", (6, 2), (40, 2))
-    problem = blocks.problem(coulomb(0.3), prescribed=held(blocks, "top", "bottom"))
-    solver = new_solver(problem, "krylov", as_it_is=True)
-    solver.ksp.setTolerances(rtol=1e-10)
-    solver.use(solver.ksp, as_it_is=True)
-    rhs, found, image = noise(problem), problem.new_vector(), problem.new_vector()
-    patterns, states = set(), []
-    for way in (0.0, 0.2, 0.4, 0.4):
-        if len(states) == 3:
-            monkeypatch.setattr(multigrid, "MANY", 1)
-            monkeypatch.setattr(multigrid, "WORN", 0.0)
-        x = blocks.displaced(lambda X, way=way: np.tile([way, -0.02], (len(X), 1)), np.zeros_like)
-        solver.assemble(x)
-        patterns.add(problem.pattern_changes)
-        assert solver.solve(rhs, found)
-        solver.matrix.mult(found, image)
-        assert (image - rhs).norm() < 1e-9 * rhs.norm()
-        states.append(coarse_state(solver))
-    assert len(patterns) > 1
-    assert states[0] == states[1] == states[2] != states[3]
-    assert solver.way.made == 2
 
 
 def test_a_linear_solve_that_fails_is_tried_with_a_new_preconditioner(monkeypatch):
@@ -418,9 +344,3 @@ def test_a_sweep_in_single_precision_is_that_of_gauss_seidel():
         y = np.linalg.solve(lower * whole, right)
         expected = np.linalg.solve(whole - lower * whole + diagonal, diagonal @ y)
         np.testing.assert_allclose(x.array, expected, atol=2e-6 * np.abs(expected).max())
-
-
-def test_a_matrix_without_a_block_on_its_diagonal_is_left_to_petsc():
-    values = np.tile(np.eye(3), (4, 4, 1, 1))
-    assert not BlockSweeps().take(blocks(values, {(2, 2)}))
-    assert BlockSweeps().take(blocks(values, {(2, 1)}))

@@ -6,12 +6,10 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.matrix_values import values_in_place
-from tribox.app.implicit import schur_factor
 from tribox.app.implicit.schur_factor import SchurFactor
 
 SIZE = 40
 LEFT = np.array([0, 7, 8, 21, 39], dtype=np.int32)
-INNER = np.delete(np.arange(SIZE), LEFT)
 RHS = np.random.default_rng(5).normal(size=SIZE)
 
 
@@ -77,38 +75,6 @@ def test_the_dense_part_may_be_exchanged_for_one_that_is_not_symmetric():
     np.testing.assert_array_equal(factor.complement, own)
 
 
-def test_other_values_are_factorised_whatever_the_dense_part_was():
-    """The same values give the same bits again."""
-    A, scale = stiffness(), np.linspace(1.0, 3.0, SIZE)
-    B = scale[:, None] * A * scale
-    factor, matrix = factor_of(A)
-    assert factor.make() and factor.exchange(unsymmetric())
-    first, of_first = factor.solve(RHS).copy(), factor.complement.copy()
-    with values_in_place(matrix) as values:
-        values[:] = scipy.sparse.csr_matrix(B).data
-    assert factor.make() and factor.exchange(factor.complement)
-    agrees(factor, B)
-    with values_in_place(matrix) as values:
-        values[:] = scipy.sparse.csr_matrix(A).data
-    assert factor.make() and factor.exchange(unsymmetric())
-    np.testing.assert_array_equal(factor.complement, of_first)
-    np.testing.assert_array_equal(factor.solve(RHS), first)
-
-
-def test_what_is_left_may_be_singular_until_it_is_exchanged():
-    """As a prescribed unknown of contact is, without its diagonal."""
-    A = stiffness()
-    A[LEFT[1]] = A[:, LEFT[1]] = 0.0
-    A[LEFT[1], INNER[0]] = A[INNER[0], LEFT[1]] = 0.0
-    factor, _ = factor_of(A)
-    assert factor.make()
-    assert not factor.exchange(factor.complement)
-    assert not factor.exchange(np.zeros(2 * LEFT.shape))
-    dense = unsymmetric()
-    assert factor.exchange(dense)
-    agrees(factor, with_dense(A, dense))
-
-
 def test_a_singular_matrix_is_told_and_others_follow():
     A = stiffness()
     factor, matrix = factor_of(A)
@@ -119,25 +85,3 @@ def test_a_singular_matrix_is_told_and_others_follow():
         values[:] = scipy.sparse.csr_matrix(A).data
     assert factor.make() and factor.exchange(factor.complement)
     agrees(factor, A)
-
-
-def test_options_for_mumps_reach_it():
-    options = PETSc.Options("left_over_")
-    options["mat_mumps_icntl_14"] = 37
-    factor, _ = factor_of(stiffness())
-    assert factor.make()
-    assert factor._inner.getMumpsIcntl(14) == 37
-    options.delValue("mat_mumps_icntl_14")
-
-
-def test_both_triangles_are_there_whichever_of_them_is_given():
-    """MUMPS leaves one of them empty, which one depends on its version."""
-    whole = unsymmetric() + unsymmetric().T
-    for given in (whole, np.tril(whole), np.triu(whole)):
-        np.testing.assert_array_equal(schur_factor._mirrored(given), whole)
-
-
-def test_without_its_functions_petsc_is_not_asked(monkeypatch):
-    assert schur_factor.is_at_hand()
-    monkeypatch.setattr(schur_factor, "_petsc", lambda: None)
-    assert not schur_factor.is_at_hand()

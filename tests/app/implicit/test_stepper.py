@@ -2,7 +2,6 @@
 
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +23,13 @@ from tribox.forms.contact.penalty import ContactTerm
 # points that open and close against each other's facets.
 CYLINDER = """
 title = "two soft bodies"
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.49 }
+bodies.aluminium = { material = "hencky", E = "5 MPa", nu = 0.49 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
 [geometry]
 kind = "cylinder-on-block"
 thickness = "1 mm"
@@ -32,28 +38,10 @@ contact_size = "22 um"
 growth = 1.5
 cylinder = { radius = "10 mm" }
 block = { width = "20 mm", height = "10 mm", contact_size = "30 um" }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.49
-[bodies.aluminium]
-material = "hencky"
-E = "5 MPa"
-nu = 0.49
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
 """
 
 
@@ -179,13 +167,14 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
 
 
 FREE = """
+bodies = { strip = { material = "neo-hookean", E = "5 MPa", nu = 0.3 } }
+stage = [
+ { name = "pull", duration = "1 s", steps = 1 },
+ { name = "free", duration = "1 s", steps = 2 },
+]
 [geometry]
 kind = "blocks"
 blocks = { strip = { x = [0, 2e-3], y = [0, 1e-3], elements = [4, 2] } }
-[bodies.strip]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.3
 [[boundary]]
 surface = "strip_left"
 displacement = { x = 0, y = 0 }
@@ -194,14 +183,6 @@ stages = ["pull"]
 surface = "strip_right"
 displacement = { x = [["0 s", 0], ["1 s", "0.1 mm"]] }
 stages = ["pull"]
-[[stage]]
-name = "pull"
-duration = "1 s"
-steps = 1
-[[stage]]
-name = "free"
-duration = "1 s"
-steps = 2
 """
 
 
@@ -222,44 +203,3 @@ def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floatin
     assert tried[0].converged and tried[1].converged
     assert tried[0].iterations == tried[1].iterations
     assert tried[0].floating == tried[1].floating == floating
-
-
-FAILED, FOUND = -6, 2
-
-
-@pytest.mark.parametrize(
-    ("reason", "strayed", "floating", "tries"),
-    [
-        (FOUND, False, [], 1),
-        (FOUND, True, [], 1),
-        (FOUND, False, ["strip"], 2),
-        (FAILED, False, [], 1),  # pressed: springs that weak change nothing
-        (FAILED, False, ["strip"], 2),
-        (FAILED, True, [], 2),  # thrown away: what pressed before says nothing
-    ],
-)
-def test_weak_springs_are_tried_where_a_body_may_have_lost_its_contacts(
-    reason, strayed, floating, tries
-):
-    stepper, held = object.__new__(ImplicitStepper), []
-    step = StepMode()
-    problem = SimpleNamespace(roundoff=0.0)
-    stepper.problem, stepper._floating, stepper._pressed = problem, (), True
-    stepper.x = stepper.trial = SimpleNamespace(array_r=np.zeros(1))
-    stepper.newton = SimpleNamespace(largest_force=1.0, strayed=strayed, evaluate=lambda step: None)
-    stepper._weak = SimpleNamespace(
-        bodies=["strip"],
-        adrift=lambda largest: False,
-        floating=lambda largest: floating,
-        is_loaded=lambda largest: False,
-        springs=lambda place, largest: "springs",
-        strain=lambda springs, at: 0.0,
-    )
-
-    def tried(step, pressed):
-        held.append(step.holding)
-        return 3, reason
-
-    stepper._tried = tried
-    assert stepper._solve(step) == (3 * tries, reason, 0.0)
-    assert held == [None, "springs"][:tries]

@@ -22,11 +22,7 @@ from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.page import pictures_of, write_report
 from tribox.app.report.tables import (
-    UNBALANCED,
-    end_table,
     frame_table,
-    load_step_table,
-    sweep_table,
 )
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
@@ -226,12 +222,6 @@ def test_the_energy_verdict_has_its_number(tmp_path, film, gap, word):
     assert sum(f"{abs(100 * gap):.2g} % of" in text for text in page.words("p")) == 2
 
 
-def test_the_limit_of_the_balance_is_the_recorders():
-    from tribox.app.results import recorder
-
-    assert UNBALANCED == recorder.UNBALANCED
-
-
 def test_a_failed_run_says_why_and_shows_its_last_step(tmp_path, film):
     directory = results(
         tmp_path / "run", film, status="failed", failure="stage slide: <no> solution", load_steps=[]
@@ -389,15 +379,6 @@ def test_what_a_pair_does_not_have_is_a_dash_and_friction_has_one_unit():
     assert list(zip(*table.rows, strict=True))[1:] == [
         ("2", "4"), ("-0.002", "0.0004"), ("30", "–"), ("800", "–"),
     ]  # fmt: skip
-
-
-def test_the_tables_of_several_pairs_leave_out_means_that_say_little():
-    columns = {"label": ["a"], "stage": ["slide"], "normal_force": [1.0], "film_thickness": [3e-8],
-               "effective_viscosity": [0.8]}  # fmt: skip
-    for make in (sweep_table, load_step_table, end_table):
-        one, two = make(DataFrame(columns)), make(DataFrame(columns), 2)
-        assert len(one.headings) == len(two.headings) + 2
-        assert two.caption == f"{one.caption}, all pairs together"
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,7 @@ from tribox.app.results.vtu import (
     Cells,
     Grid,
     UnknownVtuError,
-    pack,
     read_vtu,
-    with_three_components,
     write_vtu,
 )
 from tribox.app.simulation.run_state import Observer
@@ -152,7 +150,7 @@ def test_pairs_follow_each_other(block, tmp_path):
 
 # -- VTU files as pyvista and meshio read them -----------------------------------------------------
 
-TRIANGLE, VERTEX = 5, 1
+TRIANGLE = 5
 
 
 @pytest.fixture
@@ -222,26 +220,6 @@ def test_vtk_knows_the_time_of_a_file(tmp_path, arrays):
     assert said.Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS()) == (1.25e-7,)
 
 
-def test_what_is_packed_once_is_written_as_it_is(tmp_path, arrays):
-    write(tmp_path / "a.vtu", arrays)
-    for group in ("point_data", "cell_data"):
-        arrays[group] = {name: pack(values) for name, values in arrays[group].items()}
-    write(tmp_path / "b.vtu", arrays)
-    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
-
-
-def test_zeros_and_what_lasts_are_compressed_and_digits_are_not():
-    def room(values: np.ndarray, **how: bool) -> int:
-        return sum(map(len, pack(values, **how).data))
-
-    digits = np.random.default_rng(4).random(1 << 16)
-    few = np.where(digits < 0.01, digits, 0.0)
-    assert digits.nbytes < 0.75 * room(digits) < 1.001 * digits.nbytes  # in base64
-    assert room(few) < 0.1 * room(digits)
-    rows = np.arange(len(digits))
-    assert room(rows, lasting=True) < 0.3 * room(rows)
-
-
 def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
     write(tmp_path / "a.vtu", arrays)
     before = (tmp_path / "a.vtu").read_bytes()
@@ -249,13 +227,6 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
     with pytest.raises(KeyError):
         write(tmp_path / "a.vtu", arrays)
     assert (tmp_path / "a.vtu").read_bytes() == before
-
-
-def test_vectors_of_the_plane_have_three_components():
-    vectors = np.array([[1.0, 2.0], [3.0, 4.0]])
-    assert with_three_components(vectors).tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
-    space = np.ones((2, 3))
-    assert with_three_components(space) is space
 
 
 def test_own_reader_finds_what_meshio_finds(tmp_path, arrays):

@@ -27,16 +27,12 @@ G, K = 2.0e6, 5.0e6
 MATERIAL = NeoHookean(G, K)
 # Cell, degree, section; name in meshio.
 KINDS = [
-    ("quadrilateral", 1, "plane-strain", "quad"),
-    ("triangle", 1, "plane-strain", "triangle"),
-    ("quadrilateral", 1, "axisymmetric", "quad"),
-    ("hexahedron", 1, "3D", "hexahedron"),
-    ("tetrahedron", 1, "3D", "tetra"),
-    ("quadrilateral", 2, "axisymmetric", "quad9"),
-    ("triangle", 2, "plane-strain", "triangle6"),
-    ("hexahedron", 2, "3D", "hexahedron27"),
+    ("quadrilateral", 1, "plane-strain", "quad"), ("triangle", 1, "plane-strain", "triangle"),
+    ("quadrilateral", 1, "axisymmetric", "quad"), ("hexahedron", 1, "3D", "hexahedron"),
+    ("tetrahedron", 1, "3D", "tetra"), ("quadrilateral", 2, "axisymmetric", "quad9"),
+    ("triangle", 2, "plane-strain", "triangle6"), ("hexahedron", 2, "3D", "hexahedron27"),
     ("tetrahedron", 2, "3D", "tetra10"),
-]
+]  # fmt: skip
 TURNED = np.array([[1.1, 0.3, -0.2], [-0.1, 0.9, 0.25], [0.2, -0.15, 0.8]])
 
 

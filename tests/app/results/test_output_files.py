@@ -17,9 +17,8 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 from tribox.app.results import Results, read
-from tribox.app.results import output_files as module
 from tribox.app.results.directory import prepare
-from tribox.app.results.output_files import INDEX_SHARE, Series
+from tribox.app.results.output_files import Series
 from tribox.app.results.recorder import Recorder
 from tribox.app.run.progress import Together
 from tribox.app.simulation.history import COLUMNS
@@ -99,14 +98,6 @@ def test_fields_and_contact_are_those_of_the_step(pressed):
     assert contact.cell_data["pair"][0].tolist() == [0] * 6
 
 
-def test_points_weigh_what_the_surface_does(pressed):
-    simulation, _, results = pressed
-    points, row = results.contact_points().point_data, simulation.rows[-1]
-    assert points["weight"].sum() == pytest.approx(0.6e-6)
-    assert points["weight"] @ points["pressure"] == pytest.approx(row.normal_force)
-    assert points["weight"] @ points["cover"] == pytest.approx(row.contact_area)
-
-
 @pytest.mark.parametrize(("slave", "sign"), [("elastomer", 1.0), ("aluminium", -1.0)])
 def test_normals_are_unit_and_point_out_of_the_master(pressed, tmp_path, slave, sign):
     results = pressed[2]
@@ -168,23 +159,3 @@ def test_every_file_is_listed_with_its_time(tmp_path):
     series.write_index()
     assert listed(tmp_path)[1] == (2.0, "fields/1234567.vtu")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["fields", "fields.pvd"]
-
-
-def test_rewriting_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
-    """Writing takes a second in this clock, and a file comes every second."""
-    now, writes = [0.0], []
-
-    def write(path, text):
-        now[0] += 1.0
-        writes.append(text.count("DataSet"))
-
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(module, "write_text", write)
-    series = Series(tmp_path, "fields")
-    for step in range(1, 201):
-        now[0] += 1.0
-        series.add(step, float(step))
-    assert writes[0] == 1 and writes == sorted(writes)
-    assert len(writes) == pytest.approx(INDEX_SHARE * now[0], rel=0.2)
-    series.write_index()
-    assert writes[-1] == 200

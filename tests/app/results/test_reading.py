@@ -87,18 +87,11 @@ def test_contact_files_of_earlier_versions(directory):
 
 
 WRONG = {
-    "history.csv": (
-        "step,stage,time\n1,a,0.",
-        "step,stage,time\n1,a\n",
-        "step,stage\n1,a,2\n",
-        "step,time,stage\n1,2,3,a\n",
-        "",
-        "step\nx\n",
-        b"\xff\xfe\n1\n",
-    ),
+    "history.csv": ("step,stage,time\n1,a,0.", "step,stage,time\n1,a\n", "step,stage\n1,a,2\n",
+     "step,time,stage\n1,2,3,a\n", "", "step\nx\n", b"\xff\xfe\n1\n"),
     "summary.json": ('{"a": 1', "[]", ""),
     "fields.pvd": ('<?xml version="1.0"?>\n<VTKFile><Coll', "<VTKFile><DataSet/></VTKFile>", ""),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "text"), [(n, t) for n, texts in WRONG.items() for t in texts])

@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 
 from tribox.app.errors import OutputError
-from tribox.app.results.directory import GrowingTable, read_table, write_text
-from tribox.app.results.saving import SIZE, Reserve, Saving
+from tribox.app.results.directory import GrowingTable, read_table
+from tribox.app.results.saving import Saving
 
 
 def full(*arguments: object) -> None:
@@ -62,14 +62,6 @@ def test_rows_do_not_go_into_the_file_of_another_run(tmp_path):
     saving.place.check()
 
 
-def test_a_file_that_does_not_fit_leaves_nothing(tmp_path, monkeypatch):
-    write_text(tmp_path / "a.json", "old")
-    monkeypatch.setattr("pathlib.Path.replace", full)
-    with pytest.raises(OSError, match="No space left"):
-        write_text(tmp_path / "a.json", "new")
-    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
-
-
 def test_the_first_error_is_kept_and_others_pass(tmp_path):
     saving = Saving(tmp_path)
     saving.raise_together(MPI.COMM_SELF)
@@ -81,30 +73,3 @@ def test_the_first_error_is_kept_and_others_pass(tmp_path):
         saving.raise_together(MPI.COMM_SELF)
     with pytest.raises(ZeroDivisionError), saving:
         raise ZeroDivisionError
-
-
-def test_the_reserve_takes_room_and_gives_it_away(tmp_path):
-    reserve = Reserve(tmp_path)
-    (path,) = tmp_path.iterdir()
-    assert path.stat().st_blocks * 512 >= SIZE
-    reserve.release()
-    assert not list(tmp_path.iterdir())
-    reserve.release()
-
-
-def one_rank_fails(comm, directory):
-    saving = Saving(directory)
-    saving.raise_together(comm)
-    if comm.rank == comm.size - 1:
-        with saving:
-            full()
-    try:
-        saving.raise_together(comm)
-    except OutputError as error:
-        return comm.allgather(str(error).removeprefix(f"{directory}: "))
-    return None
-
-
-@pytest.mark.mpi(one_rank_fails, 2)
-def test_all_ranks_hear_of_an_error_of_one(on_ranks):
-    assert on_ranks(one_rank_fails, 2) == 2 * ["cannot be written (No space left on device)"]

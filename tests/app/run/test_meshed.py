@@ -126,18 +126,6 @@ def test_keys_of_drawings_do_not_go_with_a_mesh_file(drawn, tmp_path):
         load_case(path)
 
 
-WILD = GEO + 'SystemCall "touch made-by-drawing";\n'
-
-
-@pytest.mark.parametrize("command", ["run", "check", "mesh"])
-def test_a_drawing_that_may_do_more_than_draw_is_refused(drawn, tribox, tmp_path, command):
-    path = drawn(geo=WILD)
-    done = tribox(command, path)
-    assert done.returncode == 2
-    assert "SystemCall may do more than draw" in done.stderr and "--trust" in done.stderr
-    assert not list(tmp_path.rglob("made-by-drawing"))
-
-
 def test_a_run_goes_on_with_the_mesh_it_began_with(drawn, tmp_path, monkeypatch):
     path, out = drawn("order = 2"), tmp_path / "out"
     run_case(load_case(path), out, quiet=True)

@@ -10,21 +10,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 NOT_NEEDED = (
-    *(
-        "pandas",
-        "meshio",
-        "rich",
-        "gmsh",
-        "pyvista",
-        "adios2",
-        "pint",
-        "jinja2",
-        "numba",
-        "IPython",
-    ),
+    *("pandas", "meshio", "rich", "gmsh", "pyvista", "adios2", "pint", "jinja2", "numba",
+     "IPython"),
     *("matplotlib.pyplot", "matplotlib.animation", "mpl_toolkits.axes_grid1"),
     *("scipy.optimize", "scipy.integrate", "scipy.interpolate", "scipy.stats", "scipy.cluster"),
-)
+)  # fmt: skip
 # Runs the program as `python3 -m tribox` does, and tells what has been loaded by then.
 SCRIPT = f"""
 import json, runpy, sys

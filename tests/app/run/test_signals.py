@@ -147,19 +147,6 @@ def test_a_signal_while_the_program_starts_is_no_traceback(
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_interrupted_in_text_run_as_code_ends_with_its_own_code(environment, tmp_path):
-    """As in the making of a dataclass; Python itself would end by SIGINT."""
-    (tmp_path / "made.py").write_text(
-        "import os, sys\nfrom tribox.app.run.process import end_process, obey_signals\n"
-        "obey_signals()\n"
-        "try:\n    exec('os.kill(os.getpid(), 1)\\nfor i in range(9): pass')\n"
-        "except KeyboardInterrupt:\n    end_process()\n    sys.exit(130)\n"
-    )
-    path = f"{tmp_path}{os.pathsep}{environment['PYTHONPATH']}"
-    command = [sys.executable, "-P", "-m", "made"]
-    assert subprocess.run(command, env=environment | {"PYTHONPATH": path}).returncode == 130
-
-
 @pytest.mark.parametrize(
     ("around", "ranks", "first"),
     [
@@ -188,14 +175,11 @@ def long(*values: object):
 @pytest.mark.parametrize(
     ("kind", "number"),
     [
-        ("single", signal.SIGHUP),
-        long("single", signal.SIGINT),
-        long("single", signal.SIGTERM),
-        long("explicit", signal.SIGINT),
-        long("explicit", signal.SIGTERM),
+        ("single", signal.SIGHUP), long("single", signal.SIGINT), long("single", signal.SIGTERM),
+        long("explicit", signal.SIGINT), long("explicit", signal.SIGTERM),
         long("explicit", signal.SIGHUP),
     ],
-)
+)  # fmt: skip
 def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
     process, out = start(kind), tmp_path / "out"
     read_steps(process, 1 if kind == "explicit" else 3)
@@ -279,18 +263,6 @@ def test_who_is_killed_leaves_no_orphans(start, tmp_path, kind, words):
     assert not of_run(out)
     run = out / "mu=0.1" if kind == "sweep" else out
     assert json.loads((run / "summary.json").read_text())["status"] == "interrupted"
-
-
-@pytest.mark.long
-def test_a_second_signal_stops_at_once(start, tmp_path):
-    process, out = start("single"), tmp_path / "out"
-    read_steps(process)
-    began = time.monotonic()
-    for _ in range(2):
-        process.send_signal(signal.SIGTERM)
-        time.sleep(0.005)
-    assert process.wait(10.0) == 130 and time.monotonic() - began < 5.0
-    assert statuses(out) == {"out": "interrupted"}
 
 
 def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):

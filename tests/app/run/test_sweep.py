@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +12,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.figures.sweep import comparison_figure
@@ -32,7 +28,6 @@ from tribox.app.run.sweep_runs import (
     _summary_of_part,
     _to_run,
     collate,
-    part_command,
     run_side_by_side,
     run_sweep,
     sweep_lines,
@@ -174,12 +169,6 @@ def test_lines_are_plain_where_there_is_no_terminal(monkeypatch, terminal, term,
     assert type(sweep_lines(3)) is kind
 
 
-def test_commands_name_case_value_and_directory():
-    command = part_command(Path("a.toml"), 2, Path("out/x"), ["--set", "a=1"])
-    assert command[:4] == [sys.executable, "-P", "-m", "tribox"]
-    assert command[4:] == ["run", "a.toml", "--part", "2", "--out", "out/x", "--set", "a=1"]
-
-
 def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     collate(load_case(case_file(block + SWEPT)), tmp_path, "done")
     parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
@@ -295,29 +284,3 @@ def test_a_damaged_summary_of_a_part_is_none(tmp_path, content):
 def test_a_sweep_knows_its_values_as_numbers(case_file, block, key, values, expected):
     case = load_case(case_file(block + f'[sweep]\nkey = "{key}"\nvalues = {values}\n'))
     assert [case.swept_value(part) for _, part in case.sweep_cases()] == expected
-
-
-def test_ctrl_c_ends_a_sweep_at_once_with_valid_parts(case_file, block, environment, tmp_path):
-    values = "\nvalues = [0.1, 0.2, 0.3]\n"
-    path = case_file(block + '[sweep]\nkey = "contact.0.friction.mu"' + values)
-    words = ["run", str(path), "--jobs", "1", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(
-        [sys.executable, "-m", "tribox", *words, "--set", "stage.1.steps=2000"],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        bufsize=1,
-        start_new_session=True,
-    ) as process:
-        for line in process.stdout:
-            if "step    5" in line:
-                os.killpg(process.pid, signal.SIGINT)  # As a terminal does.
-                break
-        rest, _ = process.communicate(timeout=LIMIT)
-    assert process.returncode == 130
-    assert "Traceback" not in rest and "interrupted" in rest
-    # At once: of 2000 steps of the first of three runs.
-    assert len(read(tmp_path / "out" / "mu=0.1").history) < 1000
-    assert (tmp_path / "out" / "mu=0.1" / "summary.json").is_file()
-    assert not (tmp_path / "out" / "mu=0.2").exists()

@@ -90,10 +90,3 @@ def test_literal_flow_rule_keeps_the_whole_threshold(rows):
         friction = share * last.mu * last.normal_force
         assert last.tangential_force == pytest.approx(friction + stress, rel=1e-2)
         assert relative_energy_error(one) <= 2e-3
-
-
-def test_triangles_give_nearly_the_same(rows):
-    triangles = run('geometry.cell="triangle"')
-    assert triangles[9].normal_force == pytest.approx(rows[9].normal_force, rel=0.02)
-    assert triangles[-1].tangential_force == pytest.approx(rows[-1].tangential_force, rel=0.02)
-    assert relative_energy_error(triangles) <= 1e-3

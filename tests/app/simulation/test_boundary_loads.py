@@ -134,22 +134,6 @@ def test_a_foundation_resists_shear_by_its_tangential_stiffness():
     assert of_surface(simulation, BOTTOM, "displacement_x")[-1] == pytest.approx(5e-7, rel=1e-8)
 
 
-def test_half_of_a_symmetric_block_is_half_of_the_whole():
-    load = {"surface": BOTTOM, "traction": {"y": [[0, 0], [1, -1.2e6]]}}
-    glued = {"surface": "top", "displacement": {"x": 0, "y": 0}}
-    whole = run([glued, load])
-    data = case([glued, load, SIDE]).model_dump(mode="json", exclude_unset=True)
-    data["geometry"]["upper"] |= {"width": 0.5 * WIDTH, "elements": [2, 3]}
-    half = Simulation(build_model(Case.model_validate(data), MPI.COMM_WORLD))
-    half.run(Observer())
-    for y in (0.0, HEIGHT / 3.0):
-        expected = corner(whole, WIDTH, y)
-        assert corner(half, 0.5 * WIDTH, y) == pytest.approx(expected, rel=1e-9)
-        assert abs(expected[0]) > 1e-3 * WIDTH
-    forces = [of_surface(simulation, "top", "force_y")[-1] for simulation in (whole, half)]
-    assert forces[0] == pytest.approx(2.0 * forces[1], rel=1e-9)
-
-
 # -- stages ---------------------------------------------------------------------------------------
 
 THREE = [{"name": name, "duration": 1.0, "steps": 2} for name in ("pull", "hold", "after")]

@@ -61,56 +61,6 @@ def test_twist(shape):
     np.testing.assert_allclose(m.friction, [-force, force, 0.0], rtol=1e-5, atol=1e-12)
 
 
-@pytest.mark.parametrize("shape", ["Q4", "T6"])
-def test_sliding_in_the_plane_is_signed_by_the_side(shape):
-    scene = pressed(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
-    for way in (0.1, -0.1):
-        m = measured(scene, lambda x, way=way: np.broadcast_to([way, 0.0], x.shape), [-1.0, 0.0])
-        sign = np.sign(way)
-        assert m.tangential_force == pytest.approx(sign * 0.3 * PRESSURE * 0.5, rel=1e-10)
-        assert m.drag == pytest.approx(m.tangential_force, rel=1e-10)
-        assert m.twist_moment == 0.0
-        np.testing.assert_allclose(m.friction, [m.tangential_force, 0.0], atol=1e-12)
-
-
-def test_rings():
-    """Forces round the axis: totals of whole rings, radial resultants zero."""
-    scene = Scene("Q4", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)), axisymmetric=True)
-    scene.term.commit(scene.term.evaluate(scene.moved(lambda x: 0.0 * x), 1.0))
-    m = measured(scene, lambda x: np.broadcast_to([0.1, 0.0], x.shape))
-    area = np.pi * (0.8**2 - 0.3**2)
-    assert m.area == pytest.approx(area, rel=1e-12)
-    assert m.normal_force == pytest.approx(PRESSURE * area, rel=1e-10)
-    assert m.tangential_force == pytest.approx(0.3 * PRESSURE * area, rel=1e-10)
-    assert m.force[0] == m.friction[0] == m.drag == 0.0
-    assert m.energy > 0.5 * PRESSURE * DEPTH * area
-
-
-def test_open_contact_measures_nothing():
-    for shape in ("hex8", "Q4"):
-        scene = pressed(shape)
-        m = measured(scene, lambda x: np.broadcast_to([*[0.0] * (x.shape[1] - 1), 0.1], x.shape))
-        numbers = (m.normal_force, m.drag, m.tangential_force, m.twist_moment, m.area, *m.force)
-        assert not any(numbers)
-
-
-def test_frictions_of_opposite_sign_do_not_cancel():
-    """Two pairs whose surfaces face each other's way: the ratio and the viscosity see both."""
-    scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
-    way = np.array([0.6, -0.8, 0.0])
-    one, other = (
-        measured(scene, lambda x, s=s: np.broadcast_to(0.1 * s * way, x.shape), way)
-        for s in (1.0, -1.0)
-    )
-    one, other = (replace(m, film=3.0) for m in (one, other))
-    assert other.tangential_force == pytest.approx(-one.tangential_force, rel=1e-9)
-    columns = contact_columns([one, other], 2.0, True, 0.5)
-    assert columns["tangential_force"] == pytest.approx(0.0, abs=1e-9)
-    assert columns["friction_force"] == pytest.approx(0.5 * 2.0 * 0.3 * PRESSURE * 0.25, rel=1e-9)
-    assert columns["friction_coefficient"] == pytest.approx(0.3, rel=1e-9)
-    assert columns["effective_viscosity"] == pytest.approx(0.3 * PRESSURE * 3.0 / 2.0, rel=1e-9)
-
-
 def test_a_dry_pair_beside_a_film_leaves_its_viscosity_alone():
     """D and η_eff are those of the pairs with a film; μ is weighted by the normal force."""
     scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))

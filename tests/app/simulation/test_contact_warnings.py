@@ -16,6 +16,14 @@ from tribox.app.run.run import run_case
 
 # A stiff cylinder pressed into rubber, whose facets are straight.
 ROUND = """
+bodies.elastomer = { material = "neo-hookean", E = "70 GPa", nu = 0.3 }
+bodies.aluminium = { material = "neo-hookean", E = "10 MPa", nu = 0.49 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 3 }]
+output = { fields_every = 0, figures = false }
 [geometry]
 kind = "cylinder-on-block"
 contact_width = "1.4 mm"
@@ -23,33 +31,12 @@ contact_size = "25 um"
 growth = 1.6
 cylinder = { radius = "5 mm" }
 block = { width = "6 mm", height = "3 mm", contact_size = "50 um" }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "70 GPa"
-nu = 0.3
-[bodies.aluminium]
-material = "neo-hookean"
-E = "10 MPa"
-nu = 0.49
 [[contact]]
 slave = "aluminium_contact"
 master = "elastomer_contact"
 smoothing_angle = "30 deg"
 pressure = "averaged"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.05 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 3
-[output]
-fields_every = 0
-figures = false
 """
 
 

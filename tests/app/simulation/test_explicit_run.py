@@ -13,10 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from mpi4py import MPI
 
-from benchmarks.explicit_verification import draw_overlay
 from tests.app.conftest import FILM, SLID
 from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
@@ -278,40 +276,6 @@ def test_pressures_change_the_momentum(tmp_path):
     left, right = (last[f"elastomer_{side}"]["force_x"] for side in ("left", "right"))
     assert left == pytest.approx(1e6 * 0.05e-6, rel=0.1)
     assert right == pytest.approx(-0.2 * left, rel=0.1)
-
-
-def test_a_phase_plot_of_a_sprung_surface(tmp_path):
-    data = tomllib.loads(SLID)
-    data["boundary"][1]["spring"] = {"direction": "x", "stiffness": "1e6 N/m", "end": "driven"}
-    del data["boundary"][1]["displacement"]
-    data["output"]["figures"] = True
-    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    rows = [r for r in read_table(tmp_path / "out" / "surfaces.csv") if r["surface"] == "top"]
-    stretch = 0.2 * (rows[-1]["time"] - 1.0) - rows[-1]["displacement_x"]
-    assert 0.0 < rows[-1]["force_x"] < 2e6 * stretch  # the mean over an interval that swings
-    assert_momentum(tmp_path / "out" / "bodies.csv")
-    assert rows[-1]["velocity_x"] > 0.0
-    assert (tmp_path / "out" / "figures" / "phase.png").stat().st_size > 1000
-
-
-def test_overlaid_histories_are_drawn_at_the_middle_of_explicit_rows(tmp_path, monkeypatch):
-    drawn = []
-    semilogy = Axes.semilogy
-
-    def keep(axes, x, y, *style, **options):
-        drawn.append((np.array(x), np.array(y)))
-        return semilogy(axes, x, y, *style, **options)
-
-    monkeypatch.setattr(Axes, "semilogy", keep)
-    rows = [
-        {"driven_displacement": k * 1e-6, "friction_force": 1.0 + k, "velocity": float(k > 0)}
-        for k in range(4)
-    ]
-    draw_overlay({"D = 10 nm": (rows, rows)}, tmp_path / "overlay.png")
-    assert (tmp_path / "overlay.png").stat().st_size > 1000
-    (dots, _), (line, force) = drawn
-    assert np.allclose(dots, [1.0, 2.0, 3.0]) and np.allclose(line, [0.5, 1.5, 2.5])
-    assert np.allclose(force, [2.0, 3.0, 4.0])
 
 
 def test_scaled_mass_is_reported(tmp_path):

@@ -12,11 +12,11 @@ from scipy.integrate import quad
 
 import tribox.forms.contact.explicit
 from tribox.app.build.load_steps import LoadStep, load_steps_of
-from tribox.app.build.model import body_dofs, build_model, initial_velocity
+from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import Stage
-from tribox.app.case.time_tables import Program, TimeTable, smooth_step, smooth_step_integral
+from tribox.app.case.time_tables import TimeTable
 from tribox.app.simulation.energy_balance import Inertia, notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.run_state import Observer
@@ -39,17 +39,6 @@ def explicit(text: str, **solver) -> dict:
 # -- programs -------------------------------------------------------------------------------------
 
 
-def test_smooth_step_starts_and_ends_without_velocity_and_acceleration():
-    assert [smooth_step(s) for s in (-1.0, 0.0, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
-    h = 1e-4
-    for end in (0.0, 1.0):
-        inside = [abs(smooth_step(abs(end - k * h)) - end) for k in (1, 2)]
-        assert inside[0] < 11.0 * h**3 and inside[1] < 11.0 * (2 * h) ** 3
-    for share in (0.3, 1.0, 2.5):
-        exact, _ = quad(smooth_step, 0.0, share, points=[1.0])
-        assert smooth_step_integral(share) == pytest.approx(exact, rel=1e-12)
-
-
 def test_a_smooth_table_goes_through_its_points_and_integrates_exactly():
     table = TimeTable((1.0, 3.0, 4.0), (2.0, 6.0, -1.0), smooth=True)
     assert [table(t) for t in (0.0, 1.0, 2.0, 3.0, 4.0, 9.0)] == [2.0, 2.0, 4.0, 6.0, -1.0, -1.0]
@@ -59,15 +48,6 @@ def test_a_smooth_table_goes_through_its_points_and_integrates_exactly():
         assert table.integral(time) == pytest.approx(exact, rel=1e-9)
     later = TimeTable((-2.0, 2.0), (0.0, 4.0), smooth=True)
     assert later.integral(2.0) == pytest.approx(quad(later, 0.0, 2.0)[0], rel=1e-9)
-
-
-def test_a_ramp_is_read_and_written():
-    program = Program("Pa")
-    rows = [["0 s", "0 MPa"], ["1 ms", "3 MPa"]]
-    smooth = program.parse({"table": rows, "ramp": "smooth"})
-    assert smooth == TimeTable((0.0, 1e-3), (0.0, 3e6), smooth=True)
-    assert program.parse({"table": rows}) == program.parse(rows)
-    assert program.parse(program.serialise(smooth)) == smooth
 
 
 def test_velocity_goes_over_smoothly_to_the_next():
@@ -145,16 +125,6 @@ def test_relaxation_has_nothing_to_do_where_something_is_driven(film):
 
 
 # -- model ----------------------------------------------------------------------------------------
-
-
-def test_a_thrown_body_starts_with_its_velocity_and_no_other(block):
-    data = explicit(block)
-    data["bodies"]["elastomer"]["velocity"] = {"x": 0.5, "y": "-2 m/s"}
-    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-    velocity = initial_velocity(model)
-    thrown, other = body_dofs(model, "elastomer"), body_dofs(model, "aluminium")
-    assert len(thrown) + len(other) == model.problem.owned // 2
-    assert np.all(velocity[thrown] == [0.5, -2.0]) and np.all(velocity[other] == 0.0)
 
 
 def sprung(text: str, **changes) -> Simulation:

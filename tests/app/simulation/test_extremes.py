@@ -69,21 +69,6 @@ def test_check_says_so_too(case_file):
         notes_on_building(load_case(case_file(EXPLICIT), HARD))
 
 
-def test_an_explicit_stage_that_cannot_start_ends_the_run(case_file, monkeypatch):
-    from mpi4py import MPI
-
-    from tribox.app.explicit import stepper
-
-    text = EXPLICIT.replace('name = "press"', 'name = "press"\nsolver = "implicit"')
-    simulation = Simulation(build_model(load_case(case_file(text)), MPI.COMM_SELF))
-    monkeypatch.setattr(
-        stepper.ExplicitStepper, "_forces", lambda self, dt: ([], False), raising=True
-    )
-    with pytest.raises(SolutionError, match="stage slide: an element has been turned inside out"):
-        simulation.run(Observer())
-    assert simulation.rows[-1].step == 3
-
-
 def test_numbers_out_of_range_are_one_line_and_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -6,13 +6,12 @@ import csv
 import json
 import re
 
-import meshio
 import numpy as np
 import pytest
 
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
-from tribox.app.errors import InputError, SolutionError
+from tribox.app.errors import InputError
 from tribox.app.run.building import notes_on_building
 from tribox.app.run.run import run_case
 from tribox.app.simulation.simulation import Simulation
@@ -46,35 +45,6 @@ def test_a_singular_tangent_ends_with_code_3(tribox, case_file, block):
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert "stage press" in done.stderr
-
-
-def test_after_a_failure_the_contact_output_is_the_last_converged_state(
-    monkeypatch, case_file, block, tmp_path
-):
-    case = load_case(case_file(block + "fields_every = 0\n[solver]\nmin_step_fraction = 0.4\n"))
-    from tribox.app.implicit.stepper import ImplicitStepper
-
-    attempt = ImplicitStepper.attempt
-    calls = []
-
-    def lifted(self, dt):
-        calls.append(dt)
-        if len(calls) > 2:  # the top is pulled up, so the failed iterate has no contact
-            for part in self.problem.prescribed:
-                part.value = abs(part.value) * 3.0
-        result = attempt(self, dt)
-        if len(calls) > 2:
-            result.converged = False
-        return result
-
-    monkeypatch.setattr(ImplicitStepper, "attempt", lifted)
-    with pytest.raises(SolutionError):
-        run_case(case, tmp_path / "out", quiet=True)
-    with (tmp_path / "out" / "history.csv").open() as stream:
-        last = list(csv.DictReader(stream))[-1]
-    points = meshio.read(tmp_path / "out" / "contact" / f"{int(last['step']):06d}.vtu")
-    assert float(last["normal_force"]) > 0.0
-    assert points.point_data["pressure"].max() > 0.0
 
 
 def test_an_error_of_the_program_keeps_the_history(monkeypatch, case_file, block, tmp_path):

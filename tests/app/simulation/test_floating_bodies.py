@@ -14,18 +14,16 @@ from tribox.app.errors import SolutionError
 from tribox.app.run.run import run_case
 
 UNLOAD = """
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+bodies.aluminium = { material = "hencky", E = "70 MPa", nu = 0.33 }
+stage = [
+ { name = "press", duration = "1 s", steps = 2 },
+ { name = "unload", duration = "2 s", steps = 4 },
+]
 [geometry]
 kind = "two-blocks"
 upper = { width = "2 mm", height = "1 mm", elements = [4, 2] }
 lower = { width = "4 mm", height = "1 mm", elements = [6, 2] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 MPa"
-nu = 0.33
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
@@ -36,14 +34,6 @@ displacement = { x = 0, y = 0 }
 [[boundary]]
 surface = "top"
 platen = { direction = "y", pressure = [["0 s", "0 MPa"], ["1 s", "1 MPa"], ["2 s", "0 MPa"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[[stage]]
-name = "unload"
-duration = "2 s"
-steps = 4
 """
 
 

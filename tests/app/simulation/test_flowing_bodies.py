@@ -145,17 +145,6 @@ def test_pressed_and_pulled_back_with_a_backstress(section):
     assert 0.3 < with_it < 0.85 * without
 
 
-def test_the_way_is_nearly_the_same_in_more_steps():
-    """A step cut into pieces ends where finer steps end, to the first order of the step."""
-    forces = []
-    for count in (2, 4, 8):
-        billet = Billet()
-        pressed(billet, np.linspace(0.0, 0.1, count + 1)[1:])
-        forces.append(billet.force())
-    assert abs(forces[1] - forces[2]) <= 0.6 * abs(forces[0] - forces[1])
-    assert forces[1] == pytest.approx(forces[2], rel=5e-3)
-
-
 @pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
 def test_the_energies_add_up(formulation):
     """What the steps add to the dissipation falls with them, and what is left with their square."""
@@ -172,29 +161,6 @@ def test_the_energies_add_up(formulation):
         assert coarse < 1e-7 or coarse / fine == pytest.approx(4.0, rel=0.15)
     for coarse, fine in pairwise(numerical):
         assert coarse / fine == pytest.approx(2.1, rel=0.15)
-
-
-def test_a_way_back_is_elastic_and_dissipates_nothing():
-    billet = Billet()
-    _, stepper, balance = pressed(billet, [0.02, 0.04, 0.06])
-    spent, committed = balance.plastic, billet.solid.points.committed
-    billet.press(0.0598)
-    result = stepper.advance(1.0)
-    balance.add(stepper.x, [])
-    assert result.converged and balance.plastic == spent
-    assert np.array_equal(billet.solid.points.committed, committed)
-
-
-def test_units_do_not_matter():
-    found = []
-    for units in ((1.0, 1.0), (1e-3, 1e6)):
-        billet = Billet(units=units)
-        results, _, balance = pressed(billet, [0.02, 0.05, 0.04])
-        work = balance.plastic * units[0] ** 2 * units[1]
-        strain = billet.solid.plastic_strain().max()
-        found.append((strain, work, [result.iterations for result in results]))
-    assert found[1][:2] == pytest.approx(found[0][:2], rel=1e-9)
-    assert found[1][2] == found[0][2]
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import re
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.app.conftest import BLOCK
-from tests.ranks import LIMIT, command
+from tests.ranks import command
 from tribox.app.results.directory import read_table
 from tribox.app.simulation.history import PHYSICAL
 
@@ -87,34 +82,3 @@ def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
     said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
     assert len(said) == 1 and "no solution" in said[0]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process has started."""
-    lists = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(word) for path in lists for word in path.read_text().split()]
-
-
-@pytest.mark.mpi
-def test_ranks_stop_together_when_interrupted(case_file, block, environment, tmp_path):
-    words = ["run", str(case_file(block)), "--out", str(tmp_path / "out")]
-    words += ["--set", "stage.1.steps=2000"]
-    with subprocess.Popen(
-        ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "tribox", *words],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        bufsize=1,
-    ) as process:
-        for line in process.stdout:
-            if re.match(r"step +5 ", line):
-                # One rank only, and not mpirun, which kills the ranks a moment later.
-                os.kill(children(process.pid)[0], signal.SIGINT)
-                break
-        rest, _ = process.communicate(timeout=LIMIT)
-    assert process.returncode != 0 and "Traceback" not in rest
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    rows = read_table(tmp_path / "out" / "history.csv")
-    assert (summary["status"], summary["steps"]) == ("interrupted", len(rows))
-    assert 5 <= len(rows) < 2003

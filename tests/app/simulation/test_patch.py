@@ -65,9 +65,3 @@ def test_friction_does_no_harm_where_nothing_can_slip(scratch):
     option = 'contact.0.friction={ law = "coulomb", mu = 0.3 }'
     stuck = errors(Patch(SLAVE, 24, stiffness=5.0), scratch, option)
     assert stuck.near < ALLOWED and stuck.far < 0.5 * ALLOWED
-
-
-def test_errors_see_a_wrong_pressure(scratch):
-    found = errors(Patch(SLAVE, SLAVE), scratch, "boundary.1.pressure=1.1e5")
-    assert found.near == pytest.approx(0.1) and found.far == pytest.approx(0.1)
-    assert found.pressure == pytest.approx(0.1)

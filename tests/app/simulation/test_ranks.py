@@ -334,21 +334,6 @@ def test_a_film_acts_at_once_on_points_that_come_over_an_end_in_space(results):
         assert row["friction_force"] == pytest.approx(film, rel=5e-3)
 
 
-@pytest.mark.parametrize(("case", "ranks"), sharing(["plane-explicit"]))
-def test_motion_of_a_thousand_steps(results, case, ranks):
-    rows = rows_of(results, case)
-    assert sum(row["attempts"] for row in rows[2:]) > 1000
-    for table in ("surfaces.csv", "bodies.csv"):
-        alone, other = (read_table(results(case, n) / table) for n in (1, ranks))
-        for kind in ("displacement", "velocity", "force", "moment", "centre"):
-            # The aluminium hardly moves: its velocity is round-off beside that of the layer.
-            names = [n for n in alone[0] if kind in n]
-            mine, theirs = (
-                np.array([[row[n] for n in names] for row in t]) for t in (alone, other)
-            )
-            assert np.abs(theirs - mine).max(initial=0.0) <= SAME * np.abs(mine).max(initial=0.0)
-
-
 @pytest.mark.parametrize("case", [case for case in CASES if case not in SLIDING])
 def test_the_cases_stick_slide_and_lift_off(results, case):
     rows = rows_of(results, case)
@@ -431,28 +416,13 @@ def _outputs(directory: Path) -> dict[str, np.ndarray]:
 
 
 FAILURES = [
-    (
-        "hexes-lifted",
-        '[[boundary]]\nsurface = "elastomer_left"\ndisplacement = { x = "0.1 mm" }\n',
-        (),
-        2,
-        '"top" and "elastomer_left" share a node',
-    ),
-    (
-        "hexes-lifted",
-        "",
-        ("solver.min_step_fraction=0.6", "solver.max_iterations=2"),
-        3,
-        "no solution even with a step of",
-    ),
-    (
-        "hexes-explicit",
-        "",
-        ("bodies.elastomer.velocity={ y = -300, z = -50 }",),
-        3,
-        "an element has been turned inside out at (",
-    ),
-]
+    ("hexes-lifted", '[[boundary]]\nsurface = "elastomer_left"\ndisplacement = { x = "0.1 mm" }\n',
+     (), 2, '"top" and "elastomer_left" share a node'),
+    ("hexes-lifted", "", ("solver.min_step_fraction=0.6", "solver.max_iterations=2"), 3,
+     "no solution even with a step of"),
+    ("hexes-explicit", "", ("bodies.elastomer.velocity={ y = -300, z = -50 }",), 3,
+     "an element has been turned inside out at ("),
+]  # fmt: skip
 
 
 def fail(comm: MPI.Comm, directory: Path) -> list:

@@ -46,14 +46,9 @@ def simulate(data: dict) -> tuple[Simulation, int]:
 # Corners of the path of the upper block (time in s, x and y in mm): press, slide, lift off until
 # nothing touches, move on in the air, press again, slide back.
 PATH = [
-    (0.0, 0.0, 0.0),
-    (1.0, 0.0, -0.05),
-    (2.0, 0.15, -0.05),
-    (3.0, 0.15, 0.02),
-    (4.0, 0.25, 0.02),
-    (5.0, 0.25, -0.05),
-    (6.0, 0.1, -0.05),
-]
+    (0.0, 0.0, 0.0), (1.0, 0.0, -0.05), (2.0, 0.15, -0.05), (3.0, 0.15, 0.02), (4.0, 0.25, 0.02),
+    (5.0, 0.25, -0.05), (6.0, 0.1, -0.05),
+]  # fmt: skip
 STAGES = ("press", "slide", "lift", "move", "press again", "slide back")
 # The same without the first contact: off and away at once.
 FRESH = [(0.0, 0.0, 0.0), (3.0, 0.0, 0.02), *PATH[4:]]

@@ -247,13 +247,10 @@ def slowed_block(steps: int, velocity: float, pressure: str) -> tuple[list[Row],
 @pytest.mark.parametrize(
     ("steps", "how", "pressure"),
     [
-        (1, "stopped", "averaged"),
-        (4, "stopped", "pointwise"),
-        (15, "stopped", "averaged"),
-        (1, "drawn back", "pointwise"),
-        (8, "drawn back", "averaged"),
+        (1, "stopped", "averaged"), (4, "stopped", "pointwise"), (15, "stopped", "averaged"),
+        (1, "drawn back", "pointwise"), (8, "drawn back", "averaged"),
     ],
-)
+)  # fmt: skip
 def test_a_block_that_slows_out_of_its_film_rests_where_it_should(steps, how, pressure):
     """With rest as a second root of a step it kept all that the film had carried."""
     rows, (failed, too_long) = slowed_block(steps, ode.DRAWN[how], pressure)

@@ -13,40 +13,18 @@ from tribox.app.results import read
 
 RADIUS = 10e-3  # m
 CASE = """
-[geometry]
-mesh = "die.msh"
-scale = "mm"
-thickness = "1 mm"
-[bodies."round die"]
-material = "neo-hookean"
-E = "70 GPa"
-nu = 0.3
-[bodies."pad block"]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.3
-[[contact]]
-slave = "pad face"
-master = "die face"
-friction = { law = "frictionless" }
-[[boundary]]
-surface = "pad bottom"
-displacement = { y = 0 }
-[[boundary]]
-surface = "pad axis"
-displacement = { x = 0 }
-[[boundary]]
-surface = "die axis"
-displacement = { x = 0 }
-[[boundary]]
-surface = "die top"
-displacement = { y = [["0 s", "0 mm"], ["1 s", "-0.3 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[output]
-figures = false
+geometry = { mesh = "die.msh", scale = "mm", thickness = "1 mm" }
+bodies."round die" = { material = "neo-hookean", E = "70 GPa", nu = 0.3 }
+bodies."pad block" = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
+contact = [{ slave = "pad face", master = "die face", friction = { law = "frictionless" } }]
+boundary = [
+ { surface = "pad bottom", displacement = { y = 0 } },
+ { surface = "pad axis", displacement = { x = 0 } },
+ { surface = "die axis", displacement = { x = 0 } },
+ { surface = "die top", displacement = { y = [["0 s", "0 mm"], ["1 s", "-0.3 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+output = { figures = false }
 """
 
 

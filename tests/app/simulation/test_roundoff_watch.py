@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import tomllib
-from types import SimpleNamespace
 
 import pytest
 
 from tests.app.read_log import read_log
 from tribox.app.case.case import Case
 from tribox.app.run.run import run_case
-from tribox.app.simulation.watches import RoundOffWatch
 
 CARRIED = {"x": [[0.0, "0 mm"], [1.0, "30 mm"], [2.0, "30.15 mm"]]}
 
@@ -58,19 +56,3 @@ def test_a_residual_that_rounding_keeps_up_is_warned_of_once(block, tmp_path, ch
     assert f"a residual of {share:.1e} of the contact or reaction force was accepted" in line
     assert f"solver.tolerance = {case.solver.tolerance:g}" in line and cure in line
     assert line in read_log(tmp_path / "out")
-
-
-@pytest.mark.parametrize(("force", "deep", "warns"), [(1e-12, 0.0, 0), (1.0, 0.0, 1), (0.0, 1, 1)])
-def test_bodies_that_carry_nothing_are_not_warned_of(force, deep, warns):
-    """Their forces are rounding; a load or a penetration says that they carry something."""
-    surface = SimpleNamespace(facet_length=1.0)
-    problem = SimpleNamespace(
-        contacts=[SimpleNamespace(surface=surface)], reference_force=force or 1e-12, roundoff=1e-11
-    )
-    watch = RoundOffWatch(problem, 1e-8)
-    watch._noisiest = lambda: ("body", False)
-    watch.step(SimpleNamespace(max_penetration=deep), SimpleNamespace(residuals=[1.0, 1e-7]))
-    watch.end("stage")
-    assert (watch.worst is not None) == bool(warns)
-    if watch.worst is not None:
-        assert watch.worst.share == pytest.approx(1e-7)

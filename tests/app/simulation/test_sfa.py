@@ -5,23 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from tests.ranks import LIMIT
 from tribox.app.case.reading import load_case
-from tribox.app.figures import run_figures as figures
-from tribox.app.figures import steady_points
-from tribox.app.figures.style import MARKERS
-from tribox.app.figures.units import fitting
-from tribox.app.results import read
 from tribox.app.results.directory import read_table
 from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
@@ -213,15 +204,6 @@ def test_energies_balance_and_dissipation_is_never_negative(sfa, points):
         assert all(b >= a for a, b in pairwise(dissipation))
 
 
-def test_penetration_is_reported_as_a_multiple_of_the_film(sfa, points):
-    for label, case in load_case(CASE).sweep_cases():
-        summary = json.loads((sfa / label / "summary.json").read_text())
-        [multiple] = summary["penetration_over_film"]
-        last = read_table(sfa / label / "history.csv")[-1]
-        film = case.contact[0].film.thickness
-        assert multiple == pytest.approx(last["max_penetration"] / film)
-
-
 def test_one_command_gives_tables_and_figures(sfa, points):
     assert {p.name for p in (sfa / "figures").iterdir()} >= {
         "effective_viscosity.png",
@@ -235,66 +217,3 @@ def test_one_command_gives_tables_and_figures(sfa, points):
 
 
 # -- figures --------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def drawn(monkeypatch) -> Iterator[dict[str, Figure]]:
-    """Figures by file name, kept instead of written."""
-    kept: dict[str, Figure] = {}
-    for module in (figures, steady_points):
-        monkeypatch.setattr(module, "save", lambda figure, path: kept.update({path.name: figure}))
-    yield kept
-    plt.close("all")
-
-
-def test_sweep_figures_show_the_steady_points(sfa, drawn):
-    case = load_case(sfa / "case.toml")
-    figures.draw_figures(read(sfa))
-    assert {"effective_viscosity.png", "friction_map.png"} <= set(drawn)
-    rows = [row for row in read_table(sfa / "sweep.csv") if row["steady"] >= 0]
-    parts = case.sweep_cases()
-
-    left, right = drawn["effective_viscosity.png"].axes[:2]
-    assert {left.get_xscale(), left.get_yscale(), right.get_xscale()} == {"log"}
-    for axes, scaled in ((left, False), (right, True)):
-        points = [line for line in axes.lines if line.get_label().startswith("D = ")]
-        assert len(points) == len(parts)
-        for line, (label, single) in zip(points, parts, strict=True):
-            mine = [row for row in rows if row["label"] == label]
-            scale = 1.0 / single.contact[0].film.thickness if scaled else 1.0
-            x, y = line.get_data()
-            assert x == pytest.approx([row["velocity"] * scale for row in mine])
-            assert y == pytest.approx([row["effective_viscosity"] for row in mine])
-    laws = [single.contact[0] for _, single in parts]
-    stars = {
-        round(float(threshold_speed(c.film.thickness, c.friction.parameters())), 9)
-        for c in laws
-        if c.film.thickness < c.friction.D_max
-    }
-    marks = {round(x[0], 9) for line in left.lines if len(set(x := line.get_xdata())) == 1}
-    assert stars <= marks
-
-    [plane] = drawn["friction_map.png"].axes
-    shown = [line.get_ydata() for line in plane.lines if line.get_marker() in MARKERS]
-    shown = np.sort(np.concatenate(shown)) * 1e6
-    tractions = [row["friction_force"] / row["contact_area"] for row in rows]
-    assert shown == pytest.approx(sorted(tractions))
-
-
-def test_history_figures_show_the_history(sfa, drawn):
-    part = sfa / "thickness=30nm"
-    figures.draw_figures(read(part))
-    rows = read_table(part / "history.csv")
-    for axes, column in zip(
-        drawn["history.png"].axes, ("normal_force", "friction_force"), strict=False
-    ):
-        unit = fitting([row[column] for row in rows], "N")
-        curves = {line.get_label(): line.get_ydata() for line in axes.lines}
-        pair = "elastomer_contact-aluminium_contact"
-        assert curves[pair] == pytest.approx([unit.factor * row[column] for row in rows])
-    assert drawn["history.png"].axes[2].get_ylabel() == "friction coefficient F_T/N (-)"
-    [axes] = drawn["energy.png"].axes
-    curves = {line.get_label(): line.get_ydata() for line in axes.lines}
-    unit = fitting([row["external_work"] for row in rows], "J")
-    work = [unit.factor * row["external_work"] for row in rows]
-    assert curves["external work"] == pytest.approx([0.0, *work])

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import re
-import signal
-import subprocess
-import sys
 import tomllib
 import xml.etree.ElementTree as ET
 from dataclasses import asdict, fields
@@ -17,10 +13,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.ranks import LIMIT
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.errors import SolutionError
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
@@ -139,15 +133,6 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
     assert_same_history(run.rows, replay(data, run.rows).rows)
 
 
-def test_steps_cut_for_want_of_iterations_end_where_their_pieces_would_have(block):
-    data = plain(block, max_iterations=2)
-    data["stage"][1]["steps"] = 1
-    seen = Cuts()
-    run = simulate(data, seen)
-    assert seen.lengths and len(run.rows) > 4
-    assert_same_history(run.rows, replay(data, run.rows).rows)
-
-
 def test_stages_continue_each_other(block):
     """A stage cut in two is the same run: nothing but the time goes from one to the next."""
     data = plain(block)
@@ -195,40 +180,6 @@ def test_velocities_end_when_steady_or_say_that_they_are_not(film):
 
 
 # -- steps without a solution ---------------------------------------------------------------------
-
-
-def test_a_body_that_nothing_holds_ends_with_code_3(tribox, case_file, film, tmp_path):
-    # The platen pulls the layer away.
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "1 um"', 1)
-    text = text.replace('["1 s", "0.5 MPa"]', '["1 s", "-0.5 MPa"]')
-    out = tmp_path / "out"
-    result = tribox("run", case_file(text), "--out", out, "--set", "solver.min_step_fraction=0.4")
-    assert result.returncode == 3
-    [line] = result.stderr.splitlines()
-    assert re.fullmatch(
-        r"tribox: stage press, time 0 s: no solution .* at \(\S+, \S+\) m, .*; body elastomer has "
-        r"no support in y and no contact presses on it; try a support .*",
-        line,
-    )
-    summary = json.loads((out / "summary.json").read_text())
-    assert (summary["status"], summary["steps"]) == ("failed", 0)
-    assert read_table(out / "history.csv") == []
-
-
-def test_a_run_that_breaks_off_keeps_what_it_had(block, tmp_path):
-    data = plain(block, min_step_fraction=0.1)
-    data["boundary"][1]["displacement"]["y"].append(["2 s", "-0.7 mm"])  # through the block
-    with pytest.raises(SolutionError, match=r"^stage slide, time \S+ s: no solution") as caught:
-        run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    rows = read_table(tmp_path / "out" / "history.csv")
-    assert len(rows) >= 3 and rows[-1]["time"] < 2.0
-    assert all(np.isnan(row.pop("velocity")) for row in rows)  # nothing is driven
-    assert all(np.isfinite(value) for row in rows for key, value in row.items() if key != "stage")
-    assert f"time {rows[-1]['time']:.6g} s" in str(caught.value)
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (summary["status"], summary["steps"]) == ("failed", len(rows))
-    points = meshio.read(tmp_path / "out" / "contact" / f"{len(rows):06d}.vtu")
-    assert np.all(np.isfinite(points.point_data["pressure"]))
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -324,32 +275,6 @@ def test_fields_only_at_the_end_of_each_load_step(block, tmp_path):
         "contact_points/000003.vtu",
         "contact_points/000009.vtu",
     ]
-
-
-def test_interrupted_run_leaves_valid_files(case_file, block, tmp_path, environment):
-    out = tmp_path / "out"
-    words = ["run", str(case_file(block)), "--out", str(out), "--set", "stage.1.steps=2000"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "tribox", *words],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-    ) as process:
-        for line in process.stdout:
-            if re.match(r"step +5 ", line):
-                process.send_signal(signal.SIGINT)
-                break
-        rest, stderr = process.communicate(timeout=LIMIT)
-    assert process.returncode == 130
-    assert "Traceback" not in stderr and "interrupted" in rest + stderr
-    rows = read_table(out / "history.csv")
-    assert 5 <= len(rows) < 2003
-    summary = json.loads((out / "summary.json").read_text())
-    assert (summary["status"], summary["steps"]) == ("interrupted", len(rows))
-    assert meshio.read(out / outputs(out)[-1][1]).point_data["pressure"].max() > 0.0
-    assert not list(out.rglob("*.part*"))
 
 
 # -- units ----------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import pytest
 from mpi4py import MPI
 
 from tribox.app.build.model import build_model
-from tribox.app.case.case import resolved_toml
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.verify.result import CASES
@@ -24,29 +23,6 @@ def test_the_key_makes_the_master_smooth(option):
     assert case.contact[0].smoothing_angle == (pytest.approx(math.pi / 6) if option else None)
     surface = build_model(case, MPI.COMM_SELF).problem.contacts[0].surface
     assert surface.target.shape.degree == (3 if option else 1)
-
-
-@pytest.mark.parametrize(("angle", "nodes"), [("5 deg", 2), ("60 deg", 4)])
-def test_the_angle_says_which_edges_stay_sharp(angle, nodes):
-    """Segments of a cylinder meet at 12 degrees: rounded, their neighbours move them too."""
-    options = [
-        "contact.0.slave=aluminium_contact",
-        "contact.0.master=elastomer_contact",
-        "geometry.contact_width=8 mm",
-        "geometry.contact_size=2 mm",
-        "geometry.growth=2",
-        'geometry.block={width="20 mm", height="10 mm"}',
-        f'contact.0.smoothing_angle="{angle}"',
-    ]
-    model = build_model(load_case(CASES / "hertz-line.toml", options), MPI.COMM_SELF)
-    assert model.problem.contacts[0].surface.target.stencil.shape[1] == nodes
-
-
-def test_it_comes_back_from_the_resolved_case(tmp_path):
-    case = load_case(CASES / "block-slide.toml", [SMOOTH])
-    again = tmp_path / "case.toml"
-    again.write_text(resolved_toml(case))
-    assert load_case(again).contact[0].smoothing_angle == case.contact[0].smoothing_angle
 
 
 WRONG = [

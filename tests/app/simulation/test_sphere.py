@@ -15,6 +15,13 @@ from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 SPHERE = """
+bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
+bodies.aluminium = { material = "hencky", E = "50 GPa", nu = 0.3 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.06 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
 [geometry]
 kind = "sphere-on-block"
 sphere = { radius = "10 mm" }
@@ -22,28 +29,10 @@ block = { radius = "10 mm", height = "10 mm" }
 contact_width = "2 mm"
 contact_size = "0.2 mm"
 growth = 1.6
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.3
-[bodies.aluminium]
-material = "hencky"
-E = "50 GPa"
-nu = 0.3
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.06 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
 """
 
 

@@ -17,12 +17,13 @@ from tribox.app.results.recorder import force_balance
 from tribox.app.run.run import run_case
 
 BENT = """
+stage = [
+ { name = "bend", duration = "1 s", steps = 8 },
+ { name = "let go", duration = "1 s", steps = 4, release = ["strip_right"] },
+]
 [geometry]
 kind = "blocks"
-[geometry.blocks.strip]
-x = ["0 mm", "8 mm"]
-y = ["0 mm", "1 mm"]
-elements = [8, 4]
+blocks = { strip = { x = ["0 mm", "8 mm"], y = ["0 mm", "1 mm"], elements = [8, 4] } }
 [bodies.strip]
 material = "elastoplastic"
 formulation = "q2"
@@ -35,15 +36,6 @@ platen = { direction = "x", force = 0 }
 [[boundary]]
 surface = "strip_right"
 rotation = { axis = "z", centre = ["8 mm", "0.5 mm"], angle = [["0 s", 0], ["1 s", 0.16]] }
-[[stage]]
-name = "bend"
-duration = "1 s"
-steps = 8
-[[stage]]
-name = "let go"
-duration = "1 s"
-steps = 4
-release = ["strip_right"]
 """
 
 

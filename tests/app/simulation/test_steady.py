@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.steady import SlidWay, change_over, measure_settling
+from tribox.app.simulation.steady import SlidWay
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.slip_weakening import SlipWeakening
@@ -160,29 +159,6 @@ def test_a_force_must_stay_over_the_pre_sliding_length(presliding, steady):
     assert record.judge(0, TOLERANCE).steady is steady
 
 
-def test_the_pre_sliding_length_is_the_mean_over_the_pressure():
-    """Of all pairs; μp/K_T at each point, and what has opened has none."""
-    pairs = []
-    for weight, pressure, stiffness in (([1.0, 2.0], [3.0, 0.0], 5.0), ([4.0], [6.0], 7.0)):
-        law = CoulombLaw(CoulombParameters(mu=0.1, K_T=stiffness))
-        count = len(weight)
-        surface = SimpleNamespace(slave=SimpleNamespace(weight=np.array(weight)))
-        response = SimpleNamespace(state=law.initial_state(count, 2))
-        trial = SimpleNamespace(response=response, pressure=np.array(pressure))
-        pairs.append((SimpleNamespace(surface=surface, law=law), trial))
-    terms, trials = zip(*pairs, strict=True)
-    mean = (3.0 * 0.3 / 5.0 + 24.0 * 0.6 / 7.0) / 27.0
-    assert measure_settling(terms, trials, MPI.COMM_SELF) == pytest.approx((0.0, mean))
-    assert measure_settling(terms[:0], trials[:0], MPI.COMM_SELF) == (0.0, 0.0)
-
-
-def test_a_loose_tolerance_holds_for_the_weakening_too():
-    friction = SlipWeakening(mu_s=0.2, mu_d=0.1, A_d=0.0, B=1e6)
-    rows = weakening_rows(friction, 1e-6, 1.5e-3)
-    found = [steady_after(rows, Telling(1e-3), tolerance) for tolerance in (1e-4, 1e-3, 1e-2)]
-    assert found[0] == found[1] > 5.0 * found[2]
-
-
 def test_nothing_slid_is_not_steady_and_reasons_are_given():
     record = SlidWay([Telling(1.0)])
     assert not record.judge(0, 1.0).steady
@@ -190,13 +166,6 @@ def test_nothing_slid_is_not_steady_and_reasons_are_given():
     assert "friction has still to change by 0.02 of" in record.judge(0, 1e-4).reason
     record.add(2e-6, 2.0, 0.0, PRESLIDING)
     assert "changes by 1 of itself in 2e-06 m" in record.judge(0, 1e-4).reason
-
-
-def test_changes_are_taken_between_rows_and_beyond_the_first():
-    way, values = np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 5.0])
-    assert change_over(way, values, 0.5) == pytest.approx(0.5)
-    assert change_over(way, values, 1.5) == pytest.approx(3.0)
-    assert change_over(way, values, 4.0) == pytest.approx(10.0)
 
 
 def slid(film: str, control: str, step: float, end: float):

@@ -50,6 +50,14 @@ def test_only_points_that_were_above_the_master_run_past_its_end(
 
 # A rubber cylinder, or ball, whose contact outgrows the surfaces that are named.
 ROUND = """
+bodies.elastomer = { material = "neo-hookean", E = "10 MPa", nu = 0.45 }
+bodies.aluminium = { material = "neo-hookean", E = "10 GPa", nu = 0.3 }
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.5 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+output = { fields_every = 0, figures = false }
 [geometry]
 kind = "cylinder-on-block"
 contact_width = "3 mm"
@@ -57,32 +65,11 @@ contact_size = "0.25 mm"
 growth = 1.8
 cylinder = { radius = "10 mm" }
 block = { width = "16 mm", height = "6 mm" }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "10 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "neo-hookean"
-E = "10 GPa"
-nu = 0.3
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
 smoothing_angle = "30 deg"
 friction = { law = "frictionless" }
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.5 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[output]
-fields_every = 0
-figures = false
 """
 REACHED = r"contact reaches the end of (\w+) at (.*), undeformed, .*: (\S+) Pa there, (\S+) % of"
 
@@ -268,32 +255,17 @@ def test_steps_of_many_facets_are_told_where_the_film_of_new_points_lacks(tmp_pa
 
 # A rubber block on a round tool, which ends within the contact or behind it.
 ON_TOOL = """
+bodies = { block = { material = "neo-hookean", E = "5 MPa", nu = 0.45 } }
+contact = [{ slave = "block_bottom", master = "die", friction = { law = "frictionless" } }]
+boundary = [
+ { surface = "block_top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.4 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+output = { fields_every = 0, figures = false }
+tools = { die = { shape = "polyline" } }
 [geometry]
 kind = "blocks"
-[geometry.blocks.block]
-x = ["-6 mm", "6 mm"]
-y = ["0 mm", "4 mm"]
-elements = [24, 6]
-[bodies.block]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[[contact]]
-slave = "block_bottom"
-master = "die"
-friction = { law = "frictionless" }
-[[boundary]]
-surface = "block_top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.4 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-[output]
-fields_every = 0
-figures = false
-[tools.die]
-shape = "polyline"
+blocks = { block = { x = ["-6 mm", "6 mm"], y = ["0 mm", "4 mm"], elements = [24, 6] } }
 """
 
 

@@ -14,7 +14,6 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
 from tribox.app.simulation.surface_ends import ends_text
-from tribox.app.simulation.surface_faults import names_of
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
@@ -78,11 +77,6 @@ def test_ends_are_told_by_where_they_are_undeformed(pair, shift, spread, where):
     [trial], [term] = problem.trials, problem.contacts
     off = ~trial.projection.on_surface
     assert off.any() and ends_text(term.surface, trial.projection, off) == where
-
-
-def test_contacts_without_names_are_called_by_their_parts():
-    assert names_of(NAMES, 0) == ("pad", "strip")
-    assert names_of([], 0) == ("the slave", "the master")
 
 
 def begun(directory, smoothing_angle=None):

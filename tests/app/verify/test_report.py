@@ -7,7 +7,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import dolfinx
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -23,19 +22,15 @@ from tribox.app.verify.contact import (
     block_slide,
     cattaneo_mindlin,
     fit_ellipse,
-    friction_law,
     hertz_line,
 )
 from tribox.app.verify.report import (
     CASES,
     block_compression,
-    neighbours,
-    percent,
     run_verify,
-    table,
 )
 from tribox.app.verify.result import CASES as DIRECTORY
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
+from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 COARSE = (
@@ -147,19 +142,6 @@ def test_pressures_of_neighbours_show_a_disturbance():
     assert "neighbouring elements' pressures, max difference / mean" in found
 
 
-def test_every_pair_of_neighbours_is_compared():
-    options = ["geometry.upper.elements=[4, 3]", 'stage=[{name="press", duration=1, steps=20}]']
-    _, simulation = solve("block-compression", options)
-    pairs = neighbours(simulation)
-    named = simulation.model.named
-    assert len(pairs) == 3 * 3 + 4 * 2
-    cells = np.sort(named.cells("elastomer"))
-    middle = dolfinx.mesh.compute_midpoints(named.mesh, 2, cells.astype(np.int32))
-    step = np.abs(np.diff(middle[pairs], axis=1))[:, 0, :2]
-    np.testing.assert_allclose(step.max(axis=1), np.where(step[:, 0] > 0.1e-3, 0.25e-3, 1e-3 / 3))
-    np.testing.assert_allclose(step.min(axis=1), 0.0, atol=1e-12)
-
-
 def test_a_low_penalty_fails_the_forces_of_the_other_codes():
     fast = ["contact.0.penalty_factor=3", 'stage=[{name="press", duration=1}]']
     assert "normal force, pressed" in failed(block_slide(fast))
@@ -170,11 +152,6 @@ def test_contact_that_leaves_the_fine_zone_is_no_result(monkeypatch):
     monkeypatch.setitem(verification.CASES, "hertz-line", lambda: hertz_line(narrow))
     found = verification.verify("hertz-line")
     assert not found.passed and "contact_width" in found.failure
-
-
-def test_overrides_reach_the_law():
-    changed = friction_law(["contact.0.film.thickness=50 nm"])
-    assert any("D = 50 nm" in check.quantity for check in changed.checks)
 
 
 # --- parts ---------------------------------------------------------------------------------------
@@ -197,16 +174,6 @@ def test_a_number_that_is_none_never_passes():
     assert not compare("x", math.nan, 1.0, 1.0).passed
     assert compare("x", 1.01, 1.0, 0.0101).passed and not compare("x", 1.01, 1.0, 0.0099).passed
     assert compare("x", 0.99, 1.0, 0.0101).passed and not compare("x", 0.99, 1.0, 0.0099).passed
-
-
-def test_shares_as_text():
-    assert [percent(v) for v in (0.0, 0.02, 1e-5, 4e-7, math.nan)] == [
-        "0 %",
-        "2 %",
-        "0.001 %",
-        "4.0e-07",
-        "nan",
-    ]
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -278,11 +245,6 @@ def test_the_command(tribox):
     assert "checks of 1 cases passed" in done.stdout and "report in report" in done.stdout
 
 
-def test_rows_of_a_table_are_lined_up():
-    rows = list(table(BAD))
-    assert len({row.rindex("%") for row in rows}) == 1
-
-
 # --- the generators in case files ----------------------------------------------------------------
 
 WRONG = [
@@ -342,14 +304,6 @@ def test_the_direction_in_which_a_mesh_numbers_its_facets_does_not_matter(tmp_pa
     text = f'{head}[geometry]\nmesh = "turned.msh"\nthickness = "1 mm"\n{rest}'
     turned = pressed("stage.0.steps=2", text=text, path=tmp_path / "turned.toml")
     assert turned == pytest.approx(pressed(*COARSE_BLOCK), rel=1e-7)
-
-
-def test_mesh_and_check_take_the_new_geometries(tribox):
-    coarse = [word for key in COARSE[:3] for word in ("--set", key)]
-    done = tribox("mesh", DIRECTORY / "hertz-line.toml", "--out", "mesh", *coarse)
-    assert done.returncode == 0 and "mesh.msh" in done.stdout, done.stderr
-    done = tribox("check", DIRECTORY / "cattaneo-mindlin.toml", *coarse)
-    assert done.returncode == 0 and "correct" in done.stdout, done.stderr
 
 
 def test_zones_of_one_body_go_before_those_of_both():

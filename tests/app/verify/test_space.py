@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-import tribox.app.verify.space as verification_sphere
-from tribox.app.case.reading import load_case
-from tribox.app.verify.result import CASES as DIRECTORY
 from tribox.app.verify.space import (
     QUICK_BOXES,
     SECTION,
     SMOOTH,
-    TWIST,
     hertz_point,
     jumps,
     patch_errors,
@@ -65,15 +59,6 @@ def test_before_all_slides_friction_is_less():
 
 COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
 QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
-
-
-def test_quarter_and_section_are_pressed_alike():
-    case, section = (load_case(DIRECTORY / "sphere-on-block.toml", o) for o in ([], SECTION))
-    for time in (0.5, 1.0):
-        down = [c.boundary[1].displacement.y(time) for c in (case, section)]
-        assert down[0] == down[1] == pytest.approx(-6.25e-6 * time)
-        turned = load_case(DIRECTORY / "sphere-on-block.toml", TWIST)
-        assert turned.boundary[1].displacement.y(time) == down[0]
 
 
 @pytest.mark.parametrize("size", [32.5, 20, 14, 10])
@@ -135,15 +120,3 @@ def test_a_smooth_master_takes_the_jumps_out_of_sliding():
     for normal, drag in (smooth, faceted):
         assert len(normal) == 5
         np.testing.assert_allclose(drag / normal, 0.2, rtol=0.1)
-
-
-def test_what_does_not_slide_is_no_result(monkeypatch):
-    rows = [SimpleNamespace(stage="slide", stick_fraction=s) for s in (0.0, 0.1, 0.0, 0.0)]
-    stuck = (None, SimpleNamespace(rows=rows))
-    monkeypatch.setattr(verification_sphere, "solve", lambda name, overrides: stuck)
-    with pytest.raises(ValueError, match="slide"):
-        roll()
-
-
-def test_jumps_of_a_row():
-    assert jumps(np.array([2.0, 2.0, 1.0, 3.0])) == pytest.approx(1.0)

@@ -14,9 +14,8 @@ from tests.forms.bodies import plastic_samples as given
 from tests.forms.bodies.test_plastic_paths import YOUNG, closed_path, free_across, shear
 from tests.forms.bodies.test_plastic_points import FIELDS, both, differences, gathered
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Backstress, Linear, Voce
+from tribox.forms.bodies.hardening import Backstress, Voce
 from tribox.forms.bodies.plastic_points import PlasticPoints
-from tribox.forms.bodies.return_mapping import mean_decay
 
 G, K = given.SHEAR, given.BULK
 SOME = [name for name in given.BRANCHES if name != "none"]
@@ -163,21 +162,6 @@ def test_rotations_of_body_and_material_rotate_the_stress(space, branches):
         np.testing.assert_allclose(found.state, end, rtol=0, atol=1e-12)
 
 
-@both
-def test_next_to_no_backstress_is_isotropic_hardening(space):
-    law, rate = given.LAWS["voce"], given.RATES["johnson-cook"]
-    without = PlasticPoints(ElastoPlastic(G, K, law, rate), space)
-    little = PlasticPoints(ElastoPlastic(G, K, law, rate, (Backstress(1e-13, 3.0),)), space)
-    F, state, _ = gathered(without)
-    count = state.shape[1] - 1
-    more = np.column_stack([state[:, :-1], little.start(len(state))[:, :count], state[:, -1]])
-    one, other = without.update(F, state, 0.1, True), little.update(F, more, 0.1, True)
-    for field in ("P", "A", "elastic", "dissipation"):
-        a, b = getattr(one, field), getattr(other, field)
-        np.testing.assert_allclose(b, a, rtol=0, atol=2e-11 * np.abs(a).max())
-    np.testing.assert_allclose(other.state[:, :count], one.state[:, :count], rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 @branched
 @both
@@ -222,20 +206,6 @@ def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, co
         if field != "state":
             assert np.isnan(getattr(found, field)[wrong]).all()
     np.testing.assert_array_equal(found.state[wrong], states[wrong])
-
-
-def test_more_branches_than_the_compiled_loop_has_room_for_are_taken_in_numpy():
-    nine = tuple(Backstress(0.2 / 9, 50.0) for _ in range(9))
-    one = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, nine[:1]), False)
-    many = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, nine), False)
-    sum_ = (Backstress(0.2, 50.0),)
-    same = PlasticPoints(ElastoPlastic(G, K, given.LAWS["voce"], None, sum_), False)
-    assert one.compiled and not many.compiled
-    F = given.components(given.gradients(6, False, 3), False)
-    a = many.update(F, many.start(6), 1.0, True)
-    b = same.update(F, same.start(6), 1.0, True)
-    np.testing.assert_allclose(a.P, b.P, rtol=0, atol=1e-12 * np.abs(b.P).max())
-    np.testing.assert_allclose(a.A, b.A, rtol=0, atol=1e-11 * np.abs(b.A).max())
 
 
 # -- paths ------------------------------------------------------------------------------------
@@ -360,21 +330,6 @@ def test_reversed_paths_go_to_the_solution_of_the_rate_equations(name, branches)
     assert state[0, -1] == pytest.approx(alpha, rel=5e-3)
 
 
-def test_the_direction_of_simple_shear_turns_the_backstress():
-    """Swift's effect: pulled along the shear, the material is pressed along it without a sign."""
-    normal = {}
-    for name in ("none", "linear"):
-        points = PlasticPoints(given.material("linear", branches=name), False)
-        state = points.start(1)
-        for amount in np.linspace(0.0, 1.0, 401)[1:]:
-            F = shear(amount)
-            update = points.update(given.components(F[None], False), state, 1.0, False)
-            state = update.state
-        tau = given.tensors(update.P)[0] @ F.T
-        normal[name] = (tau[0, 0] - tau[1, 1]) / tau[0, 1]
-    assert normal["none"] < 0.05 < 0.3 < normal["linear"]
-
-
 @settings(deadline=None, max_examples=15)
 @hypothesis_given(
     seed=st.integers(0, 2**31),
@@ -390,21 +345,3 @@ def test_on_any_path_volumes_stay_and_energy_is_only_lost(seed, space, law, rate
     ends = np.concatenate([ends if space else given.in_plane(ends), np.zeros((1, 4, 3, 3))])
     coarse, fine = (np.abs(closed_path(points, ends, steps)) for steps in (10, 80))
     assert fine.max() < 0.03 and fine.max() < 0.3 * coarse.max()
-
-
-def test_the_means_of_a_decay_are_right_where_series_and_formula_meet():
-    y = np.array([0.0, 1e-12, 1e-3, 0.0199999, 0.0200001, 0.5, 30.0])
-    mean, falling = mean_decay(y)
-    s, weight = np.polynomial.legendre.leggauss(60)
-    s, weight = 0.5 * (1.0 + s), 0.5 * weight
-    np.testing.assert_allclose(mean, np.exp(-y[:, None] * s) @ weight, rtol=1e-13)
-    np.testing.assert_allclose(falling, (s * np.exp(-y[:, None] * s)) @ weight, rtol=2e-13)
-
-
-def test_a_stress_that_saturates_is_c_over_b():
-    c, b = 2.0, 50.0
-    points = PlasticPoints(ElastoPlastic(G, K, Linear(0.06), None, (Backstress(c, b),)), False)
-    for end in (0.5, -0.5):
-        for steps, error in ((20, 3e-3), (200, 5e-5)):
-            _, tau, _ = pulled_to(points, (end,), steps)
-            assert tau[-1] == pytest.approx(np.sign(end) * (0.06 + c / b), rel=error)

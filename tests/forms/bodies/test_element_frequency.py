@@ -17,13 +17,10 @@ from tribox.forms.bodies.solid import Solid
 
 RUBBER = MooneyRivlin(0.4, 0.1, 30.0)
 KINDS = [
-    ("quadrilateral", "plane-strain", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q1"),
-    ("triangle", "axisymmetric", "q1"),
-    ("hexahedron", "3D", "q1-sri"),
-    ("tetrahedron", "3D", "q1"),
-]
+    ("quadrilateral", "plane-strain", "q1-sri"), ("quadrilateral", "axisymmetric", "q1-sri"),
+    ("quadrilateral", "axisymmetric", "q1"), ("triangle", "axisymmetric", "q1"),
+    ("hexahedron", "3D", "q1-sri"), ("tetrahedron", "3D", "q1"),
+]  # fmt: skip
 
 
 @cache

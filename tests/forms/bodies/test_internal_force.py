@@ -63,18 +63,6 @@ def test_forces_of_rings(name, cell, formulation, size):
     same_forces(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
 
 
-@pytest.mark.parametrize(
-    ("section", "cell", "formulation"),
-    [*(("plane-strain", *kind) for kind in KINDS), ("axisymmetric", "quadrilateral", "q1-sri")],
-)
-@pytest.mark.parametrize("name", MATERIALS)
-def test_no_energy_at_rest(name, section, cell, formulation):
-    """A body that has been unloaded to round-off: its energy is no more than that of the forms."""
-    u, solid = body(cell, MATERIALS[name], formulation, section=section)
-    u.x.array[:] = 1e-19 * np.random.default_rng(4).uniform(-1, 1, len(u.x.array))
-    assert abs(InternalForce(u, [solid]).energy(u.x.array)) < 1e-32
-
-
 @pytest.mark.parametrize("name", MATERIALS)
 def test_the_energy_of_tiny_strains_keeps_its_digits(name):
     """With strains of 1e-9 the forms have none left; that of linear elasticity is the limit."""
@@ -147,20 +135,6 @@ def test_an_inverted_cell_is_told(formulation):
     assert internal.energy(u.x.array) == np.inf
     u.x.array[2 * corner] = np.nan
     assert not internal.evaluate(u.x.array, force)
-
-
-def test_two_bodies_add_up(pair):
-    blocks = pair()
-    rng = np.random.default_rng(1)
-    blocks.u.x.array[:] = 0.01 * rng.uniform(-1, 1, len(blocks.u.x.array))
-    solids = blocks.solids()
-    whole, parts = np.zeros_like(blocks.u.x.array), np.zeros_like(blocks.u.x.array)
-    InternalForce(blocks.u, solids).evaluate(blocks.u.x.array, whole)
-    for solid in solids:
-        one = np.zeros_like(parts)
-        InternalForce(blocks.u, [solid]).evaluate(blocks.u.x.array, one)
-        parts += one
-    np.testing.assert_allclose(whole, parts, atol=1e-15)
 
 
 def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):

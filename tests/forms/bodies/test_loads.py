@@ -62,17 +62,6 @@ def test_force_on_a_turned_and_stretched_side(block):
     np.testing.assert_allclose(loaded, P * np.linalg.norm(side) * np.array([1, 1, 2, 2]) / 6)
 
 
-def test_force_depends_on_the_end_points_only(block):
-    """∫ n ds over a curve is its chord turned by 90°, however it is bent."""
-    move(block, wavy)
-    load = pressed(block, facets(block, right))
-    at = block.function_space.tabulate_dof_coordinates()[:, :2]
-    now = positions(block)
-    ends = [now[np.argmin(np.linalg.norm(at - corner, axis=1))] for corner in ((2, 0), (2, 1))]
-    chord = ends[1] - ends[0]
-    np.testing.assert_allclose(residual(load).sum(axis=0), P * np.array([chord[1], -chord[0]]))
-
-
 def test_pressure_all_round_has_no_resultant_and_no_moment(block):
     move(block, wavy)
     forces = residual(pressed(block, facets(block)))
@@ -123,13 +112,6 @@ def test_tangent_against_finite_differences(block):
         np.testing.assert_allclose(
             A @ d, ((after - before) / (2.0 * h)).reshape(-1), rtol=0, atol=1e-9
         )
-
-
-def test_no_pressure_no_force(block):
-    move(block, wavy)
-    load = pressed(block, facets(block))
-    load.set(0.0)
-    assert np.abs(residual(load)).max() == 0.0
 
 
 def test_reference_area(block):

@@ -1,8 +1,6 @@
 """Bodies that flow: elastic limit, tangents against differences, what is remembered and when."""
 
-import itertools
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import basix.ufl
 import dolfinx
@@ -16,11 +14,10 @@ from tests.grid import grid
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.tangent import pattern_form
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import Backstress, Linear, Perzyna, Voce
-from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.kinematics import circumference, radius
 from tribox.forms.bodies.materials import Hencky, NeoHookean
-from tribox.forms.bodies.memory_solid import MemorySolid, fit_weights, make_solid
+from tribox.forms.bodies.memory_solid import MemorySolid, make_solid
 from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.solid import DEGREE
@@ -33,15 +30,11 @@ BACK = replace(SOON, kinematic=(Backstress(0.5, 12.0), Backstress(0.02)))
 SOFT = Viscoelastic(NeoHookean(G, K), (Branch(0.5, 0.3),), Mullins(1.5, 2e-3, 0.1))
 VISCOUS = Viscoelastic(NeoHookean(G, K), (Branch(0.7, 0.3), Branch(0.4, 2.0)))
 KINDS = [
-    ("quadrilateral", "plane-strain", "q1"),
-    ("quadrilateral", "plane-strain", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q2"),
-    ("triangle", "plane-strain", "q2"),
-    ("triangle", "axisymmetric", "q1"),
-    ("hexahedron", "3D", "q1-sri"),
-    ("tetrahedron", "3D", "q2"),
-]
+    ("quadrilateral", "plane-strain", "q1"), ("quadrilateral", "plane-strain", "q1-sri"),
+    ("quadrilateral", "axisymmetric", "q1-sri"), ("quadrilateral", "axisymmetric", "q2"),
+    ("triangle", "plane-strain", "q2"), ("triangle", "axisymmetric", "q1"),
+    ("hexahedron", "3D", "q1-sri"), ("tetrahedron", "3D", "q2"),
+]  # fmt: skip
 FEW = [KINDS[0], KINDS[2], KINDS[5], KINDS[6]]
 
 
@@ -262,26 +255,6 @@ def test_a_history_and_an_origin_bring_back_state_and_tangent():
     np.testing.assert_array_equal(stiffness(other), A)
 
 
-def test_rates_count_where_there_are_any():
-    """A step of no duration given is one of a material that does not feel time."""
-    slow = SOON
-    fast = ElastoPlastic(G, K, SOON.hardening, Perzyna(1.0, 1.0))
-    largest = {}
-    for name, material, dt in (
-        ("plain", slow, 0.01),
-        ("endless", fast, np.inf),
-        ("long", fast, 1e9),
-        ("short", fast, 0.01),
-    ):
-        u, solid = body(*KINDS[1], material)
-        bend(u)
-        solid.evaluate(dt)
-        largest[name] = np.abs(forces(solid)).max()
-    assert largest["endless"] == pytest.approx(largest["plain"], rel=1e-14)
-    assert largest["long"] == pytest.approx(largest["plain"], rel=1e-6)
-    assert largest["short"] > 1.1 * largest["plain"]
-
-
 def test_points_that_do_not_flow_on_are_elastic_about_the_committed_state():
     """For the stable step: forces on from there as those of the elastic body, unloading or not."""
     u, solid = body(*KINDS[1], SOON)
@@ -298,24 +271,6 @@ def test_points_that_do_not_flow_on_are_elastic_about_the_committed_state():
         flowing = forces(solid) - before
         same = np.abs(elastic - flowing).max() <= 1e-3 * np.abs(elastic).max()
         assert same == (sign < 0.0)
-
-
-def test_half_a_mesh_is_half_a_body():
-    """Two bodies on the halves of a mesh give the forces and energies of one on the whole."""
-    u, whole = body(*KINDS[2], SOON, counts=(3, 2, 0))
-    halves = [
-        MemorySolid("half", u, cells, SOON, "q1-sri", section="axisymmetric")
-        for cells in (np.array([0, 2, 5], np.int32), np.array([1, 3, 4], np.int32))
-    ]
-    bend(u)
-    for solid in (whole, *halves):
-        solid.evaluate()
-        solid.commit()
-    np.testing.assert_allclose(
-        sum(map(forces, halves)), forces(whole), rtol=0, atol=1e-14 * np.abs(forces(whole)).max()
-    )
-    assert sum(h.strain_energy() for h in halves) == pytest.approx(whole.strain_energy())
-    assert sum(h.dissipated[0] for h in halves) == pytest.approx(whole.dissipated[0])
 
 
 def test_a_ring_that_is_compressed_bears_its_section_times_the_yield_stress():
@@ -378,32 +333,6 @@ def test_the_stress_of_points_reaches_any_place_of_a_cell():
         assert (at.plastic_strain() == 0.0).all()
 
 
-@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 4), ("triangle", 2)])
-def test_places_in_a_cell_are_fitted_linearly(cell, degree):
-    """Linear values come back wherever they are asked for, and the centre takes the mean."""
-    import basix
-
-    points, _ = basix.make_quadrature(basix.CellType[cell], degree)
-    xi = np.random.default_rng(0).uniform(-0.2, 1.2, (5, 2))
-    share = fit_weights(cell, degree, xi)
-    np.testing.assert_allclose(share @ (2.0 - points @ [3.0, 1.0]), 2.0 - xi @ [3.0, 1.0])
-    centre = fit_weights(cell, degree, points.mean(axis=0)[None])
-    np.testing.assert_allclose(centre, 1.0 / len(points))
-
-
-def test_another_material_compiles_nothing():
-    """Material parameters are no part of the forms: their code is the same."""
-    codes = []
-    for material in (SOON, ElastoPlastic(26e9, 70e9, Linear(1e8, 1e9))):
-        solid = body(*KINDS[1], material)[1]
-        codes.append([p.residual.ufcx_form.num_coefficients for p in solid.forms])
-        codes[-1] += [str(p.tangent.module) for p in solid.forms]
-    assert codes[0] == codes[1]
-    elastic, flows = (body(*KINDS[1], material)[1] for material in (Hencky(G, K), SOON))
-    assert (elastic.remembers, elastic.flows) == (False, False)
-    assert (flows.remembers, flows.flows) == (True, True) and isinstance(flows, MemorySolid)
-
-
 def test_a_rank_without_cells_of_the_body_takes_part():
     u = body(*KINDS[1], SOON)[0]
     none = MemorySolid("none", u, np.empty(0, np.int32), SOON, "q1-sri")
@@ -416,122 +345,3 @@ def test_a_rank_without_cells_of_the_body_takes_part():
     assert none.point_rows(none.cell_rows(none.history().origin.values)).shape == (0, 5)
     F = np.empty((0, 3, 3))
     assert none.stress_at(none.cells, None).cauchy(F, F).shape == (0, 3, 3)
-
-
-@dataclass(frozen=True)
-class Relaxed:
-    """What an update of the toy below gives."""
-
-    P: np.ndarray
-    state: np.ndarray
-    A: np.ndarray | None
-    elastic: np.ndarray
-    dissipation: np.ndarray
-    valid: bool = True
-
-
-@dataclass(frozen=True)
-class ToyBranch:
-    """A spring and a dashpot in line, P = g (F − V) with V' = (F − V)/τ: a toy, not objective."""
-
-    g: float
-    tau: float
-    components: int = 5
-    flows, added, rated = False, True, True
-
-    @property
-    def columns(self):
-        return {"viscous_gradient": slice(0, self.components)}
-
-    def start(self, points):
-        rest = [1.0, 0, 0, 1, 1] if self.components == 5 else np.eye(3).reshape(-1)
-        return np.tile(rest, (points, 1))
-
-    def update(self, F, state, dt, tangent, volumetric=True):
-        share = 1.0 if dt == math.inf else dt / (self.tau + dt)
-        V = state + share * (F - state)
-        spring, lost = F - V, share * (F - state)
-        A = (1.0 - share) * self.g * np.eye(self.components)
-        return Relaxed(
-            self.g * spring,
-            V,
-            np.broadcast_to(A, (len(F), *A.shape)).copy() if tangent else None,
-            0.5 * self.g * (spring**2).sum(axis=1),
-            self.g * ((spring + 0.5 * lost) * lost).sum(axis=1),
-        )
-
-    def frozen(self):
-        return ToyBranch(self.g, 1e300, self.components)
-
-
-@dataclass(frozen=True)
-class Creeping:
-    """Hencky's material with the toy beside it."""
-
-    elastic: Hencky
-    shear_modulus = G
-    bulk_modulus = K
-
-    def parameters(self):
-        return self.elastic.parameters()
-
-    def energy(self, k, c):
-        return self.elastic.energy(k, c)
-
-    def points(self, space):
-        return ToyBranch(0.5 * G, 2.0, 9 if space else 5)
-
-
-@pytest.mark.parametrize("kind", [KINDS[1], KINDS[0], KINDS[6]])
-def test_another_memory_needs_nothing_but_its_points(kind):
-    """A toy branch beside an elastic energy: it relaxes, and is found again after a restart."""
-    u, solid = body(*kind, Creeping(Hencky(G, K)))
-    assert (solid.remembers, solid.flows) == (True, False)
-    bend(u)
-    elastic = body(*kind, Hencky(G, K))[1]
-    elastic.displacement.x.array[:] = u.x.array
-    at_rest, stored = forces(elastic), elastic.strain_energy()
-    viscous = []
-    for _ in range(3):
-        assert solid.evaluate(2.0, tangent=True)
-        viscous.append(forces(solid) - at_rest)
-        solid.commit()
-    for before, after in itertools.pairwise(viscous):  # dt = τ: half of it each time
-        np.testing.assert_allclose(after, 0.5 * before, rtol=0, atol=1e-12 * np.abs(after).max())
-    assert np.abs(viscous[0]).max() > 1e-3 * np.abs(at_rest).max()
-    left = solid.strain_energy() - stored
-    history, u2 = solid.history(), body(*kind, Creeping(Hencky(G, K)))
-    u2[0].x.array[:] = u.x.array
-    u2[1].adopt(history)
-    u2[1].repeat_step()
-    assert np.array_equal(u2[1].points.committed, solid.points.committed)
-    solid.evaluate()  # without rates: relaxed, and what was stored is lost
-    np.testing.assert_allclose(forces(solid), at_rest, rtol=0, atol=1e-14)
-    lost = -solid.dissipated[0]
-    solid.commit()
-    assert lost + solid.dissipated[0] == pytest.approx(left, rel=1e-9)
-    assert solid.plastic_strain().max() == 0.0 and solid.variable("viscous_gradient").any()
-
-
-@pytest.mark.parametrize("kind", [KINDS[1], KINDS[6]])
-def test_loops_serve_the_elastic_part_beside_points(kind):
-    """Forces, energy and tangent with the compiled loop of the elastic part as without it."""
-    u, solid = body(*kind, Creeping(Hencky(G, K)))
-    bend(u)
-    found = []
-    for compiled in (True, False):
-        bodies = Bodies(u, [solid], compiled)
-        assert (bodies.cells[0] is not None) == compiled
-        solid.evaluate(1.0, tangent=True)
-        out, matrix = np.zeros_like(u.x.array), pattern_matrix(u.function_space)
-        bodies.add_forces(out)
-        bodies.add_tangent(matrix, 0, 1, False, False)
-        matrix.assemble()
-        internal = np.zeros_like(out)
-        force = InternalForce(u, [solid], compiled)
-        assert force.evaluate(u.x.array, internal, 1.0)
-        np.testing.assert_allclose(internal, out, rtol=0, atol=1e-13)
-        energies = np.array([bodies.strain_energy(), force.energy(u.x.array)])
-        found.append((out, matrix[:, :], energies))
-    for one, other in zip(*found, strict=True):
-        assert np.abs(one - other).max() <= 1e-12 * np.abs(other).max()

@@ -68,21 +68,6 @@ def test_carried_pressures(name, section):
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
-@pytest.mark.parametrize(
-    ("section", "cell", "formulation"),
-    [*(("plane-strain", *kind) for kind in KINDS), ("axisymmetric", "quadrilateral", "q1-sri")],
-)
-def test_parts_add_up_to_the_whole(section, cell, formulation):
-    u, solid = body(cell, MATERIALS["hencky"], formulation, section=section)
-    stretched(u, 0.1)
-    cells = cells_of(u, solid)
-    take = np.random.default_rng(1).uniform(size=len(cells.nodes)) < 0.4
-    halves = [summed(u, cells.part(mask)) for mask in (take, ~take, np.zeros_like(take))]
-    assert not halves[2].any()
-    whole = summed(u, cells)
-    np.testing.assert_allclose(halves[0] + halves[1], whole, rtol=0, atol=1e-15 * whole.max())
-
-
 @pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("depth", [0.8, 1.3])

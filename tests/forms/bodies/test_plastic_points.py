@@ -5,7 +5,7 @@ import pytest
 
 from tests.forms.bodies import plastic_samples as given
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
-from tribox.forms.bodies.hardening import JohnsonCook, Perzyna, Table, Voce
+from tribox.forms.bodies.hardening import JohnsonCook, Perzyna, Voce
 from tribox.forms.bodies.materials import Hencky
 from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.bodies.point_stress import PointStress
@@ -128,38 +128,6 @@ def test_the_distortional_part_is_what_the_bulk_modulus_does_not_change(space):
     )
 
 
-@both
-def test_a_rotation_of_the_body_rotates_the_stress_and_leaves_the_memory(space):
-    points = PlasticPoints(given.material("swift", "perzyna"), space)
-    F, state, _ = gathered(points)
-    Q = given.rotation(2.1) if space else given.rotation(2.1, (0.0, 0.0, 1.0))
-    still = points.update(F, state, 0.1, False)
-    turned = points.update(given.components(Q @ given.tensors(F), space), state, 0.1, False)
-    wanted = given.components(Q @ given.tensors(still.P), space)
-    np.testing.assert_allclose(turned.P, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    np.testing.assert_allclose(turned.state, still.state, rtol=0, atol=1e-13)
-
-
-@both
-def test_the_material_has_no_direction_of_its_own(space):
-    """F Qᵀ with C_p⁻¹ turned gives P Qᵀ, and the new C_p⁻¹ turned."""
-    points = PlasticPoints(given.material("table"), space)
-    F, state, _ = gathered(points)
-    Q = given.rotation(-1.3) if space else given.rotation(-1.3, (0.0, 0.0, 1.0))
-    count = state.shape[1] - 1
-
-    def turned(s):
-        C = (Q @ given.metric(s) @ Q.T).reshape(-1, 9)[:, given.PAIRS[:count]]
-        return np.column_stack([C, s[:, -1]])
-
-    one = points.update(F, state, 0.1, False)
-    F_turned = given.components(given.tensors(F) @ Q.T, space)
-    other = points.update(F_turned, turned(state), 0.1, False)
-    wanted = given.components(given.tensors(one.P) @ Q.T, space)
-    np.testing.assert_allclose(other.P, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    np.testing.assert_allclose(other.state, turned(one.state), rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("rate", [None, "johnson-cook", "perzyna"])
 def test_units_change_nothing(rate):
     """GPa and s against Pa and ms."""
@@ -247,35 +215,6 @@ def test_no_points_and_arrays_of_any_layout(space, compiled):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.abs(b).max())
     np.testing.assert_array_equal(F, before[0])
     np.testing.assert_array_equal(state, before[1])
-
-
-def test_a_law_that_the_library_does_not_know_is_taken_in_numpy():
-    class Square:
-        largest_strain = np.inf
-
-        def stress(self, alpha):
-            return 0.06 + 0.1 * np.sqrt(alpha + 1e-4)
-
-        def slope(self, alpha):
-            return 0.05 / np.sqrt(alpha + 1e-4)
-
-    points = PlasticPoints(ElastoPlastic(given.SHEAR, given.BULK, Square()), False)
-    assert not points.compiled
-    F, state, names = gathered(points)
-    update = points.update(F, state, 1.0, True)
-    wanted = differences(lambda x: points.update(x, state, 1.0, False).P, F)
-    assert update.dissipation[names == "plastic"].all()
-    assert np.abs(update.A - wanted).max() < 1e-7 * np.abs(wanted).max()
-
-
-def test_beyond_its_last_point_a_table_flows_at_constant_stress():
-    table = Table([(0.0, 0.06), (0.05, 0.1)])
-    points = PlasticPoints(ElastoPlastic(given.SHEAR, given.BULK, table), False)
-    F = np.array([[np.exp(0.3), 0.0, 0.0, np.exp(-0.3), 1.0]])
-    update = points.update(F, points.start(1), 1.0, False, volumetric=False)
-    tau = update.P[0, [0, 3, 4]] * F[0, [0, 3, 4]]
-    assert update.state[0, -1] > table.largest_strain
-    assert np.sqrt(1.5 * tau @ tau) == pytest.approx(0.1, rel=1e-12)
 
 
 @pytest.mark.parametrize(

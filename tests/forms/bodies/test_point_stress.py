@@ -11,19 +11,15 @@ from tests.grid import grid
 from tribox.forms.bodies.deformation import BodyPoints, centre_rows, rows_at
 from tribox.forms.bodies.kinematics import centre_kinematics
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
-from tribox.forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
+from tribox.forms.bodies.point_stress import PointStress, mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.bodies.ufl_values import values_of
 from tribox.geometry.compat import cell_values
-from tribox.geometry.meshes.places import centre, places_in
+from tribox.geometry.meshes.places import centre
 
 MATERIALS = [
-    NeoHookean(1.0, 4.0),
-    MooneyRivlin(0.4, 0.15, 4.0),
-    Yeoh(0.5, -0.05, 0.02, 4.0),
-    Ogden((0.9, 0.02, -0.53), (1.3, 5.0, -2.5), 4.0),
-    Hencky(1.0, 4.0),
-]
+    NeoHookean(1.0, 4.0), MooneyRivlin(0.4, 0.15, 4.0), Yeoh(0.5, -0.05, 0.02, 4.0),
+    Ogden((0.9, 0.02, -0.53), (1.3, 5.0, -2.5), 4.0), Hencky(1.0, 4.0),
+]  # fmt: skip
 SECTIONS = {
     "plane-strain": ("quadrilateral", "q1"),
     "axisymmetric": ("quadrilateral", "q1-sri"),
@@ -109,29 +105,6 @@ def test_the_volumetric_part_may_be_that_of_another_place():
     assert mean_pressure(own) == pytest.approx(-4.0 * np.log(1.188) / 1.188)
 
 
-def test_on_the_axis_the_hoop_strain_is_the_radial_one():
-    mesh = grid("quadrilateral", (1, 1))
-    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-    cell = np.zeros(1, np.int32)
-    xi = places_in(mesh, cell, np.array([[0.0, 0.3], [0.5, 0.3]])).xi
-    places = space.tabulate_dof_coordinates()[space.dofmap.list[:1], :2]
-    for at in xi:
-        rows = rows_at(space, "axisymmetric", cell, at[None])
-        F = rows.deformation(places @ np.diag([0.2, -0.1]))
-        np.testing.assert_allclose(F[0], np.diag([1.2, 0.9, 1.2]), atol=1e-14)
-    assert rows_at(space, "axisymmetric", cell, xi[:1]).place[0] == pytest.approx([0.0, 0.3])
-
-
-def test_logarithmic_strain_of_a_turned_stretch():
-    """In the deformed axes: the turn after the stretch turns it, one before would not."""
-    cosine, sine = np.cos(0.4), np.sin(0.4)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    stretch = np.diag([1.5, 0.8, 1.1])
-    expected = turn @ np.diag(np.log([1.5, 0.8, 1.1])) @ turn.T
-    np.testing.assert_allclose(log_strain((turn @ stretch)[None])[0], expected, atol=1e-14)
-    np.testing.assert_allclose(log_strain((turn @ stretch @ turn)[None])[0], expected, atol=1e-14)
-
-
 @pytest.mark.parametrize("section", SECTIONS)
 def test_quadrature_points_fill_the_body(section):
     """Volume, and the work of a linear displacement's stress, of bodies between round numbers."""
@@ -153,11 +126,3 @@ def test_quadrature_points_fill_the_body(section):
     np.testing.assert_allclose(F, np.broadcast_to(expected, F.shape), atol=1e-14)
     moved = points.displacement(nodal)
     np.testing.assert_allclose(moved, points.place * np.array([0.1, 0.2, 0.3])[:dim], atol=1e-14)
-
-
-def test_what_cannot_be_evaluated_is_named():
-    x = ufl.Constant(grid("triangle", (1, 1)).ufl_domain())
-    [value] = values_of([abs(x) + ufl.exp(x) * ufl.sqrt(4.0)], {x: np.array([-1.0, 2.0])})
-    np.testing.assert_allclose(value, [1.0 + 2.0 * np.exp(-1.0), 2.0 + 2.0 * np.exp(2.0)])
-    with pytest.raises(NotImplementedError, match="erf"):
-        values_of([ufl.erf(x)], {x: np.zeros(1)})

@@ -34,41 +34,6 @@ def test_values(state, alpha):
         )
 
 
-def cubic(x, y, alpha):
-    """The sum from the eigenvalues of a matrix with the invariants, and its exact derivatives.
-
-    The eigenvalues w of C̄ satisfy w³ − I1 w² + I2 w − 1 = 0; with p = 3w² − 2 I1 w + I2,
-    ∂w/∂I1 = w²/p and ∂w/∂I2 = −w/p.
-    """
-    w = np.roots([1.0, -(x + 3.0), y + 3.0, -1.0]).real
-    slope = 0.5 * alpha * w ** (0.5 * alpha - 1.0) / (3.0 * w**2 - 2.0 * (x + 3.0) * w + y + 3.0)
-    return np.sum(slope * w**2), -np.sum(slope * w)
-
-
-@pytest.mark.parametrize("alpha", [1.3, -2.5, 8.0])
-def test_first_derivatives_of_stretches_apart(alpha):
-    for stretches in ((2.0, 1.1, 1.0 / 2.2), (0.6, 0.9, 1.0 / 0.54), (3.0, 0.5, 2.0 / 3.0)):
-        point = excess(stretches)
-        found = space_power_sum(*point, [(1.0, alpha)]).first
-        np.testing.assert_allclose(found, cubic(*point, alpha), rtol=1e-10)
-
-
-def test_derivatives_where_stretches_coincide():
-    """tr Cᵏ are polynomials of the invariants: at det C = 1, λ⁴ sums to I1² − 2 I2, λ⁻⁴ to …"""
-    for state in STATES:
-        x, y = excess(STATES[state](1.7))
-        quartic = space_power_sum(x, y, [(1.0, 4.0)])
-        np.testing.assert_allclose(quartic.first, (2.0 * (x + 3.0), -2.0), rtol=1e-10)
-        np.testing.assert_allclose(quartic.second, (2.0, 0.0, 0.0), rtol=0, atol=1e-10)
-        inverse = space_power_sum(x, y, [(1.0, -4.0)])
-        np.testing.assert_allclose(inverse.first, (-2.0, 2.0 * (y + 3.0)), rtol=1e-10)
-        np.testing.assert_allclose(inverse.second, (0.0, 0.0, 2.0), rtol=0, atol=1e-10)
-        sextic = space_power_sum(x, y, [(1.0, 6.0)])  # I1³ − 3 I1 I2 + 3
-        a, b = x + 3.0, y + 3.0
-        np.testing.assert_allclose(sextic.first, (3.0 * a**2 - 3.0 * b, -3.0 * a), rtol=1e-10)
-        np.testing.assert_allclose(sextic.second, (6.0 * a, -3.0, 0.0), rtol=1e-10, atol=1e-9)
-
-
 @pytest.mark.parametrize("alpha", [1.3, -0.7, 3.5])
 def test_second_derivatives_of_odd_powers(alpha):
     """They are those of the first ones, also across the state of equal stretches."""
@@ -83,11 +48,3 @@ def test_second_derivatives_of_odd_powers(alpha):
         np.testing.assert_allclose(
             second, np.array(differences) / (2.0 * h), rtol=0, atol=1e-7 * max(np.abs(second))
         )
-
-
-def test_terms_add():
-    point = excess((1.4, 0.9, 1.0 / 1.26))
-    parts = [space_power_sum(*point, [term]) for term in ((0.7, 1.3), (-0.2, -2.0))]
-    both = space_power_sum(*point, [(0.7, 1.3), (-0.2, -2.0)])
-    assert both.value == pytest.approx(sum(p.value for p in parts), rel=1e-14)
-    np.testing.assert_allclose(both.second, np.sum([p.second for p in parts], axis=0), rtol=1e-13)

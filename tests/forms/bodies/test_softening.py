@@ -97,31 +97,22 @@ def test_branches_and_softening_add_up():
 
 
 RING = """
+boundary = [
+ { surface = "rubber_bottom", displacement = { y = 0 } },
+ { surface = "rubber_left", displacement = { x = 0 } },
+ { surface = "rubber_top" },
+]
+stage = [{ name = "pull", duration = 4 }]
+solver = { tolerance = 1e-11 }
 [geometry]
 kind = "blocks"
 section = "axisymmetric"
-[geometry.blocks.rubber]
-x = ["0 m", "1 m"]
-y = ["0 m", "1 m"]
-elements = [1, 1]
+blocks = { rubber = { x = ["0 m", "1 m"], y = ["0 m", "1 m"], elements = [1, 1] } }
 [bodies.rubber]
 material = "neo-hookean"
 G = 1e6
 K = 1e8
 mullins = { r = 1.5, m = "0.2 MPa", beta = 0.1 }
-[[boundary]]
-surface = "rubber_bottom"
-displacement = { y = 0 }
-[[boundary]]
-surface = "rubber_left"
-displacement = { x = 0 }
-[[boundary]]
-surface = "rubber_top"
-[[stage]]
-name = "pull"
-duration = 4
-[solver]
-tolerance = 1e-11
 """
 TURNS = [1.0, 2.0, 1.2, 2.4, 1.0]  # stretches at whole seconds: pulled, let go, pulled again
 

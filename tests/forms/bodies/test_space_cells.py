@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
-import basix.ufl
 import dolfinx
 import numpy as np
 import pytest
 import ufl
-from mpi4py import MPI
 
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
@@ -19,7 +15,6 @@ from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
     NeoHookean,
-    Ogden,
     Yeoh,
     shear_and_bulk,
 )
@@ -173,18 +168,6 @@ def test_carried_pressures(name):
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
-@pytest.mark.parametrize(("cell", "formulation"), KINDS)
-def test_parts_add_up_to_the_whole(cell, formulation):
-    u, solid = body(cell, MATERIALS["hencky"], formulation)
-    deform(u, 0.1)
-    cells = cells_of(u, solid)
-    take = np.arange(len(cells.nodes)) % 5 < 2
-    halves = [summed(u, cells.part(mask)) for mask in (take, ~take, np.zeros_like(take))]
-    assert not halves[2].any()
-    whole = summed(u, cells)
-    np.testing.assert_allclose(halves[0] + halves[1], whole, rtol=0, atol=1e-15 * whole.max())
-
-
 @pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("depth", [0.8, 4.0])
@@ -209,30 +192,6 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
     assert np.isfinite(summed(u, cells)).all() == finite
     u.x.array[3 * corner] = np.nan
     assert not cells.add(u.x.array, mine, None)
-
-
-def test_what_the_loop_does_not_cover():
-    """Curved cells, quadratic elements and other materials go through the forms."""
-    straight, curved = (one_tetrahedron(degree) for degree in (1, 2))
-    linear = dolfinx.fem.functionspace(straight, ("Lagrange", 1, (3,)))
-    solid = SimpleNamespace(
-        section="3D", elastic=MATERIALS["hencky"], cells=np.array([0]), reduced=False
-    )
-    assert isinstance(compiled_cells(linear, solid), SpaceCells)
-    quadratic = dolfinx.fem.functionspace(straight, ("Lagrange", 2, (3,)))
-    assert compiled_cells(quadratic, solid) is None
-    assert compiled_cells(dolfinx.fem.functionspace(curved, ("Lagrange", 1, (3,))), solid) is None
-    solid.elastic = Ogden((1.0,), (2.0,), 5.0)
-    assert compiled_cells(linear, solid) is None
-
-
-def one_tetrahedron(degree):
-    """With edges that may be bent if ``degree`` is 2."""
-    element = basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,))
-    x = element.basix_element.points
-    return dolfinx.mesh.create_mesh(
-        MPI.COMM_SELF, np.arange(len(x))[None], x=x, e=ufl.Mesh(element)
-    )
 
 
 def forces_by_place(comm, directory):

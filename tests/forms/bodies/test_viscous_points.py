@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
 from tribox.forms.bodies.point_state import DISSIPATED
-from tribox.forms.bodies.viscous_points import Branch, Viscoelastic, ViscousPoints
+from tribox.forms.bodies.viscous_points import Branch, ViscousPoints
 
 BRANCHES = (Branch(0.7, 0.3), Branch(0.4, 2.0), Branch(0.2, 0.01))
 PLANE = [0, 1, 3, 4, 8]
@@ -235,24 +234,6 @@ def test_an_endless_step_relaxes_all_and_loses_what_was_stored():
     for dt, bar in ((math.inf, 1e-14), (1e4, 1e-3)):
         slow = points.update(F, points.start(20), dt, False)
         assert slow.dissipation.max() < bar * loaded.elastic.max()
-
-
-@pytest.mark.parametrize(
-    "elastic",
-    [
-        NeoHookean(1.0, 50.0),
-        MooneyRivlin(0.4, 0.1, 50.0),
-        Yeoh(0.5, -0.1, 0.1, 50.0),
-        Ogden((1.0, -0.2), (1.5, -2.0), 50.0),
-    ],
-)
-def test_a_softened_elastomer_has_a_share_of_its_shear_modulus_and_its_bulk_modulus(elastic):
-    soft = elastic.softened(0.25)
-    assert soft.shear_modulus == pytest.approx(0.25 * elastic.shear_modulus, rel=1e-14)
-    assert soft.bulk_modulus == elastic.bulk_modulus
-    body = Viscoelastic(soft, (Branch(0.75 * elastic.shear_modulus, 1.0),))
-    assert body.shear_modulus == pytest.approx(elastic.shear_modulus, rel=1e-14)
-    assert body.bulk_modulus == elastic.bulk_modulus
 
 
 @pytest.mark.parametrize("compiled", [True, False])

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 import pytest
 
 from tests.contact_boxes import GAP, PENALTY, Scene
 from tests.forms.contact.test_explicit import LAWS
 from tests.forms.contact.test_tangent_ends import at_the_rim
-from tribox.forms.contact import compiled_tangent
 from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.forms.native.libraries import library
 
 CASES = {
     "hexahedra": ("hex8", "map", {}),
@@ -157,33 +152,3 @@ def test_a_matrix_without_room_is_refused():
     entries = Entries(diagonal, diagonal[:-1], np.zeros(size), Dense(len(scene.where)).first)
     with pytest.raises(RuntimeError, match="not in the matrix's pattern"):
         scene.term.add_tangent(trial, entries)
-
-
-def test_the_loops_add_what_the_blocks_are():
-    """As in the plane, where there are no loops."""
-    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
-    assert Scene("Q4", law).term.compiled is None
-    scene = Scene("hex8", law)
-    scene.term.compiled = None
-    x = scene.vector((0.0, 0.0, -GAP - 0.03), 0.05, 0.4)
-    blocks, couplings = scene.term.add_tangent(scene.term.evaluate(x, 1.0), None)
-    found = Dense(len(scene.where)).with_rest(blocks, couplings)
-    np.testing.assert_allclose(found, scene.tangent(x), rtol=0, atol=1e-12)
-
-
-def test_a_structure_of_another_size_is_refused(monkeypatch):
-    class Short(ctypes.Structure):
-        _fields_ = compiled_tangent._Pair._fields_[:-1]
-
-    scene = scene_of("hexahedra")
-    monkeypatch.setattr(compiled_tangent, "_Pair", Short)
-    with pytest.raises(RuntimeError, match="structure Pair is not that of"):
-        CompiledTangent(scene.surface, library(compiled_tangent.SOURCE))
-
-
-def test_a_node_named_twice_has_one_number():
-    """As nodes do that slave and master share, or that two ranks know."""
-    of_column = np.array([3, -1, 0, 3], dtype=np.int32)
-    node_of, nodes = compiled_tangent._one_each(of_column, 6, np.array([0, 1, 2, 3, 0]))
-    np.testing.assert_array_equal(node_of, [2, -1, -1, 3, -1, -1])
-    np.testing.assert_array_equal(nodes, [3, 1, 2, 3, 3])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import get_args
 
 import numpy as np
@@ -11,17 +10,15 @@ from mpi4py import MPI
 
 from tests.conftest import Pair
 from tests.forms.contact.test_penalty import whole_tangent
-from tribox.forms.contact import explicit_compiled
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
-from tribox.forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
+from tribox.forms.contact.stiffness import PairStiffness
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters
-from tribox.forms.native.libraries import library
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.exchange import NodalVector
@@ -174,63 +171,6 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_it_goes_on_from_a_state_that_others_left(pair, compiled):
-    """The implicit solution commits to the term in between; the explicit form sees it."""
-    blocks = pair(lower=(5, 2))
-    law, film = LAWS["coulomb"]
-    reference = ContactTerm(blocks.surface(), law, PENALTY, film)
-    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, film), compiled)
-    u, _ = vectors(blocks)
-    for step, x in enumerate(states(blocks)):
-        expected = reference.evaluate(x, 0.5)
-        reference.commit(expected)
-        if step % 2:
-            contact.term.commit(contact.term.evaluate(x, 0.5))
-            continue
-        u.owned[:] = x.array_r
-        trial = contact.evaluate(u, 0.5)
-        contact.commit()
-        np.testing.assert_allclose(trial.traction, expected.traction, atol=1e-11)
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_its_steps_are_too_short_to_look_for_points_that_come_to_rest_within(pair, compiled):
-    """The last step of the path is slow; without an upper bound the elastic slip is all of it."""
-    blocks, law = pair(lower=(5, 2)), film_law(V_star=0.5, eta_b=0.01)
-    reference = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
-    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, 0.5), compiled)
-    u, _ = vectors(blocks)
-    for x in states(blocks):
-        expected = reference.evaluate(x, 0.5)
-        u.owned[:] = x.array_r
-        trial = contact.evaluate(u, 0.5)
-        before = reference.state.friction
-        expected.slave_tangents = None
-        reference.commit(expected)
-        contact.commit()
-    held_back = expected.response.held_back
-    assert trial.response.held_back is None and held_back is not None and held_back.max() > 0.05
-    left_out = np.linalg.norm(trial.traction - expected.traction, axis=1)
-    np.testing.assert_allclose(left_out, held_back, atol=1e-9)
-    assert before.speed.max() > 1.0
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_penetration_of_roundoff_is_no_contact(pair, compiled):
-    """Blocks that just touch: neither the gap's sign nor the partition decides on a pressure."""
-    blocks = pair()
-    contact = explicit_contact(ContactTerm(blocks.surface(), FrictionlessLaw(), PENALTY), compiled)
-    u, _ = vectors(blocks)
-    for depth, pressed in ((1e-15, False), (1e-9, True)):
-        vec = blocks.displaced(lambda X, d=depth: 0.0 * X - [0.0, d], lambda X: 0.0 * X)
-        u.owned[:] = vec.array_r
-        trial = contact.evaluate(u, 1.0)
-        assert bool((trial.pressure > 0.0).all()) == pressed
-        assert trial.kinematics.closed.all()
-        assert pressed or not trial.pressure.any()
-
-
-@pytest.mark.parametrize("compiled", [True, False])
 def test_film_correction_in_numbers(pair, compiled):
     """One correction from nothing at a uniform speed, by the formula written out here."""
     blocks = pair()
@@ -291,36 +231,6 @@ def test_compliance_bounds_the_impulses_of_all_points_together(pair, compiled):
     assert contact.compliance.min() > 0.0
 
 
-def test_the_law_tells_its_stiffness_and_its_viscosity(pair):
-    blocks = pair()
-    onset = {"film_onset_pressure": 1e-3}
-    term = ContactTerm(blocks.surface(), film_law(alpha=0.25, **onset), PENALTY, 0.5)
-    assert elastic_stiffness(term) == pytest.approx(0.75 * 60.0)
-    assert largest_viscosity(term) == pytest.approx(0.25 * 10.0)
-    law = film_law(alpha=0.25, V_star=0.1, **onset)
-    fast = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
-    assert largest_viscosity(fast) == pytest.approx(10.0)
-    dry = ContactTerm(blocks.surface(), CoulombLaw(CoulombParameters(mu=0.3, K_T=7.0)), PENALTY)
-    assert elastic_stiffness(dry) == pytest.approx(7.0)
-    assert largest_viscosity(dry) == 0.0
-
-
-def test_the_pressures_of_the_probes_are_those_of_each_points_own_facet(pair):
-    """The same on a facet of another length with its own penalty, whatever the mean length."""
-    law = film_law(alpha=0.25, film_onset_pressure=1e-3, barus=0.1)
-    surface = pair().surface()
-    found = set()
-    for kind, count in (("averaged", surface.vertices.count), ("pointwise", 18)):
-        term = ContactTerm(surface, law, np.full(count, PENALTY), 0.5, kind)
-        before = largest_viscosity(term)
-        term.rule.penalty /= 7.0
-        surface.slave.facet_length[:] *= 7.0
-        assert largest_viscosity(term) == pytest.approx(before, rel=1e-12)
-        surface.slave.facet_length[:] /= 7.0
-        found |= {round(before, 12)}
-    assert len(found) == 1 and found != {2.5}
-
-
 def graded(ratio=20.0):
     """Blocks of their own whose facets grow to the right, upper and lower, by ``ratio``."""
     named = generate(
@@ -365,46 +275,3 @@ def test_stiffness_of_a_pair_is_nowhere_less_than_that_of_the_contact(kind):
     root = 1.0 / np.sqrt(mass)
     highest = [np.linalg.eigvalsh(root[:, None] * k * root).max() for k in (matrix, exact)]
     assert highest[0] < 1.5 * highest[1]
-
-
-def test_stiffness_of_a_pair_is_symmetric_and_positive(pair):
-    blocks = pair()
-    law, film = LAWS["map"]
-    contact = ExplicitContact(ContactTerm(blocks.surface(3), law, PENALTY, film))
-    u, out = vectors(blocks)
-    u.owned[:] = 0.0
-    contact.evaluate(u, 1.0)
-    stiffness, rng = PairStiffness(contact), np.random.default_rng(1)
-    w = NodalVector(blocks.u.function_space)
-    for viscous in (False, True):
-        images, tried = [], rng.standard_normal((2, len(u.owned)))
-        for direction in tried:
-            w.owned[:], out.owned[:] = direction, 0.0
-            stiffness.add(w, out, viscous)
-            images.append(out.owned.copy())
-        assert tried[0] @ images[1] == pytest.approx(tried[1] @ images[0], rel=1e-12)
-        assert tried[0] @ images[0] > 0.0
-    # A common shift costs nothing; a shift of the slave alone meets penalty times its length.
-    nodes = blocks.nodes("elastomer")
-    w.owned[:], out.owned[:] = 0.0, 0.0
-    w.owned.reshape(-1, 2)[nodes, 1] = 1.0
-    stiffness.add(w, out, viscous=False)
-    assert w.owned @ out.owned == pytest.approx(PENALTY)
-
-
-def test_a_structure_that_is_not_that_of_the_compiled_loop_is_refused(pair, monkeypatch):
-    """One field less in Python than in C: every later pointer would be taken for another."""
-
-    class Short(ctypes.Structure):
-        _fields_ = explicit_compiled.PairStructure._fields_[:-1]
-
-    code = library(explicit_compiled.SOURCES[2])
-    explicit_compiled.check_layout(code)
-    with pytest.raises(RuntimeError, match="same fields in the same order") as error:
-        explicit_compiled.check_layout(code, Short)
-    assert f"{ctypes.sizeof(Short)};" in str(error.value)
-    assert f"{ctypes.sizeof(Short) + 8} bytes" in str(error.value)
-    made = []
-    monkeypatch.setattr(explicit_compiled, "check_layout", lambda code: made.append(code))
-    contact = explicit_contact(ContactTerm(pair().surface(), FrictionlessLaw(), PENALTY))
-    assert isinstance(contact, CompiledContact) and made == [code]

@@ -127,21 +127,3 @@ def test_film_correction_is_that_of_numpy():
         assert np.abs(both[0].film_traction).max() > 0.1
         for pair in both:
             pair.commit()
-
-
-def test_closest_points_do_not_depend_on_where_they_were():
-    """Newton's method begins where the last step left a point: only round-off may tell."""
-    scene, _, contact = pairs("hex8", "none", fine=True)
-    u = NodalVector(scene.space)
-    places = [
-        scene.vector((0.07 * k, 0.03 * k, -GAP - 0.02), 0.08, 0.4 + k, 0.02) for k in range(4)
-    ]
-    seen = []
-    for order in ((0, 1, 2, 3), (2, 0, 1, 3)):
-        for k in order:
-            u.owned[:] = places[k].array_r
-            trial = contact.evaluate(u, 0.5)
-            contact.commit()
-        seen.append((trial.projection.facet.copy(), trial.projection.xi.copy()))
-    np.testing.assert_array_equal(seen[0][0], seen[1][0])
-    np.testing.assert_allclose(seen[0][1], seen[1][1], atol=1e-13)

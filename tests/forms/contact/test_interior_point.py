@@ -8,7 +8,6 @@ import pytest
 from tests.contact_boxes import Scene
 from tests.forms.contact.test_tangent import State, coulomb, film_map
 from tribox.forms.contact.interior_point import (
-    KEPT,
     CentralPoint,
     CentralSlip,
     InteriorPoint,
@@ -18,27 +17,6 @@ from tribox.forms.contact.state import ContactMode
 from tribox.forms.friction.law import Regime, presliding_length
 
 PENALTY = 1e13  # Pa/m
-
-
-def test_the_law_of_an_interior_point_is_linear_and_holds_the_product():
-    """Where p (g + p/K) = μ already the pressure stays; its slope is the stiffness, at most K."""
-    pressure, barrier = np.array([1e3, 1e6, 1e9]), 2.0
-    gap = barrier / pressure - pressure / PENALTY
-    at = InteriorPoint(pressure, barrier / pressure, barrier, 1.0)
-    now, stiffness = at.law(gap, np.full(3, PENALTY))
-    np.testing.assert_allclose(now, pressure, rtol=1e-12)
-    assert np.all((stiffness > 0.0) & (stiffness < PENALTY))
-    further, _ = at.law(gap + 1e-6, np.full(3, PENALTY))
-    np.testing.assert_allclose(further, now - 1e-6 * stiffness, rtol=1e-9, atol=1e-3)
-
-
-def test_pressures_and_slacks_stay_positive():
-    """A step that would part a vertex, and one that would press it in, are cut short."""
-    at = InteriorPoint(np.full(2, 1e6), np.full(2, 1e-6), 1.0, 1.0)
-    now = at.advanced(np.array([1e-3, -1e-3]), np.full(2, PENALTY), 0.1, 0.02)
-    assert now.pressure[0] == 0.02 * 1e6 and now.slack[0] > 1e-6
-    assert now.slack[1] == 0.02 * 1e-6 and now.pressure[1] > 1e6
-    assert now.barrier == 0.1
 
 
 def slips(dim, count=40):
@@ -63,35 +41,6 @@ def test_slips_tend_to_the_return_mapping(dim):
     assert 5 < np.count_nonzero(share < 1.0) < len(share)
     np.testing.assert_allclose(at.elastic, share[:, None] * trial, atol=1e-6)
     np.testing.assert_allclose(at.permanent, (1.0 - share) * length, atol=1e-6)
-
-
-def test_a_slip_opposite_to_the_last_is_found_too():
-    at, _, threshold = slips(1)
-    forward, back = np.full((len(threshold), 1), 2.5), np.full((len(threshold), 1), -2.5)
-    for trial in [forward] * 15 + [back] * 25:
-        at = at.advanced(trial, threshold, threshold, 0.5)
-    np.testing.assert_allclose(at.elastic[:, 0], -threshold, rtol=1e-6)
-
-
-@pytest.mark.parametrize("dim", [1, 2, 3])
-def test_the_linear_slip_has_the_derivatives_that_it_states(dim):
-    start, trial, threshold = slips(dim)
-    at = start.advanced(trial, threshold, threshold, 0.1)
-    new = at.linear(trial, threshold)
-    rng = np.random.default_rng(7)
-    along, longer = rng.standard_normal(trial.shape), rng.standard_normal(len(threshold))
-    further = at.linear(trial + along, threshold + longer)
-    expected = np.einsum("qij,qj->qi", new.d_trial, along) + new.d_threshold * longer[:, None]
-    np.testing.assert_allclose(further.elastic - new.elastic, expected, atol=1e-12)
-    stiff = np.linalg.eigvalsh(new.d_trial)
-    assert stiff.min() > 0.0 and stiff.max() <= 1.0 + 1e-12
-
-
-def test_little_is_kept_of_what_an_iteration_would_take_away():
-    start, trial, threshold = slips(2)
-    now = start.advanced(100.0 * trial, threshold, threshold, 1.0)
-    left = threshold - np.linalg.norm(now.elastic, axis=1)
-    np.testing.assert_allclose(left, np.minimum(KEPT * threshold, 0.5 * threshold))
 
 
 def test_pressures_on_the_central_path_have_the_product_at_every_gap():
@@ -134,14 +83,6 @@ def test_slips_on_the_central_path_fulfil_their_equations_and_end_at_the_return_
     np.testing.assert_allclose(
         last.linear(trial, last.threshold).elastic, share[:, None] * trial, atol=1e-6
     )
-
-
-def test_a_slip_without_a_threshold_is_all_permanent():
-    """Where a film begins to carry all of the pressure no asperity holds."""
-    start, trial, threshold = slips(2)
-    new = start.central().linear(trial, np.zeros_like(threshold))
-    assert np.abs(new.elastic).max() < 1e-11 and np.abs(new.d_trial).max() < 1e-11
-    assert np.all(np.isfinite(new.permanent)) and not new.d_threshold.any()
 
 
 STATES = {

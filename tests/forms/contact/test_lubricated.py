@@ -54,14 +54,10 @@ class Lubricated(Scene):
 
 
 KINDS = {
-    "steady": {},
-    "flooded": {"steady": False},
-    "given oil": {"steady": False, "oil": 0.02},
-    "steady oil": {"oil": 0.035},
-    "map": {"share": "map", "law": MAP},
-    "three cells": {"cells": 3},
+    "steady": {}, "flooded": {"steady": False}, "given oil": {"steady": False, "oil": 0.02},
+    "steady oil": {"oil": 0.035}, "map": {"share": "map", "law": MAP}, "three cells": {"cells": 3},
     "three cells with given oil": {"cells": 3, "steady": False, "oil": 0.02},
-}
+}  # fmt: skip
 
 
 def slid(scene, down=-0.03, along=-0.04, close=0.002):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import get_args
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters
@@ -96,18 +95,6 @@ def committed(term, x, dt=1.0):
     return trial
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_flat_penetration_in_numbers(pair, kind):
-    blocks = pair()
-    term = term_of(blocks, coulomb(0.3), pressure=kind)
-    trial = term.evaluate(blocks.displaced(shifted(0.0, DOWN), still), 1.0)
-    np.testing.assert_allclose(trial.pressure, PENALTY * 0.02, rtol=1e-12)
-    np.testing.assert_allclose(trial.kinematics.gap, -0.02, rtol=1e-12)
-    np.testing.assert_allclose(trial.traction, [[0.0, PENALTY * 0.02]] * 18, atol=1e-14)
-    energy = 0.5 * PENALTY * 0.02**2  # per reference length, which is one
-    assert term.interface_energy(trial) == pytest.approx(energy, rel=1e-12)
-
-
 def test_sticking_and_sliding_in_numbers(pair):
     """Signs: the slave is dragged to +x, so that friction pulls it to −x; T/N = μ when sliding."""
     blocks = pair()
@@ -124,44 +111,13 @@ def test_sticking_and_sliding_in_numbers(pair):
         np.testing.assert_allclose(forces[term.surface.master.nodes].sum(axis=0), [-expected, 1.0])
 
 
-def test_balance_of_momentum_on_a_bent_master(pair):
-    """Linear momentum exactly; angular momentum up to ∫ g n × T, which is not small here."""
+def test_slip_is_the_way_since_the_last_step_over_a_master_that_stretches(pair):
     blocks = pair()
-    term = term_of(blocks, coulomb(0.5))
-    committed(term, blocks.displaced(summed(bent(0.08), shifted(0, -0.06)), bent(0.08)))
-    x = blocks.displaced(summed(bent(0.09, 0.3), shifted(0.1, -0.06)), bent(0.09, 0.3))
-    trial = term.evaluate(x, 1.0)
-    size = blocks.u.function_space.dofmap.index_map.size_local
-    forces = nodal(term, trial, size)
-    assert np.abs(forces).max() > 0.1
-    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-14)
-    where = blocks.u.function_space.tabulate_dof_coordinates()[:, :2] + x.array_r.reshape(-1, 2)
-    moment = np.sum(where[:, 0] * forces[:, 1] - where[:, 1] * forces[:, 0])
-    k, T = trial.kinematics, trial.response.traction
-    lever = k.gap * (k.normal[:, 0] * T[:, 1] - k.normal[:, 1] * T[:, 0])
-    expected = term.surface.slave.weight @ lever
-    assert abs(expected) > 1e-3
-    assert moment == pytest.approx(expected, rel=1e-10)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_frictionless_forces_are_the_derivative_of_the_energy(pair, kind):
-    """Also for points clamped to a vertex, on a master with grooves and ridges."""
-    blocks = pair()
-    term = term_of(blocks, FrictionlessLaw(), degree=20, pressure=kind)
-    x = blocks.displaced(summed(bent(-0.3), shifted(0.03, -0.08)), bent(-0.3))
-    trial = term.evaluate(x, 1.0)
-    assert np.count_nonzero(trial.projection.clamped & trial.kinematics.closed) >= 3
-    forces = nodal(term, trial, blocks.u.function_space.dofmap.index_map.size_local).reshape(-1)
-    rng, h = np.random.default_rng(0), 1e-6
-    moved = x.copy()
-    for _ in range(4):
-        d = rng.normal(size=x.getSize())
-        moved.array[:] = x.array_r + h * d
-        after = term.interface_energy(term.evaluate(moved, 1.0))
-        moved.array[:] = x.array_r - h * d
-        before = term.interface_energy(term.evaluate(moved, 1.0))
-        assert forces @ d == pytest.approx((after - before) / (2.0 * h), rel=1e-7)
+    term = term_of(blocks, coulomb(0.3))
+    committed(term, blocks.displaced(shifted(0.0, DOWN), still))
+    x = blocks.displaced(shifted(0.05, DOWN), lambda X: 0.1 * X * [1.0, 0.0])
+    slip = term.evaluate(x, 1.0).kinematics.slip
+    np.testing.assert_allclose(slip[:, 0], 0.05 - 0.1 * term.surface.slave.position[:, 0])
 
 
 @pytest.mark.parametrize("angle", [0.7, 2.5])
@@ -184,44 +140,6 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(pair, angle):
         trial.response.traction, first.response.traction @ rotation(angle).T, rtol=0, atol=1e-11
     )
     assert term.interface_energy(trial) == pytest.approx(term.interface_energy(first), rel=1e-10)
-
-
-def test_elastic_slip_comes_back_from_its_components(pair):
-    """Commit stores components on a facet and a length; at the same place they are the vector."""
-    blocks = pair()
-    term = term_of(blocks, coulomb(0.5))
-    x = blocks.displaced(summed(bent(0.08), shifted(0.01, -0.06)), bent(0.08))
-    first = committed(term, x)
-    again = term.evaluate(x, 1.0)
-    np.testing.assert_allclose(
-        again.kinematics.elastic_slip, first.response.state.elastic_slip, rtol=0, atol=1e-16
-    )
-    np.testing.assert_allclose(again.kinematics.slip, 0.0, atol=1e-15)
-    np.testing.assert_allclose(again.response.traction, first.response.traction, atol=1e-13)
-
-
-def test_path_there_and_back_within_stick_costs_nothing(pair):
-    blocks = pair()
-    term = term_of(blocks, coulomb(5.0))
-    start = committed(term, blocks.displaced(shifted(0.0, DOWN), still))
-    for move in (0.004, 0.009, 0.002, 0.0):
-        last = committed(term, blocks.displaced(shifted(move, DOWN), still))
-    np.testing.assert_allclose(last.response.traction, start.response.traction, atol=1e-13)
-    assert term.interface_energy(last) == pytest.approx(term.interface_energy(start))
-
-
-def test_evaluation_changes_nothing_and_commit_does(pair):
-    blocks = pair()
-    term = term_of(blocks, coulomb(0.3))
-    state = term.state
-    x = blocks.displaced(shifted(0.01, DOWN), still)
-    trial = term.evaluate(x, 1.0)
-    assert term.evaluate(x, 1.0) is trial
-    assert term.state is state and not state.slip_length.any()
-    term.commit(trial)
-    assert term.state is not state
-    np.testing.assert_allclose(term.state.slip_length, 0.3 * PENALTY * 0.02 / 60.0)
-    assert term.evaluate(x, 1.0) is not trial
 
 
 def test_another_duration_or_rate_is_another_evaluation(pair):
@@ -336,19 +254,6 @@ def test_past_the_end_of_the_master_there_is_no_contact(pair):
     np.testing.assert_allclose(slip + elastic, way, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_frictionless_tangent_is_symmetric(pair, kind):
-    blocks = pair()
-    term = term_of(blocks, FrictionlessLaw(), pressure=kind)
-    x = blocks.displaced(summed(bent(0.08), shifted(0.03, -0.06)), bent(0.08))
-    stiffness = whole_tangent(term, term.evaluate(x, 1.0), blocks)
-    assert np.abs(stiffness).max() > 1.0
-    np.testing.assert_allclose(stiffness, stiffness.T, rtol=0, atol=1e-12)
-    # With one row of zero sum for each direction: a common translation costs nothing.
-    for axis in (0, 1):
-        np.testing.assert_allclose(stiffness[:, axis::2].sum(axis=1), 0.0, atol=1e-12)
-
-
 def test_slip_and_friction_do_not_depend_on_penalty_and_step_that_close_the_contact(pair):
     """A block that comes down while it slides: the way of the step counts in full."""
     blocks = pair()
@@ -369,59 +274,3 @@ def test_slip_and_friction_do_not_depend_on_penalty_and_step_that_close_the_cont
 
 
 # -- modes ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_penalty_scale_is_in_pressure_energy_and_tangent(pair, kind):
-    """The same as a pair of that penalty, whose penalty stays what it is."""
-    blocks = pair()
-    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
-    x = blocks.displaced(shifted(0.01, DOWN), still)
-    term = term_of(blocks, law, pressure=kind)
-    soft = term_of(blocks, law, pressure=kind, penalty=0.25 * PENALTY)
-    trial = term.evaluate(x, 1.0, ContactMode(penalty_scale=0.25))
-    expected = soft.evaluate(x, 1.0)
-    assert trial.pressure.max() > 0.0
-    np.testing.assert_array_equal(term.penalty, PENALTY)
-    np.testing.assert_array_equal(trial.pressure, expected.pressure)
-    np.testing.assert_array_equal(trial.traction, expected.traction)
-    assert term.interface_energy(trial) == soft.interface_energy(expected)
-    mine = whole_tangent(term, trial, blocks)
-    assert np.abs(mine).max() > 0.1
-    np.testing.assert_array_equal(mine, whole_tangent(soft, expected, blocks))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_adhesive_gap_pulls_open_points_and_gives_them_no_pressure(pair, kind):
-    blocks = pair()
-    term = term_of(blocks, FrictionlessLaw(), pressure=kind)
-    x = blocks.displaced(shifted(0.0, 0.01), still)
-    assert not term.evaluate(x, 1.0).kinematics.closed.any()
-    trial = term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.02))
-    closed = trial.kinematics.closed
-    assert closed.any() and not trial.pressure.any()
-    np.testing.assert_allclose(trial.traction[closed, 1], -0.01 * PENALTY, rtol=1e-9)
-    assert not term.evaluate(x, 1.0, ContactMode(adhesive_gap=0.005)).kinematics.closed.any()
-
-
-def test_each_mode_is_an_evaluation_of_its_own(pair):
-    """Equal modes share one evaluation; of frozen facets only the same array is equal."""
-    blocks = pair()
-    term = term_of(blocks, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
-    x = blocks.displaced(shifted(0.01, DOWN), still)
-    trial = term.evaluate(x, 1.0)
-    assert term.evaluate(x, 1.0, ContactMode()) is trial
-    facet = trial.projection.facet
-    for mode in (
-        ContactMode(rate_dependent=False),
-        ContactMode(penalty_scale=0.5),
-        ContactMode(adhesive_gap=1e-3),
-        ContactMode(frozen_facets=facet),
-        ContactMode(frozen_facets=facet.copy()),
-        ContactMode(friction_as_load=True),
-    ):
-        before = term._last.trial
-        now = term.evaluate(x, 1.0, mode)
-        assert now is not before and term.evaluate(x, 1.0, mode) is now
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            mode.penalty_scale = 2.0

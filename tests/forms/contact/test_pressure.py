@@ -14,7 +14,6 @@ from tests.geometry.surfaces.test_vertices import parted
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import (
-    TOUCHING,
     AveragedPressure,
     PointwisePressure,
     nodal_pressure,
@@ -95,39 +94,6 @@ def test_force_is_that_of_the_vertices(shape):
     assert np.array_equal(normal.closed, around)
 
 
-def test_nodal_pressure_is_force_over_area():
-    """Coefficients of pressure that go up and down by c do so by c/3 in what the nodes bear."""
-    surface = Scene("Q4", FrictionlessLaw(), degree=5, fine=True).surface
-    vertices = surface.vertices
-    order = np.argsort(vertices.position[:, 0])
-    coefficients = np.empty(vertices.count)
-    coefficients[order] = 1.0 + 0.3 * (-1.0) ** np.arange(vertices.count)
-    found = nodal_pressure(surface, vertices.at_points(coefficients))[order][1:-1]
-    np.testing.assert_allclose(found, 1.0 + 0.1 * (-1.0) ** np.arange(1, len(found) + 1))
-
-
-@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
-def test_exact_touch_is_closed_and_carries_nothing(rule):
-    """It has stiffness, so that a body that only rests on another is not loose."""
-    made, at = touching("hex8", rule)
-    normal = made.evaluate(replace(at, gap=np.zeros_like(at.gap)), AS_IS)
-    assert normal.closed.all() and not normal.pressure.any()
-    apart = made.evaluate(replace(at, gap=np.full_like(at.gap, 1e-6)), AS_IS)
-    assert not apart.closed.any() and not apart.pressure.any()
-
-
-@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
-@pytest.mark.parametrize(("share", "touches"), [(0.3, True), (3.0, False)])
-def test_touch_is_relative_to_the_size_of_a_facet(rule, share, touches):
-    """Of the slave's where the pressure is averaged, of the master's point by point."""
-    made, at = touching("Q4", rule)
-    averaged = rule is AveragedPressure
-    size = made.vertices.length[0] if averaged else np.linalg.norm(at.tangents[0, 0])
-    assert not 0.5 < size < 2.0
-    gap = np.full_like(at.gap, share * TOUCHING * size)
-    assert made.evaluate(replace(at, gap=gap), AS_IS).closed.all() == touches
-
-
 @pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
 def test_what_only_touches_is_stiff_unless_only_what_presses_is(rule):
     """It keeps a body from being loose; the derivative of its pressure is none."""
@@ -159,16 +125,6 @@ def test_scaled_and_adhesive_contact(rule):
     assert held.closed.all() and not held.pressure.any()
 
 
-@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
-def test_depths_of_round_off_carry_nothing(rule):
-    made, at = touching("Q4", rule)
-    depth = 1e-14 * made.surface.facet_length
-    barely = made.evaluate(replace(at, gap=np.full_like(at.gap, -depth)), AS_IS, 1e-12)
-    assert not barely.pressure.any()
-    more = made.evaluate(replace(at, gap=np.full_like(at.gap, -1e4 * depth)), AS_IS, 1e-12)
-    assert np.all(more.pressure > 0.0)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_penalties_that_are_none_are_refused(kind):
     surface = touching("Q4")[0].surface
@@ -183,12 +139,6 @@ def test_penalties_that_are_none_are_refused(kind):
     made = normal_rule(kind, surface, given)
     given[:] = 0.0
     np.testing.assert_array_equal(made.penalty, np.linspace(1.0, 2.0, count))
-
-
-def test_another_kind_of_pressure_is_refused():
-    surface = touching("Q4")[0].surface
-    with pytest.raises(ValueError, match='"averaged" or "pointwise", not \'nodal\''):
-        normal_rule("nodal", surface, PENALTY)
 
 
 # -- energy and stiffness -------------------------------------------------------------------------

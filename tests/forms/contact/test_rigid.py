@@ -51,15 +51,10 @@ CORNERS = {
 }
 # Facet and ξ above which the block is put: near the ends of pieces, so that it lies on two.
 ABOVE = {
-    "end": (0, 0.926),
-    "steep": (1, 0.08),
-    "punch": (1, 0.02),
-    "smooth segments": (3, 0.6),
-    "parabolas": (1, 0.9),
-    "triangles": (12, 0.3),
-    "quadrilaterals": (5, 0.9),
+    "end": (0, 0.926), "steep": (1, 0.08), "punch": (1, 0.02), "smooth segments": (3, 0.6),
+    "parabolas": (1, 0.9), "triangles": (12, 0.3), "quadrilaterals": (5, 0.9),
     "smooth quadrilaterals": (5, 0.9),
-}
+}  # fmt: skip
 
 
 class Scene:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import dolfinx
 import numpy as np
 import pytest
@@ -13,8 +11,7 @@ from tests.contact_boxes import GAP, PENALTY, Scene, box
 from tests.forms.contact.test_tangent import coulomb, film_map
 from tests.grid import coordinate_element
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.shared_slave import brought_along, introduce, keep_what_went_over
-from tribox.forms.friction.law import FrictionState
+from tribox.forms.contact.shared_slave import introduce, keep_what_went_over
 from tribox.geometry.surfaces.surface import ContactSurface
 
 K_T = 60.0
@@ -191,25 +188,3 @@ def test_a_master_further_off_has_no_share_of_the_slave():
     ours, theirs = (scene.trials(rigid(scene, 0.0, 0.02))[0] for scene in (two, alone))
     assert (theirs.pressure > 0.0).sum() > 5
     np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=1e-12)
-
-
-def test_a_point_that_two_masters_pressed_keeps_the_history_of_one():
-    def state(slip, closed):
-        slip, closed = np.array(slip), np.array(closed)
-        found = FrictionState.zeros(2, 2)
-        arrays = found.arrays() | {"elastic_slip": slip[:, None] * [1.0, 0.0], "closed": closed}
-        return FrictionState.from_arrays(arrays)
-
-    def other(slip, closed, same=True):
-        term = SimpleNamespace(state=SimpleNamespace(friction=state(slip, closed)))
-        return SimpleNamespace(term=term, same_points=same)
-
-    pairs = [
-        other([3.0, 3.0], [True, True], same=False),  # by numbers of its own
-        other([1.0, 1.0], [True, False]),
-        other([2.0, 2.0], [True, True]),
-    ]
-    mine = SimpleNamespace(friction=state([0.0, 0.0], [False, False]))
-    found = brought_along(SimpleNamespace(state=mine, neighbours=pairs))
-    assert found is not None and found[1].all()
-    np.testing.assert_array_equal(found[0].elastic_slip[:, 0], [1.0, 2.0])

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-import tribox.forms.contact.kinematics
 import tribox.forms.contact.tangent
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
 from tribox.forms.contact.tangent import PairTangent
@@ -108,73 +107,6 @@ def test_tangent_of_points_at_a_corner():
         assert scene.error(x) < 1e-9
 
 
-def without(name):
-    def switch(patch):
-        whole = tribox.forms.contact.tangent.vary
-
-        def less(*arguments):
-            variations = whole(*arguments)
-            getattr(variations, name)[:] = 0.0
-            return variations
-
-        patch.setattr(tribox.forms.contact.tangent, "vary", less)
-
-    return switch
-
-
-def without_rows(which):
-    def switch(patch):
-        whole = PairTangent.generalised_rows
-
-        def less(self, state, trial, take):
-            rows, nodes = whole(self, state, trial, take)
-            rows[:, which] = 0.0
-            return rows, nodes
-
-        patch.setattr(PairTangent, "generalised_rows", less)
-
-    return switch
-
-
-def without_geometry(name):
-    """Curvature, or the freedom along an edge, hidden from the variations."""
-
-    def switch(patch):
-        whole = tribox.forms.contact.kinematics._vary_projection
-        patch.setattr(
-            tribox.forms.contact.kinematics,
-            "_vary_projection",
-            lambda projection, size: whole(replace(projection, **{name: None}), size),
-        )
-
-    return switch
-
-
-# What is left out, the shape, the state and how much the boxes are bent.
-TERMS = {
-    "normal": (without("d_normal"), "hex8", STATES["slip"], 0.04),
-    "closest point": (without("d_xi"), "hex8", STATES["slip"], 0.04),
-    "rows b, first": (without_rows(1), "hex8", STATES["stick"], 0.04),
-    "rows b, second": (without_rows(2), "hex8", STATES["stick"], 0.04),
-    "rows c": (without_rows(3), "hex8", STATES["stick"], 0.04),
-    "rows d": (without_rows(4), "tet4", STATES["slip"], 0.4),
-    "twist of a bilinear facet": (without_geometry("curvature"), "hex8", STATES["slip"], 0.4),
-    "curvature of a segment": (without_geometry("curvature"), "Q9", STATES["slip"], 0.4),
-    "way along an edge": (without_geometry("along"), "tet4", GROOVES["slip"], 0.4),
-    "curvature of an edge": (without_geometry("curvature"), "tet10", GROOVES["slip"], 0.4),
-}
-
-
-@pytest.mark.parametrize("name", TERMS)
-def test_each_term_is_needed(monkeypatch, name):
-    switch, shape, state, bend = TERMS[name]
-    scene, x = prepared(shape, state, bend=bend, fine=True)
-    assert scene.error(x) < 1e-9
-    switch(monkeypatch)
-    scene.term._last = None
-    assert scene.error(x) > 1e-5
-
-
 @pytest.mark.parametrize("shape", ["T6", "Q9", "tet4", "hex8", "hex27"])
 def test_momentum_balances(shape):
     """Forces sum to zero; moments up to ∫ g n × T."""
@@ -242,3 +174,22 @@ def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
     assert [nodes.shape[1] for nodes, _ in groups] == [2 * a, 3 * a]
     assert sum(len(nodes) for nodes, _ in groups) < len(trial.pressure)
     np.testing.assert_allclose(scene.tangent(x), plain, rtol=0, atol=1e-12 * np.abs(plain).max())
+
+
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+def test_tangent_after_a_way_is_that_of_a_fresh_one(shape):
+    """The same points on other master facets, then with other vertices closed."""
+    scene, _ = prepared(shape, STATES["slip"], fine=True, degree=5, master=8)
+    found = []
+    for shift, down, waves in ((0.0, -0.12, 0.0), (0.1, -0.12, 0.0), (0.1, -0.05, 0.02)):
+        x = scene.vector([shift, 0.0, down][:: 4 - scene.dim], 0.0, 0.0, waves)
+        trial = scene.term.evaluate(x, 1.0)
+        fresh = PairTangent(scene.surface, scene.term.rule)
+        mine, its = (
+            tangent.vertex_coupling(scene.term.state, trial)
+            for tangent in (scene.term.linearised, fresh)
+        )
+        np.testing.assert_array_equal(mine.matrix.toarray(), its.matrix.toarray())
+        found.append((trial.kinematics.closed.sum(), trial.projection.facet))
+    assert found[0][0] == found[1][0] > found[2][0]
+    assert not np.array_equal(found[0][1], found[1][1])

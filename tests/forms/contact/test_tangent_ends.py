@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import tribox.forms.contact.tangent
 from tests.contact_boxes import take_all_for_kinked
-from tests.forms.contact.test_tangent import STATES, prepared, without
-from tribox.forms.contact.tangent import PairTangent
-from tribox.geometry.surfaces.slave_points import CHORDS
+from tests.forms.contact.test_tangent import STATES, prepared
 
 MODULUS = 5.0  # E* that puts ends of the contact inside facets
 OVER = {"right": 0.37, "far right": 0.58, "left": -0.47}  # shifts past an end of the master
@@ -40,10 +37,6 @@ def at_the_rim(shape="Q4", name="film"):
     return scene, x
 
 
-def over_the_end():
-    return scene_of(shift=OVER["right"])
-
-
 @pytest.mark.parametrize("shape", ["T3", "Q4", "Q9"])
 @pytest.mark.parametrize("name", STATES)
 def test_tangent_along_rays(along_rays, shape, name):
@@ -60,13 +53,6 @@ def test_point_by_point_neither_rays_nor_fading_are_used(along_rays):
     trial = scene.residual(x)[1]
     assert trial.projection.rays is None and trial.projection.share is None
     assert not trial.projection.on_surface.all() and scene.surface.normals is not None
-    assert scene.error(x) < 1e-9
-
-
-def test_points_along_rays_are_never_folded(along_rays, monkeypatch):
-    """Their rows have the slave's chords behind those of the master facets."""
-    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", 0)
-    scene, x = scene_of()
     assert scene.error(x) < 1e-9
 
 
@@ -112,61 +98,3 @@ def test_only_films_take_the_cover():
 
 
 # -- each term is needed --------------------------------------------------------------------------
-
-
-def without_function(name):
-    """A part of the traction's change that is left out."""
-
-    def switch(patch):
-        whole = getattr(tribox.forms.contact.tangent, name)
-        patch.setattr(tribox.forms.contact.tangent, name, lambda *a: 0.0 * whole(*a))
-
-    return switch
-
-
-def without_chords(patch):
-    patch.setattr(tribox.forms.contact.tangent, "CHORDS", 0.0 * CHORDS)
-
-
-def with_plain_gaps(patch):
-    """∂(σ g)/∂u without the change of σ and of the rays."""
-    whole = PairTangent._varied_gap_rows
-
-    def less(self, state, trial, take, needs):
-        at = trial.projection
-        slope = None if at.share_slope is None else 0.0 * at.share_slope
-        less = replace(trial, projection=replace(at, share_slope=slope))
-        return whole(self, state, less, take, needs)
-
-    patch.setattr(PairTangent, "_varied_gap_rows", less)
-
-
-def without_rim(patch):
-    """Open vertices at the rim have no rows."""
-    kind = tribox.forms.contact.state.NormalContact
-    patch.setattr(kind, "needs", lambda self: self.active)
-
-
-# What is left out, whether along rays, and the scene.
-TERMS = {
-    "gap along rays": (without("d_gap"), True, scene_of),
-    "normal along rays": (without("d_normal"), True, scene_of),
-    "chords": (without_chords, True, scene_of),
-    "fading traction": (without_function("_per_share"), False, over_the_end),
-    "fading gap": (with_plain_gaps, False, over_the_end),
-    "fading film": (without_function("_film_per_cover"), False, over_the_end),
-    "film at the rim": (without_function("_film_per_cover"), False, at_the_rim),
-    "open vertices at the rim": (without_rim, False, at_the_rim),
-}
-
-
-@pytest.mark.parametrize("name", TERMS)
-def test_each_term_is_needed(request, monkeypatch, name):
-    switch, rays, make = TERMS[name]
-    if rays:
-        request.getfixturevalue("along_rays")
-    scene, x = make()
-    assert scene.error(x) < 1e-9
-    switch(monkeypatch)
-    scene.term._last = None
-    assert scene.error(x) > 1e-5

@@ -94,18 +94,6 @@ def test_the_tangent_in_space_leaves_out_the_turning_of_a_gap(shape):
     assert boxes.error(x, steps=(1e-3, 1e-4)) < 1e-9
 
 
-@pytest.mark.parametrize("shape", ["T3", "Q9", "tet4", "hex8"])
-def test_the_pattern_has_room_for_the_tangent(shape):
-    boxes = scene(shape, fine=True)
-    K = boxes.tangent(boxes.vector([0.03, 0.02, -0.01][: boxes.dim], 0.05, 0.4, 0.02))
-    blocks = np.abs(K).reshape(len(boxes.where), boxes.dim, len(boxes.where), boxes.dim)
-    filled = blocks.sum(axis=(1, 3)) > 0.0
-    room = np.eye(len(filled), dtype=bool)
-    first, second = boxes.term.coupled_pairs().T
-    room[first, second] = room[second, first] = True
-    assert filled.sum() > len(filled) and not np.any(filled & ~room)
-
-
 def test_a_tie_with_nothing_beside_it_is_refused(monkeypatch):
     monkeypatch.setattr(tie, "REACH", 1e-3)
     with pytest.raises(ValueError, match="nothing is tied"):

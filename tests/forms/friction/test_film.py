@@ -7,20 +7,10 @@ from tribox.forms.friction.film import (
     ConstantFilm,
     FilmField,
     FilmTable,
-    FilmThickness,
     film_thickness,
 )
 
 TABLE = FilmTable(((0.0, 60e-9), (1e6, 40e-9), (4e6, 10e-9)))
-
-
-def test_a_number_and_an_array_are_films():
-    pressure = np.array([0.0, 1e6])
-    assert film_thickness(3e-8) == ConstantFilm(3e-8)
-    thickness, slope = film_thickness(np.array([1e-9, 2e-9])).at(pressure)
-    np.testing.assert_array_equal(thickness, [1e-9, 2e-9])
-    assert not slope.any() and film_thickness(TABLE) is TABLE
-    assert isinstance(TABLE, FilmThickness)
 
 
 def test_the_slope_of_the_table_is_that_of_its_values():

@@ -66,9 +66,6 @@ def test_each_option_does_what_it_is_named_after():
     assert FilmRheology(eta_b=0.8).newtonian and not thick.newtonian
 
 
-THINS = {"critical_rate": 1e3, "thinning_exponent": 0.5}
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [

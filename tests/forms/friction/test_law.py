@@ -19,42 +19,6 @@ DRY_MAP = FrictionMap(
 )
 
 
-def some_state(n: int, dim: int) -> FrictionState:
-    rng = np.random.default_rng(1)
-    return FrictionState(
-        elastic_slip=1e-7 * rng.normal(size=(n, dim)),
-        slip_path=1e-6 * rng.random(n),
-        alpha=np.zeros(n),
-        speed=rng.random(n),
-        closed=np.ones(n, dtype=bool),
-    )
-
-
-def test_state_arrays_go_through_a_checkpoint():
-    state = some_state(4, 3)
-    state.elastic_slip = np.asfortranarray(state.elastic_slip)
-    arrays = state.arrays()
-    assert all(array.flags.c_contiguous for array in arrays.values())
-    again = FrictionState.from_arrays(arrays)
-    for name, value in arrays.items():
-        np.testing.assert_array_equal(getattr(again, name), value)
-        assert not np.shares_memory(getattr(again, name), value)
-    del arrays["speed"]
-    with pytest.raises(ValueError, match="speed"):
-        FrictionState.from_arrays(arrays)
-
-
-def test_copies_and_parts_of_a_state():
-    state = some_state(4, 2)
-    copy = state.copy()
-    copy.elastic_slip[0] = 7.0
-    assert not (state.elastic_slip == 7.0).any()
-    part = state.take(np.array([2, 0]))
-    np.testing.assert_array_equal(part.slip_path, state.slip_path[[2, 0]])
-    mask = np.array([True, False, False, True])
-    np.testing.assert_array_equal(state.take(mask).elastic_slip, state.elastic_slip[[0, 3]])
-
-
 def test_coulomb_sticks_then_slips():
     presliding = MU * P / K_T
     state = COULOMB.initial_state(1, 2)
@@ -102,21 +66,6 @@ def test_friction_map_without_film_is_coulomb(dim, rate_dependent):
         np.testing.assert_array_equal(
             DRY_MAP.stored_energy(ours.state), COULOMB.stored_energy(theirs.state)
         )
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_coulomb_energy_identity(dim):
-    n, rng = 200, np.random.default_rng(3)
-    state = COULOMB.initial_state(n, dim)
-    for _ in range(10):
-        slip = 2e-7 * rng.normal(size=(n, dim))
-        pressure = P * rng.random(n) * (rng.random(n) > 0.2)
-        response = COULOMB.update(slip, 0.1, pressure, np.zeros(n), state)
-        work = np.einsum("qi,qi->q", response.traction, slip)
-        before, after = COULOMB.stored_energy(state), COULOMB.stored_energy(response.state)
-        scale = np.abs(work) + before + after
-        assert (np.abs(work - after + before - response.dissipation.total) <= 1e-13 * scale).all()
-        state = response.state
 
 
 def test_frictionless_has_no_traction_and_counts_the_slip():

@@ -122,17 +122,12 @@ def is_no_number(response, slip, pressure, film, state):
 
 
 MISTAKES = {
-    forgets_slip: "d_traction_d_slip",
-    transposes: "d_traction_d_elastic",
-    forgets_pressure: "d_traction_d_pressure",
-    invents_film: "d_traction_d_film",
-    changes_state: "state passed in, changed",
-    mixes_points: "traction among other points",
-    pushes: "dissipation, below 0",
-    miscounts: "dissipation, its parts",
-    is_noisy: "d_traction_d_slip",
-    is_no_number: "d_traction_d_pressure",
-}
+    forgets_slip: "d_traction_d_slip", transposes: "d_traction_d_elastic",
+    forgets_pressure: "d_traction_d_pressure", invents_film: "d_traction_d_film",
+    changes_state: "state passed in, changed", mixes_points: "traction among other points",
+    pushes: "dissipation, below 0", miscounts: "dissipation, its parts",
+    is_noisy: "d_traction_d_slip", is_no_number: "d_traction_d_pressure",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)

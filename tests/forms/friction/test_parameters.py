@@ -10,14 +10,9 @@ from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, wit
 from tribox.forms.friction.slip_weakening import SlipWeakening
 
 GOOD = {
-    "mu_s": 0.12,
-    "K_T": 1e12,
-    "eta_b": 0.8,
-    "D_max": 250e-9,
-    "alpha": 0.039,
-    "V_star": 1e-3,
+    "mu_s": 0.12, "K_T": 1e12, "eta_b": 0.8, "D_max": 250e-9, "alpha": 0.039, "V_star": 1e-3,
     "V_star_at": 10e-9,
-}
+}  # fmt: skip
 UNPRINTED = {"mu_s": 0.1, "K_T": 1e12}
 
 
@@ -33,12 +28,9 @@ def make(**changes):
         ({"mu_s": math.nan}, "mu_s = nan: must be finite"),
         ({"mu_s": "0.1"}, "mu_s = '0.1': must be a number"),
         ({"mu_d": 0.2}, r"mu_d = 0\.2: must be <= mu_s = 0\.12"),
-        ({"mu_d": -0.2}, r"mu_d = -0\.2: must be >= 0"),
-        ({"A_d": -1e-6}, "A_d = -1e-06"),
-        ({"B": -1.0}, r"B = -1\.0"),
-        ({"K_T": 0.0}, r"K_T = 0\.0: must be > 0 Pa/m"),
-        ({"K_T": math.inf}, "K_T = inf"),
-        ({"eta_b": -0.8}, r"eta_b = -0\.8"),
+        ({"mu_d": -0.2}, r"mu_d = -0\.2: must be >= 0"), ({"A_d": -1e-6}, "A_d = -1e-06"),
+        ({"B": -1.0}, r"B = -1\.0"), ({"K_T": 0.0}, r"K_T = 0\.0: must be > 0 Pa/m"),
+        ({"K_T": math.inf}, "K_T = inf"), ({"eta_b": -0.8}, r"eta_b = -0\.8"),
         ({"D_min": -1e-9}, "D_min = -1e-09"),
         ({"D_min": 250e-9}, "D_max = 2.5e-07: must be > D_min = 2.5e-07 m"),
         ({"alpha": 1.1}, r"alpha = 1\.1: must be >= 0 and <= 1"),
@@ -56,17 +48,15 @@ def make(**changes):
         ({"V_star_at": 0.0}, r"V_star_at = 0\.0: must be > 0"),
         ({"V_star": None, "gamma": 4e-25}, "V_star_at = 1e-08: belongs to V_star"),
         ({"V_star": None, "V_star_at": None, "gamma": -1.0}, r"gamma = -1\.0: must be > 0"),
-        (
-            {"V_star": None, "V_star_at": None, "gamma": 4e-25, "eta_b": 0.0},
-            r"eta_b = 0\.0: must be > 0 Pa\*s with gamma",
-        ),
+        ({"V_star": None, "V_star_at": None, "gamma": 4e-25, "eta_b": 0.0},
+         r"eta_b = 0\.0: must be > 0 Pa\*s with gamma"),
         ({"transition_width": -0.1}, r"transition_width = -0\.1"),
         ({"transition_width": 1.0}, r"transition_width = 1\.0: must be >= 0 and < 1"),
         ({"flow_rule": "wieghted"}, "flow_rule = 'wieghted': must be 'weighted' or 'literal'"),
         ({"reentry": "x"}, "reentry = 'x': must be 'consistent' or 'literal'"),
         ({"switch": "x"}, "switch = 'x': must be 'implicit' or 'lagged'"),
     ],
-)
+)  # fmt: skip
 def test_impossible_parameters_are_refused_in_one_line(changes, message):
     with pytest.raises(ValueError, match=message) as caught:
         make(**changes)

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
 from tribox.geometry.meshes.bonds import bodies_sharing_nodes
-from tribox.geometry.meshes.gmsh_model import gmsh_session, named_groups, write_msh
-from tribox.geometry.meshes.mesh import generate, read
+from tribox.geometry.meshes.gmsh_model import gmsh_session, named_groups
+from tribox.geometry.meshes.mesh import generate
 
 R, W, H = 10e-3, 0.6e-3, 40e-6
 CYLINDER = HalfCylinder(R, W, H)
@@ -62,18 +62,6 @@ def test_the_round_side_is_an_arc_of_the_radius(model, scale):
     np.testing.assert_allclose(far[[0, -1], 0], [-R * scale, R * scale], rtol=1e-12)
 
 
-def test_block_and_its_sides(model):
-    ON_BLOCK.build()
-    x = group_points("aluminium", 2)
-    np.testing.assert_allclose(x.min(axis=0)[:2], [-10e-3, -8e-3], rtol=1e-12)
-    np.testing.assert_allclose(x.max(axis=0)[:2], [10e-3, 0.0], rtol=1e-12, atol=1e-15)
-    sides = {"bottom": (1, -8e-3), "aluminium_left": (0, -10e-3), "aluminium_right": (0, 10e-3)}
-    for name, (axis, value) in sides.items():
-        points = group_points(name, 1)
-        np.testing.assert_allclose(points[:, axis], value, rtol=1e-12)
-        assert np.ptp(points[:, 1 - axis]) == pytest.approx(20e-3 if axis == 1 else 8e-3)
-
-
 def test_contact_zone_has_its_width_and_size_in_each_body(model):
     ON_BLOCK.build()
     for name, width, size in (("elastomer", W, H), ("aluminium", 0.8e-3, 50e-6)):
@@ -90,18 +78,6 @@ def test_cells_grow_from_the_contact_by_the_growth_asked_for(model):
     lengths = np.linalg.norm(np.diff(x, axis=0), axis=1)
     assert lengths[0] <= H and lengths[0] > 0.5 * H
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.4, rtol=2e-2)  # chords of arcs
-
-
-@pytest.mark.parametrize("growth", [1.0, 1.1, 2.0])
-def test_counts_are_the_fewest_that_keep_the_size(growth):
-    body = HalfCylinder(1.0, 0.5, 0.05)
-    across, deep, out = counts(body, growth)
-    assert across == 10
-    for cells, length in ((deep, body.outline().depth()), (out, body.outline().flank())):
-        first = [length / sum(growth**i for i in range(n)) for n in (cells - 1, cells) if n]
-        assert first[-1] <= 0.05 * (1 + 1e-9)
-        assert cells == 1 or first[0] > 0.05
-    assert body.outline().flank() == pytest.approx(math.acos(0.25), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -128,14 +104,6 @@ def test_all_cells_are_quadrilaterals_of_a_usable_shape(model, shape):
     assert np.abs(qualities).min() > 0.15
 
 
-def test_triangles_are_the_same_cells_cut_in_two(model):
-    LineContact(CYLINDER, BLOCK, growth=1.4, cell="triangle").build()
-    assert list(model.mesh.getElementTypes(2)) == [2]
-    across, deep, out = counts(CYLINDER, 1.4)
-    nodes = len(group_points("elastomer", 2))
-    assert nodes == (across + 1) * (deep + 1) + (across + 2 * deep + 1) * out
-
-
 @pytest.mark.parametrize("shape", [ON_BLOCK, TWO])
 def test_distributed_mesh_has_all_names_and_separate_bodies(shape):
     named = generate(shape, MPI.COMM_SELF)
@@ -144,15 +112,6 @@ def test_distributed_mesh_has_all_names_and_separate_bodies(shape):
     assert bodies_sharing_nodes(named) == {}
     for name, body in (("elastomer", shape.upper), ("aluminium", shape.lower)):
         assert len(named.facets(f"{name}_contact")) == counts(body, shape.growth)[0]
-
-
-def test_a_written_mesh_reads_back(tmp_path):
-    write_msh(TWO, tmp_path / "two.msh")
-    back, direct = read(tmp_path / "two.msh", MPI.COMM_SELF), generate(TWO, MPI.COMM_SELF)
-    assert back.surfaces == direct.surfaces and back.bodies == direct.bodies
-    np.testing.assert_allclose(
-        np.sort(back.mesh.geometry.x, axis=0), np.sort(direct.mesh.geometry.x, axis=0), atol=1e-15
-    )
 
 
 BAD = [

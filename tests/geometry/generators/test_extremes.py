@@ -24,15 +24,12 @@ SPHERE = SphereOnBlock(1.0, 1.0, 1.0, 0.4, 0.1, growth=2.0)
 @pytest.mark.parametrize(
     "shape",
     [
-        *(
-            replace(shape, cell=cell)
-            for shape in (BLOCKS, LINE, SPHERE)
-            for cell in ("quadrilateral", "triangle")
-        ),
+        *(replace(shape, cell=cell) for shape in (BLOCKS, LINE, SPHERE)
+         for cell in ("quadrilateral", "triangle")),
         *(replace(BOXES, cell=cell) for cell in ("hexahedron", "tetrahedron")),
         replace(SPHERE, part="quarter", cell="hexahedron"),
     ],
-)
+)  # fmt: skip
 def test_the_number_of_cells_is_known_beforehand(shape):
     mesh = generate(shape, MPI.COMM_SELF).mesh
     assert shape.cells() == mesh.topology.index_map(mesh.topology.dim).size_global

@@ -11,9 +11,7 @@ import ufl
 from mpi4py import MPI
 
 from tribox.geometry.generators.two_boxes import Box, TwoBoxes
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
-from tribox.geometry.meshes.gmsh_model import write_msh
-from tribox.geometry.meshes.mesh import generate, read
+from tribox.geometry.meshes.mesh import generate
 
 UPPER = Box(1.0e-3, 0.5e-3, 0.6e-3, (4, 3, 2), grading=3.0)
 LOWER = Box(2.0e-3, 0.4e-3, 1.0e-3, (5, 2, 3))
@@ -21,19 +19,13 @@ BOXES = TwoBoxes(UPPER, LOWER, offset=(0.35e-3, 0.1e-3), gap=0.1e-3)
 
 # name: (axis, position, area)
 SIDES = {
-    "elastomer_contact": (1, 0.1e-3, 0.6e-6),
-    "top": (1, 0.6e-3, 0.6e-6),
-    "elastomer_left": (0, 0.35e-3, 0.3e-6),
-    "elastomer_right": (0, 1.35e-3, 0.3e-6),
-    "elastomer_back": (2, 0.1e-3, 0.5e-6),
-    "elastomer_front": (2, 0.7e-3, 0.5e-6),
-    "aluminium_contact": (1, 0.0, 2.0e-6),
-    "bottom": (1, -0.4e-3, 2.0e-6),
-    "aluminium_left": (0, 0.0, 0.4e-6),
-    "aluminium_right": (0, 2.0e-3, 0.4e-6),
-    "aluminium_back": (2, 0.0, 0.8e-6),
-    "aluminium_front": (2, 1.0e-3, 0.8e-6),
-}
+    "elastomer_contact": (1, 0.1e-3, 0.6e-6), "top": (1, 0.6e-3, 0.6e-6),
+    "elastomer_left": (0, 0.35e-3, 0.3e-6), "elastomer_right": (0, 1.35e-3, 0.3e-6),
+    "elastomer_back": (2, 0.1e-3, 0.5e-6), "elastomer_front": (2, 0.7e-3, 0.5e-6),
+    "aluminium_contact": (1, 0.0, 2.0e-6), "bottom": (1, -0.4e-3, 2.0e-6),
+    "aluminium_left": (0, 0.0, 0.4e-6), "aluminium_right": (0, 2.0e-3, 0.4e-6),
+    "aluminium_back": (2, 0.0, 0.8e-6), "aluminium_front": (2, 1.0e-3, 0.8e-6),
+}  # fmt: skip
 
 
 def integral(named, dim, entities):
@@ -70,27 +62,6 @@ def test_counts_and_grading():
     np.testing.assert_allclose(heights[-1] / heights[0], 3.0, rtol=1e-6)
     assert Box(1.0, 0.5, 0.3, size=0.1).counts() == (10, 5, 3)
     assert Box(1.0, 0.5, 0.31, size=0.1).counts() == (10, 5, 4)
-
-
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_boxes_are_centred_and_share_no_node_where_they_touch(cell):
-    assert replace(BOXES, offset=None).corner() == pytest.approx((0.5e-3, 0.2e-3))
-    same = Box(1.0, 1.0, 1.0, (2, 2, 2))
-    named = generate(TwoBoxes(same, same, cell=cell), MPI.COMM_SELF)
-    assert bodies_sharing_nodes(named) == {}
-    assert named.mesh.geometry.index_map().size_global == 2 * 27
-
-
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_written_boxes_read_back_the_same(tmp_path, cell):
-    write_msh(replace(BOXES, cell=cell), tmp_path / "boxes.msh")
-    made, got = (
-        generate(replace(BOXES, cell=cell), MPI.COMM_SELF),
-        read(tmp_path / "boxes.msh", MPI.COMM_SELF),
-    )
-    assert got.bodies == made.bodies and got.surfaces == made.surfaces
-    for name in SIDES:
-        assert len(got.facets(name)) == len(made.facets(name))
 
 
 @pytest.mark.parametrize(

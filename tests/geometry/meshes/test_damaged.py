@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from tribox.geometry.meshes import drawing
 from tribox.geometry.meshes.drawing import mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import read
-from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
 from tribox.geometry.meshes.own_process import ask
 
 HEAD = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
@@ -114,27 +112,3 @@ def test_no_mesh_file_is_run(files, tmp_path):
         path.write_bytes(before + files[0])
         assert set(read(path, MPI.COMM_SELF).bodies) == {"elastomer", "aluminium"}
     assert not (tmp_path / "ran").exists()
-
-
-def test_arrays_of_a_broken_process_are_refused(files, tmp_path):
-    import numpy as np
-
-    cells = np.array([[0, 1, 2]])
-    square = MeshArrays("triangle", np.eye(3), {"body": Part(3, cells)}, {})
-    back = unpacked(square.packed())
-    assert back.bodies["body"].tag == 3
-    np.testing.assert_array_equal(back.cells, cells)
-    np.testing.assert_array_equal(back.position, square.position)
-    for position, corners in (
-        (np.eye(3), [[0, 1, 3]]),
-        (np.eye(3), [[0, 1, 1]]),
-        (np.eye(3), [[0, 1]]),
-        (np.eye(3), [[0.0, 1.0, 2.0]]),
-        (np.full((3, 3), np.nan), [[0, 1, 2]]),
-    ):
-        wrong = MeshArrays("triangle", position, {"body": Part(3, np.array(corners))}, {})
-        with pytest.raises(MeshError, match="the arrays of the mesh are damaged"):
-            unpacked(wrong.packed())
-    for data in (b"", b"x", square.packed()[:-60], os.urandom(999)):
-        with pytest.raises(MeshError, match="the arrays of the mesh are damaged"):
-            unpacked(data)

@@ -5,12 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from mpi4py import MPI
 
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.drawing_words import beyond_drawing
-from tribox.geometry.meshes.gmsh_model import write_msh
-from tribox.geometry.meshes.mesh import read
 
 INIT = Path(__file__).parents[3] / "app" / "init"
 
@@ -107,13 +103,3 @@ def test_what_does_more_is_named_with_its_line(words, named):
     found = beyond_drawing(DRAWS + words)
     assert found is not None
     assert (found.what, found.line) == (named, DRAWS.count("\n") + 1)
-
-
-def test_a_script_beside_a_mesh_is_not_run(tmp_path):
-    """gmsh runs mesh.msh.opt with mesh.msh."""
-    path = tmp_path / "own.msh"
-    write_msh(TwoBlocks(Block(1.0, 1.0, (2, 2)), Block(2.0, 1.0, (3, 2))), path)
-    ran = tmp_path / "ran"
-    (tmp_path / "own.msh.opt").write_text(f'SystemCall "touch {ran}";\n')
-    assert set(read(path, MPI.COMM_SELF, []).bodies) == {"elastomer", "aluminium"}
-    assert not ran.exists()

@@ -83,20 +83,6 @@ def test_groups_are_found_and_their_shares_are_those_of_a_line_load(on_ranks):
         assert alone[f"rest edge {degree}"] == alone[f"rest corners {degree}"] == 0.0
 
 
-def test_one_name_is_one_group(monkeypatch):
-    build = Cube.build
-
-    def twice(self: Cube) -> None:
-        build(self)
-        gmsh.model.addPhysicalGroup(0, [1], name="edge")
-
-    monkeypatch.setattr(Cube, "build", twice)
-    with pytest.raises(
-        MeshError, match=r"two physical groups, one of them of .*, are named 'edge'"
-    ):
-        generate(Cube(), MPI.COMM_SELF)
-
-
 def test_a_name_that_is_missing_offers_the_nearest():
     named = generate(Cube(), MPI.COMM_SELF)
     assert len(named.nodes("edge")) == 5

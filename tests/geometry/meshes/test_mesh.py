@@ -22,17 +22,10 @@ BLOCKS = TwoBlocks(
     Block(1.0e-3, 0.5e-3, (8, 4), grading=3.0), Block(2.0e-3, 0.4e-3, (13, 5)), offset=0.35e-3
 )
 MEASURES = {
-    "elastomer": 0.5e-6,
-    "aluminium": 0.8e-6,
-    "elastomer_contact": 1.0e-3,
-    "aluminium_contact": 2.0e-3,
-    "top": 1.0e-3,
-    "bottom": 2.0e-3,
-    "elastomer_left": 0.5e-3,
-    "elastomer_right": 0.5e-3,
-    "aluminium_left": 0.4e-3,
-    "aluminium_right": 0.4e-3,
-}
+    "elastomer": 0.5e-6, "aluminium": 0.8e-6, "elastomer_contact": 1.0e-3,
+    "aluminium_contact": 2.0e-3, "top": 1.0e-3, "bottom": 2.0e-3, "elastomer_left": 0.5e-3,
+    "elastomer_right": 0.5e-3, "aluminium_left": 0.4e-3, "aluminium_right": 0.4e-3,
+}  # fmt: skip
 
 
 def resultants(named):
@@ -99,22 +92,6 @@ def test_generated_mesh_has_the_right_measures(cell):
     factor = 1 if cell == "quadrilateral" else 2
     assert named.mesh.topology.index_map(2).size_global == factor * (8 * 4 + 13 * 5)
     assert resultants(named) == pytest.approx(MEASURES, rel=1e-12)
-
-
-def test_facets_lie_on_the_named_side():
-    named = generate(BLOCKS, MPI.COMM_SELF)
-    for name, axis, value in (
-        ("elastomer_contact", 1, 0.0),
-        ("aluminium_contact", 1, 0.0),
-        ("top", 1, 0.5e-3),
-        ("elastomer_right", 0, 1.35e-3),
-    ):
-        facets = named.facets(name)
-        assert facets.dtype == np.int32
-        middles = dolfinx.mesh.compute_midpoints(named.mesh, 1, facets)
-        np.testing.assert_allclose(middles[:, axis], value, atol=1e-15)
-    assert len(named.facets("elastomer_contact")) == 8
-    assert len(named.facets("aluminium_contact")) == 13
 
 
 def test_unknown_names_offer_the_nearest():
@@ -515,19 +492,3 @@ def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
     assert resultants(named) == pytest.approx(dict.fromkeys([*named.bodies, *named.surfaces], 1.0))
     between = int(np.count_nonzero(np.abs(named.mesh.geometry.x[:, 1] - 1.0) < 1e-9))
     assert bodies_sharing_nodes(named) == ({} if apart else {("lower", "upper"): between})
-
-
-def test_wedges_are_divided(msh):
-    def wedges():
-        geo = gmsh.model.geo
-        corners = [geo.addPoint(x, y, 0.0, 1.0) for x, y in ((0, 0), (1, 0), (0, 1))]
-        lines = [geo.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
-        face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        _, volume, *_ = geo.extrude([(2, face)], 0, 0, 1, numElements=[1], recombine=True)
-        geo.synchronize()
-        group(3, [volume[1]], "body")
-        gmsh.model.mesh.generate(3)
-
-    named = read(msh(wedges), MPI.COMM_SELF)
-    assert named.notes == ("cells (2 prisms): refined to 12 hexahedra",)
-    assert resultants(named) == pytest.approx({"body": 0.5})

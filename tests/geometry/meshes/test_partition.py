@@ -5,15 +5,11 @@ from __future__ import annotations
 import dolfinx
 import numpy as np
 import pytest
-import scipy.sparse
 from mpi4py import MPI
 
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.generators.two_boxes import Box, TwoBoxes
-from tribox.geometry.meshes import metis
-from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import gmsh_session
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.meshes.partition import share_out
 
@@ -90,18 +86,6 @@ def test_facets_that_touch_are_mostly_in_one_part(mesh, parts):
     assert np.mean(found[mesh.behind[0]] == found[beside]) > 0.75
 
 
-def test_neighbours_are_mostly_in_one_part(mesh):
-    """Pieces are whole: few pairs of cells with a common vertex are apart."""
-    found = mesh.shared_out(4)
-    first = np.full(len(mesh.position), -1)
-    first[mesh.cells] = found[:, None]
-    assert np.mean(first[mesh.cells] != found[:, None]) < 0.2
-
-
-def test_same_parts_every_time(mesh):
-    np.testing.assert_array_equal(mesh.shared_out(3), mesh.shared_out(3))
-
-
 def test_each_contact_is_shared_out_for_itself(mesh):
     """Two pairs with a body in between: the second one's slaves are the first one's masters."""
     slave, master = mesh.facets
@@ -109,15 +93,6 @@ def test_each_contact_is_shared_out_for_itself(mesh):
     for behind in mesh.behind:
         shares = np.bincount(found[behind], minlength=2)
         assert shares.max() <= 0.54 * shares.sum()
-
-
-def test_the_slave_of_a_tool_is_shared_out(mesh):
-    """A tool has no facets in the mesh; a second one on the same slave asks for nothing more."""
-    slave, none = mesh.facets[0], mesh.facets[1][:0]
-    found = mesh.shared_out(2, [(slave, none)])
-    shares = np.bincount(found[mesh.behind[0]], minlength=2)
-    assert shares.max() <= 0.54 * shares.sum()
-    np.testing.assert_array_equal(mesh.shared_out(2, [(slave, none), (slave, none)]), found)
 
 
 def slaves_of_a_tool(comm, directory):
@@ -132,17 +107,6 @@ def test_ranks_share_the_slave_of_a_tool(on_ranks):
     assert on_ranks(slaves_of_a_tool, 2) == [12, 12]
 
 
-def test_facets_of_no_cell_are_passed_over():
-    """They are reported later, by name."""
-    parts = Parts(SHAPES["triangle"])
-    slave, master = parts.facets
-    odd = np.concatenate([slave, [[slave[0, 0], master[0, 0]]]])
-    found = parts.shared_out(2, [(odd, master)])
-    np.testing.assert_array_equal(found, parts.shared_out(2))
-    none = odd[-1:]
-    np.testing.assert_array_equal(parts.shared_out(2, [(none, none)]), parts.shared_out(2, []))
-
-
 def test_more_parts_than_cells():
     """A part may be empty."""
     block = Block(1.0, 1.0, (2, 1))
@@ -151,69 +115,4 @@ def test_more_parts_than_cells():
         assert sorted(parts.shared_out(count)) == [0, 1, 2, 3]
 
 
-def test_vertices_are_numbered_as_dolfinx_does():
-    """The positions go with the vertices that DOLFINx hands to a partitioner."""
-    shape = SHAPES["hexahedron"]
-    with gmsh_session("vertices") as gmsh:
-        shape.build()
-        arrays = arrays_of(gmsh, "vertices")
-    slave, top = (arrays.surfaces[name].nodes for name in ("elastomer_contact", "top"))
-    position = arrays.position
-    assert slave.shape == top.shape == (64, 4)
-    np.testing.assert_allclose(position[slave][:, :, 1], 0.0, atol=1e-12)
-    np.testing.assert_allclose(position[top][:, :, 1], 0.5, atol=1e-12)
-    mesh = generate(shape, MPI.COMM_SELF).mesh
-    # original input numbers of the nodes
-    np.testing.assert_allclose(
-        mesh.geometry.x, position[mesh.geometry.input_global_indices], atol=1e-12
-    )
-
-
 # -- METIS ----------------------------------------------------------------------------------------
-
-
-def ring(count):
-    """Vertices in a circle, each joined to the next."""
-    return scipy.sparse.csr_matrix(
-        (
-            np.ones(2 * count),
-            (np.arange(2 * count) % count, np.r_[1 : count + 1, -1 : count - 1] % count),
-        ),
-        shape=(count, count),
-    )
-
-
-def test_light_edges_are_cut():
-    graph = ring(40)
-    heavy = graph.multiply(100).tolil()
-    for a, b in ((4, 5), (24, 25)):
-        heavy[a, b] = heavy[b, a] = 1
-    found = metis.partition(heavy.tocsr(), np.ones((40, 1), dtype=np.int32), 2, 0.02)
-    assert len(set(found[5:25])) == 1 and len(set(found[[*range(25, 40), *range(5)]])) == 1
-    assert found[0] != found[10]
-
-
-def test_several_weights_are_balanced_at_once():
-    """The second weight sits in one quarter of the ring."""
-    weights = np.ones((80, 2), dtype=np.int32)
-    weights[20:, 1] = 0
-    found = metis.partition(ring(80), weights, 2, 0.02)
-    np.testing.assert_array_equal(np.bincount(found), [40, 40])
-    np.testing.assert_array_equal(np.bincount(found[:20]), [10, 10])
-
-
-def test_without_metis(monkeypatch):
-    monkeypatch.setattr(metis, "_LIBRARY", "no-such-library.so")
-    monkeypatch.setattr(metis.ctypes.util, "find_library", lambda name: None)
-    metis._library.cache_clear()
-    try:
-        assert not metis.is_available()
-        with pytest.raises(metis.PartitionError, match="not installed"):
-            metis.partition(ring(4), np.ones((4, 1), dtype=np.int32), 2, 0.02)
-    finally:
-        metis._library.cache_clear()
-
-
-def test_a_graph_that_metis_refuses():
-    with pytest.raises(metis.PartitionError, match="error -2 for 4 cells in 0 parts"):
-        metis.partition(ring(4), np.ones((4, 1), dtype=np.int32), 0, 0.02)

@@ -7,7 +7,6 @@ import pytest
 
 from tests.grid import grid
 from tribox.geometry.meshes.places import (
-    centre,
     nearest_place,
     nodes_of,
     places_in,
@@ -63,8 +62,3 @@ def test_distance_of_a_point_outside(cell):
     assert distance == pytest.approx(0.5)
     assert place == pytest.approx([1.0, 1.0, 0.3][: mesh.geometry.dim])
     assert nearest_place(mesh, cells[:0], point)[0] == np.inf
-
-
-def test_centre_of_each_cell():
-    assert centre("tetrahedron").tolist() == [[0.25, 0.25, 0.25]]
-    assert centre("quadrilateral").tolist() == [[0.5, 0.5]]

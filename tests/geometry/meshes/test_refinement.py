@@ -7,7 +7,6 @@ import re
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from tests.geometry.meshes.test_mesh import group, resultants, strip, write_built
 from tribox.geometry.meshes.extraction import refined
@@ -157,14 +156,3 @@ def test_pyramids_and_mixed_curved_cells_are_refused(tmp_path):
         write_built(build, tmp_path / "bad.msh")
         with pytest.raises(MeshError, match=said):
             read_msh(tmp_path / "bad.msh")
-
-
-def test_a_mesh_of_one_kind_stays_as_it_is(tmp_path):
-    def plain():
-        left, right, _ = strip()
-        group(2, [left, right], "all")
-        gmsh.model.mesh.generate(2)
-
-    write_built(plain, tmp_path / "plain.msh")
-    named = read(tmp_path / "plain.msh", MPI.COMM_SELF)
-    assert named.mesh.topology.cell_name() == "triangle" and named.notes == ()

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import pairwise
-
 import dolfinx
 import gmsh
 import numpy as np
@@ -15,9 +12,7 @@ from tests.geometry.meshes.test_mesh import group, resultants, write_built
 from tribox.geometry.meshes.foreign import read_msh
 from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import read
-from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
 from tribox.geometry.meshes.places import nodes_of, places_in, shape_functions
-from tribox.geometry.pictures.plane import draw
 from tribox.geometry.surfaces.surface import ContactSurface
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -123,25 +118,6 @@ def test_second_order_without_all_nodes_is_refused(written):
             read_msh(written(cell, 2, incomplete=1))
 
 
-def test_higher_orders_are_refused(written):
-    with pytest.raises(MeshError, match="first and second order are read"):
-        read_msh(written("triangle", 3))
-
-
-def test_pictures_show_curves(written):
-    for cell, nodes in (("triangle", 6), ("quadrilateral", 8)):
-        figure = draw(read(written(cell, 2), MPI.COMM_SELF))
-        bodies, rim = figure.axes[0].collections[:2]
-        [polygon] = {len(path.vertices) for path in bodies.get_paths()}
-        assert polygon == nodes + 1  # closed
-        assert {len(path.vertices) for path in rim.get_paths()} == {3}
-        # Round a polygon: no side is longer than half an edge by much.
-        for path in bodies.get_paths():
-            sides = [np.linalg.norm(b - a) for a, b in pairwise(path.vertices)]
-            assert max(sides) < 4.0 * min(sides)
-    draw(read(written("hexahedron", 2), MPI.COMM_SELF))
-
-
 def facts(comm, directory):
     """Of a curved mesh on some ranks."""
     path = directory / "round.msh"
@@ -157,29 +133,3 @@ def test_ranks_agree_on_curved_cells(on_ranks):
     one, three = on_ranks(facts, 1), on_ranks(facts, 3)
     assert three["measures"] == pytest.approx(one["measures"], rel=1e-12)
     assert three["count"] == one["count"]
-
-
-def second_order() -> MeshArrays:
-    """A curved triangle of six nodes beside a node that nothing uses, its named edge and corner."""
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    middles = 0.5 * (corners + corners[[1, 2, 0]])
-    nodes = np.concatenate([corners, middles, [[5.0, 5, 0]]])
-    return MeshArrays(
-        "triangle",
-        nodes,
-        {"body": Part(1, np.arange(6, dtype=np.int64)[None])},
-        {"edge": Part(2, np.array([[0, 1, 3]], dtype=np.int64))},
-        groups={"corner": np.array([[2]], dtype=np.int64)},
-        order=2,
-    )
-
-
-def test_a_straightened_mesh_keeps_its_groups():
-    arrays = second_order()
-    moved = replace(arrays, position=arrays.position[::-1].copy())
-    for part in (*moved.bodies.values(), *moved.surfaces.values()):
-        part.nodes[:] = 6 - part.nodes
-    moved.groups["corner"][:] = 6 - moved.groups["corner"]
-    straight = moved.straightened()
-    assert straight.order == 1 and len(straight.position) == 3
-    np.testing.assert_array_equal(straight.position[straight.groups["corner"]][0, 0], [0, 1, 0])

@@ -15,11 +15,6 @@ def shape(request):
     return facet_shape(*request.param)
 
 
-def test_number_of_nodes():
-    assert [facet_shape(*kind).count for kind in KINDS] == [2, 3, 3, 6, 4, 9, 4, 16]
-    assert [facet_shape(*kind).is_flat for kind in KINDS] == [True, False, True, *[False] * 5]
-
-
 def test_each_function_is_one_at_its_node_and_zero_at_the_others(shape):
     np.testing.assert_allclose(shape.values(shape.points), np.eye(shape.count), atol=2e-13)
 
@@ -43,38 +38,6 @@ def test_derivatives_against_differences(shape):
         np.testing.assert_allclose(shape.second(xi)[:, alpha], second, atol=1e-9)
 
 
-def test_bilinear_twist():
-    np.testing.assert_allclose(
-        facet_shape("quadrilateral", 1).second(np.array([[0.3, 0.4]]))[0],
-        [[[0, 0, 0, 0], [1, -1, -1, 1]], [[1, -1, -1, 1], [0, 0, 0, 0]]],
-        atol=1e-14,
-    )
-
-
-def test_sides_carry_their_nodes(shape):
-    for side in shape.sides:
-        local = np.zeros((1, 1)) if side.shape is None else side.shape.points
-        np.testing.assert_allclose(
-            side.origin + local * side.direction, shape.points[list(side.nodes)], atol=1e-15
-        )
-
-
-def test_sides_run_round_the_domain_with_it_on_their_left():
-    for cell in ("triangle", "quadrilateral"):
-        shape = facet_shape(cell, 1)
-        middle = shape.points.mean(axis=0)
-        for side in shape.sides:
-            (x, y), (u, v) = middle - side.origin, side.direction
-            assert u * y - v * x > 0.0
-
-
-def test_directions_at_the_corners_follow_the_sides(shape):
-    for corner, directions in zip(shape.points, shape.corner_directions, strict=False):
-        for direction in directions:
-            assert shape.excess(corner + 0.5 * direction) <= 1e-15
-            assert shape.excess(corner - 0.5 * direction) > 0.1
-
-
 def test_excess_over_the_domain(shape):
     assert shape.excess(shape.points).max() <= 1e-15
     assert shape.excess(shape.points.mean(axis=0)) < -0.1
@@ -91,9 +54,3 @@ def test_bound_on_the_sum_of_the_functions(shape):
     largest = np.abs(shape.values(inside)).sum(axis=1).max()
     assert largest <= shape.lebesgue + 1e-14
     assert largest >= 0.99 * shape.lebesgue
-
-
-@pytest.mark.parametrize("kind", [("triangle", 3), ("hexahedron", 1), ("triangle", 0)])
-def test_other_shapes_are_refused(kind):
-    with pytest.raises(ValueError, match="no facets of degree"):
-        facet_shape(*kind)

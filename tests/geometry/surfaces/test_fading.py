@@ -1,7 +1,6 @@
 """What share of a point's piece of surface is over the master, where this ends in the plane."""
 
 import numpy as np
-import pytest
 
 from tests.geometry.surfaces.test_projection import polyline
 from tests.geometry.surfaces.test_vertices import graded
@@ -48,12 +47,6 @@ def test_lengths_are_those_of_the_undeformed_master():
     np.testing.assert_allclose(at.share, [0.5], rtol=1e-12)
 
 
-def test_points_past_the_end_have_no_part_in_it():
-    at = shares([-0.05, 0.05], 0.2)
-    np.testing.assert_array_equal(at.on_surface, [False, True])
-    assert at.share[1] == pytest.approx(0.25) and at.share_slope[0, 0] == 0.0
-
-
 def test_where_nothing_ends_nothing_fades():
     """Far from the ends, on a closed master, and without pieces."""
     assert shares([2.2, 2.6], 0.2).share is None
@@ -64,15 +57,6 @@ def test_where_nothing_ends_nothing_fades():
     closed = FacetSurface(facet_shape("interval", 1), facets, nodes)
     points = 1.05 * 0.5 * (nodes + np.roll(nodes, -1, axis=0))
     assert closed.project(points, nodes, fading=np.full(8, 0.5)).share is None
-
-
-@pytest.mark.parametrize("shape", ["T3", "Q9"])
-def test_surfaces_that_end_at_the_same_place_do_not_fade(shape):
-    """No point is nearer to the end of its facet than twice its way of fading."""
-    slave = graded(shape).slave
-    x, size = slave.xi[:, 0], slave.facet_length
-    assert np.all(slave.reach > 0.0)
-    assert np.all(2.0 * slave.reach <= size * np.minimum(x, 1.0 - x) * (1.0 + 1e-12))
 
 
 def test_the_way_of_fading_in_numbers():

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.contact_boxes import GAP, Scene
+from tests.contact_boxes import Scene
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces import master
 from tribox.geometry.surfaces.facets import order_by_place
-from tribox.geometry.surfaces.master import _boxes, whole_master
 
 WAYS = (0.0, 0.15, 0.2, -0.2)  # of the slave, over facets of 1/40
 
@@ -65,23 +64,3 @@ def test_closest_points_are_those_on_the_whole_surface(on_ranks, scene):
         np.testing.assert_allclose(there, here, atol=1e-12)
     assert max(known[0]) < 0.9 * facets, "no rank holds all of it"
     assert np.all(np.diff(known, axis=0) >= 0) and max(np.diff(np.max(known, axis=1))) > 0
-
-
-def test_a_rank_is_told_which_of_its_facets_are_which():
-    facets = [np.array([[0, 1, 2, 3]]), np.array([[2, 3, 4, 5], [4, 5, 6, 7]])]
-    x = np.array([[i // 2, i % 2, 0.0] for i in range(8)], dtype=float)
-    shape = Scene("hex8", FrictionlessLaw()).surface.shape
-    whole, order = whole_master(shape, [(f[::-1], x[f[::-1]]) for f in facets[::-1]])
-    assert order.tolist() == [2, 1, 0] and whole.extent == 3.0
-    assert whole.number.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(whole.position[whole.facets][:, :, 0].mean(axis=1), [0.5, 1.5, 2.5])
-
-
-def test_boxes_hold_all_points_and_are_small():
-    points = np.random.default_rng(1).random((500, 3)) * [4.0, 1.0, GAP]
-    boxes = _boxes(points)
-    inside = ((points[:, None] >= boxes[:, 0]) & (points[:, None] <= boxes[:, 1])).all(axis=2)
-    assert inside.any(axis=1).all() and len(boxes) == 32
-    assert np.prod(boxes[:, 1] - boxes[:, 0], axis=1).sum() < 0.8 * 4.0 * GAP
-    assert len(_boxes(points[:1])) == len(_boxes(np.repeat(points[:1], 3, axis=0))) == 1
-    assert len(_boxes(points[:0])) == 0

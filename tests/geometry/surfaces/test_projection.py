@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tribox.geometry.surfaces.facets import facet_shape, unit_normals
+from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
 
 SEGMENT = facet_shape("interval", 1)
@@ -61,32 +61,6 @@ def test_closest_point_is_that_of_brute_force(seed, facets):
     check_nearest(line, np.stack([where, height], axis=1), nodes)
 
 
-def test_deformed_surface_keeps_the_connectivity():
-    """Facets and samples are set up on the reference, the search runs on the current nodes."""
-    rng = np.random.default_rng(4)
-    nodes = np.stack([np.linspace(0.0, 5.0, 26), np.zeros(26)], axis=1)
-    line = polyline(nodes, rng.permutation(25))
-    angle = 2.4
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    bent = nodes + np.stack([0 * nodes[:, 0], 0.3 * np.sin(nodes[:, 0])], axis=1)
-    now = bent @ turn.T + [3.0, -7.0]
-    points = (bent[3:-3] + rng.uniform(-0.08, 0.08, (20, 2))) @ turn.T + [3.0, -7.0]
-    check_nearest(line, points, now)
-
-
-@pytest.mark.parametrize("ratio", [1.0, 50.0])
-def test_graded_facets(ratio):
-    """Long facets beside short ones, sizes 1:50: the nearest sample must not mislead."""
-    rng = np.random.default_rng(1)
-    sizes = ratio ** np.abs(np.linspace(-1.0, 1.0, 41)) * 0.02
-    x = np.concatenate([[0.0], np.cumsum(sizes)])
-    nodes = np.stack([x, 0.01 * np.sin(20.0 * x)], axis=1)
-    line = polyline(nodes)
-    where = rng.uniform(0.0, x[-1], 500)
-    points = np.stack([where, rng.uniform(-0.01, 0.02, 500)], axis=1)
-    check_nearest(line, points, nodes)
-
-
 @pytest.mark.parametrize("ratio", [50, 5000])
 def test_abrupt_change_of_size(ratio):
     """One facet many times as long as its neighbours: near its ends they hold all the samples."""
@@ -111,16 +85,6 @@ def test_short_facets_of_a_wall_do_not_hide_a_long_floor():
     np.testing.assert_allclose(at.gap, points[:, 1] + 0.05, rtol=1e-12)
 
 
-def test_interior_point_in_numbers():
-    nodes = np.array([[0.0, 0.0], [3.0, 4.0]])
-    at = project(polyline(nodes), [[1.5 - 0.8, 2.0 + 0.6], [1.5 + 0.8, 2.0 - 0.6]], nodes)
-    np.testing.assert_allclose(at.xi[:, 0], 0.5, rtol=1e-15)
-    np.testing.assert_allclose(at.normal, [[-0.8, 0.6]] * 2, rtol=1e-15)
-    np.testing.assert_allclose(at.gap, [1.0, -1.0], rtol=1e-15)
-    np.testing.assert_allclose(at.tangents, [[[3.0, 4.0]]] * 2)
-    assert not at.clamped.any() and at.on_surface.all()
-
-
 def test_outside_a_ridge_the_vertex_is_the_closest_point():
     nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
     point = np.array([[0.03, 0.04]])
@@ -138,14 +102,6 @@ def test_below_a_groove_the_vertex_is_the_closest_point_and_the_gap_negative():
     # The normal points out of the body, so against the way from the vertex to the point.
     np.testing.assert_allclose(at.normal, [[-0.6, 0.8]], rtol=1e-14)
     np.testing.assert_allclose(at.gap, -0.05, rtol=1e-14)
-
-
-def test_in_a_groove_the_nearer_side_is_taken():
-    nodes = np.array([[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
-    at = project(polyline(nodes), [[-0.01, 0.5], [0.01, 0.5]], nodes)
-    np.testing.assert_array_equal(at.facet, [0, 1])
-    np.testing.assert_allclose(at.normal, [[0.5**0.5] * 2, [-(0.5**0.5), 0.5**0.5]], rtol=1e-14)
-    assert (at.gap > 0.0).all() and not at.clamped.any()
 
 
 def test_gap_is_continuous_through_a_kink():
@@ -188,14 +144,6 @@ def test_two_separate_chains():
     assert line.neighbours.nnz == 2
 
 
-def test_neighbours_whatever_the_numbering():
-    rng = np.random.default_rng(2)
-    nodes = np.stack([np.arange(9.0), np.zeros(9)], axis=1)
-    order = rng.permutation(8)
-    near = np.abs(order[:, None] - order[None]) <= 1
-    np.testing.assert_array_equal(polyline(nodes, order).neighbours.toarray(), near)
-
-
 def test_closed_chain_has_no_end():
     angle = -2.0 * np.pi * np.arange(12) / 12
     nodes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -207,21 +155,3 @@ def test_closed_chain_has_no_end():
     assert at.on_surface.all()
     assert (at.gap > 0.0).all()
     assert (line.neighbours.sum(axis=1) == 3).all()
-
-
-def test_turning_the_facets_round_turns_the_normal():
-    nodes = np.array([[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]])
-    points = np.array([[0.5, 0.4], [1.5, -0.2]])
-    one = project(polyline(nodes), points, nodes)
-    other = project(polyline(nodes[::-1].copy()), points, nodes[::-1])
-    np.testing.assert_allclose(other.normal, -one.normal, rtol=1e-14)
-    np.testing.assert_allclose(other.gap, -one.gap, rtol=1e-14)
-    assert (unit_normals(np.array([[[1.0, 0.0]]])) == [[0.0, 1.0]]).all()
-
-
-def test_no_points():
-    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    line = polyline(nodes)
-    none = np.empty((0, 2))
-    at = line.project(none, nodes)
-    assert at.gap.shape == (0,) and at.normal.shape == (0, 2) and at.tangents.shape == (0, 1, 2)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.geometry.surfaces.facet_search import FacetSearch
+from tests.geometry.surfaces.closest import nearest
 from tribox.geometry.surfaces.facets import facet_shape, unit_normals
-from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface, Projection
+from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface
 
 SPACE = [("triangle", 1), ("quadrilateral", 1), ("triangle", 2), ("quadrilateral", 2)]
 ALL = [("interval", 2), *SPACE]
+SMOOTH = [("interval", 1, 0.8), ("quadrilateral", 1, 0.8)]
 
 
 def ids(kind):
-    return f"{kind[0]}{kind[1]}"
+    return "".join(str(part) for part in kind)
 
 
 def hilly(*x):
@@ -23,20 +24,15 @@ def hilly(*x):
 
 def surface_of(sheet, kind, count, height=hilly):
     count = count[: 1 if kind[0] == "interval" else 2]
-    shape, facets, nodes = sheet(*kind, count, height)
-    return FacetSurface(shape, facets, nodes), nodes
+    shape, facets, nodes = sheet(*kind[:2], count, height)
+    return FacetSurface(shape, facets, nodes, *kind[2:]), nodes
 
 
 def every_facet(surface, points, nodes):
-    """Closest distances (q,) without a search."""
-    from tests.geometry.surfaces.closest import closest_points
-
-    count = len(surface.facets)
-    facet = np.tile(np.arange(count), len(points))
-    all_ = closest_points(
-        surface.shape, nodes[surface.facets[facet]], np.repeat(points, count, axis=0)
-    )
-    return np.sqrt(all_.squared.reshape(len(points), count).min(axis=1))
+    controls = nodes[surface.stencil]
+    if surface.extraction is not None:
+        controls = surface.extraction @ controls
+    return nearest(surface.shape, controls, points)
 
 
 def check(surface, points, nodes):
@@ -51,13 +47,15 @@ def check(surface, points, nodes):
     return at
 
 
-@pytest.mark.parametrize("kind", ALL, ids=ids)
+@pytest.mark.parametrize("kind", [*ALL, *SMOOTH], ids=ids)
 def test_nearest_of_all_facets(sheet, kind):
     surface, nodes = surface_of(sheet, kind, (6, 5))
     rng = np.random.default_rng(1)
     dim = nodes.shape[1]
     points = rng.uniform(-0.1, 1.1, (150, dim))
     points[:, -1] = 0.5 * points[:, -1] - 0.25
+    for beside in (nodes, nodes + 1e-3 * np.eye(dim)[-1]):  # several facets are equally near
+        check(surface, beside, nodes)
     at = check(surface, points, nodes)
     assert at.clamped.any() and not at.clamped.all()
     assert at.on_surface.any() and not at.on_surface.all()
@@ -124,16 +122,6 @@ def test_corner_of_a_pyramid():
         np.testing.assert_allclose(at.foot, 0.0, atol=1e-16)
         assert (height * at.gap > 0.0).all()
         np.testing.assert_array_equal(at.along, 0.0)
-
-
-def test_at_the_very_corner_the_normal_is_the_weighted_mean():
-    """Of three faces of a cube, one of them split in two: the split must not count."""
-    triangle = facet_shape("triangle", 1)
-    nodes = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
-    facets = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], dtype=np.int32)
-    surface = FacetSurface(triangle, facets, nodes)
-    outward = surface._corner_outward(np.zeros(1, dtype=np.int32), nodes[facets])
-    np.testing.assert_allclose(outward, [[3**-0.5] * 3], rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", SPACE, ids=ids)
@@ -205,10 +193,11 @@ def test_a_point_may_be_frozen_on_its_facet_just_past_an_edge(sheet, kind):
         np.testing.assert_array_less(surface.shape.excess(at.xi), OVERRUN)
 
 
-@pytest.mark.parametrize("kind", ALL, ids=ids)
+@pytest.mark.parametrize("kind", [*ALL, *SMOOTH], ids=ids)
 def test_answers_do_not_depend_on_earlier_searches(sheet, kind):
-    """A walk with kept pairs against searches of their own, after steps small and large."""
+    """A walk with kept pairs against searches of other points, after steps small and large."""
     surface, nodes = surface_of(sheet, kind, (8, 6))
+    start = nodes
     rng = np.random.default_rng(5)
     points = rng.uniform(0.0, 1.0, (60, nodes.shape[1]))
     points[:, -1] *= 0.2
@@ -216,10 +205,25 @@ def test_answers_do_not_depend_on_earlier_searches(sheet, kind):
         points = points + size * rng.uniform(-1.0, 1.0, points.shape)
         nodes = nodes + 0.2 * size * rng.uniform(-1.0, 1.0, nodes.shape)
         kept = surface.project(points, nodes)
-        fresh = FacetSurface(surface.shape, surface.facets, nodes).project(points, nodes)
-        np.testing.assert_array_equal(kept.facet, fresh.facet)
-        np.testing.assert_array_equal(kept.xi, fresh.xi)
+        shape = facet_shape(*kind[:2])
+        for part in (slice(None, None, -1), slice(0, None, 3)):
+            fresh = FacetSurface(shape, surface.facets, start, *kind[2:])
+            fresh = fresh.project(points[part], nodes)
+            np.testing.assert_array_equal(kept.facet[part], fresh.facet)
+            np.testing.assert_array_equal(kept.xi[part], fresh.xi)
     assert 2 <= surface.search.searches <= 5
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e3])
+def test_units(sheet, size):
+    kind = SMOOTH[1]
+    surface, nodes = surface_of(sheet, kind, (7, 5))
+    points = np.random.default_rng(11).uniform(-0.1, 1.1, (200, 3)) * [1.0, 1.0, 0.02]
+    at = surface.project(points, nodes)
+    other = FacetSurface(facet_shape(*kind[:2]), surface.facets, size * nodes, kind[2])
+    other = other.project(size * points, size * nodes)
+    np.testing.assert_array_equal(other.facet, at.facet)
+    np.testing.assert_allclose(other.gap, size * at.gap, rtol=0, atol=1e-12 * size)
 
 
 def test_common_motion_needs_no_new_search(sheet):
@@ -260,18 +264,6 @@ def test_one_huge_facet_among_thousands_of_small_ones(sheet):
     np.testing.assert_allclose(at.gap, [0.03, -0.03, 0.2], rtol=1e-12)
 
 
-def test_pairs_are_few(sheet):
-    """The search leaves few facets for each point near the surface."""
-    for kind, most in ((("triangle", 1), 12.0), (("quadrilateral", 1), 7.0)):
-        shape, facets, nodes = sheet(*kind, (30, 30), hilly)
-        search = FacetSearch(shape, nodes[facets])
-        rng = np.random.default_rng(7)
-        xi = rng.random((500, 2))
-        point, _ = search.pairs(np.column_stack([xi, hilly(*xi.T)]), nodes[facets])
-        np.testing.assert_array_equal(np.unique(point), np.arange(500))
-        assert len(point) / 500 < most
-
-
 def test_ties_go_to_the_first_facet_whatever_else_is_looked_at(sheet):
     """Inside a right-angled groove, equally far from both sides."""
     shape, facets, nodes = sheet("quadrilateral", 1, (4, 1), lambda x, y: np.abs(x - 0.5))
@@ -293,52 +285,11 @@ def test_branching_surfaces_are_refused():
         FacetSurface(segment, np.array([[0, 1], [0, 2]], dtype=np.int32), nodes[:, :2])
 
 
-def test_normals_point_away_from_the_body():
-    np.testing.assert_allclose(unit_normals(np.array([[[2.0, 0.0]]])), [[0.0, 1.0]])
-    tangents = np.array([[[2.0, 0.0, 0.0], [1.0, 3.0, 0.0]]])
-    np.testing.assert_allclose(unit_normals(tangents), [[0.0, 0.0, 1.0]])
-
-
 @pytest.mark.parametrize("kind", ALL, ids=ids)
 def test_no_points(sheet, kind):
     surface, nodes = surface_of(sheet, kind, (2, 2))
     at = surface.project(np.empty((0, nodes.shape[1])), nodes)
     assert at.gap.shape == (0,) and at.tangents.shape[1] == nodes.shape[1] - 1
-
-
-def test_edges_of_warped_facets_have_one_outward_direction(sheet):
-    """Seen from either of the two facets that share an edge point."""
-    surface, nodes = surface_of(sheet, ("quadrilateral", 1), (3, 3), lambda x, y: 0.8 * x * y**2)
-    facet = np.arange(9).repeat(4).astype(np.int32)
-    side = np.tile(np.arange(4, dtype=np.int32), 9)
-    inner = surface._across[facet, side] >= 0
-    facet, side = facet[inner], side[inner]
-    found = {}
-    for f, s in zip(facet, side, strict=True):
-        edge = surface.shape.sides[s]
-        xi = (edge.origin + 0.3 * edge.direction)[None]
-        other = surface.shape.sides[surface._across_side[f, s]]
-        opposite = (other.origin + 0.7 * other.direction)[None]
-        for key, at in (((f, surface._across[f, s]), xi), ((surface._across[f, s], f), opposite)):
-            owner = np.array([key[0]], dtype=np.int32)
-            which = s if key[0] == f else surface._across_side[f, s]
-            foot, tangents = surface.places(owner, at, nodes)
-            projection = Projection(
-                facet=owner,
-                xi=at,
-                foot=foot,
-                normal=unit_normals(tangents),
-                tangents=tangents,
-                gap=np.zeros(1),
-                clamped=np.ones(1, dtype=bool),
-                on_surface=np.ones(1, dtype=bool),
-            )
-            rows = np.zeros(1, dtype=np.int32)
-            found[key] = surface._edge_outward(
-                projection, rows, np.array([which]), nodes[surface.facets]
-            )
-        np.testing.assert_allclose(*found.values(), atol=1e-14)
-        found.clear()
 
 
 def test_far_points_cost_little_and_are_nearly_right(sheet):

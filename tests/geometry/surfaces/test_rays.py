@@ -118,15 +118,3 @@ def test_rays_that_graze_a_facet_or_come_from_behind_meet_nothing(cosine, meets)
 def test_a_hit_far_from_the_start_is_given_up(away, meets):
     rays, controls = search(np.stack([np.arange(101.0), np.zeros(101)], axis=1))
     assert hits(rays, controls, [away + 10.5, 0.1], [0.0, 1.0], 10)[2][0] == meets
-
-
-def test_no_points_at_all():
-    rays, controls = search(turning([0.0, 5.0]))
-    facet, xi, met = rays.hits(
-        np.empty((0, 2)),
-        np.empty((0, 2)),
-        controls,
-        np.empty(0, dtype=np.int32),
-        np.empty((0, 1)),
-    )
-    assert len(facet) == len(met) == 0 and xi.shape == (0, 1)

@@ -94,18 +94,6 @@ def test_rays_and_ends_are_carried_along():
         np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-11)
 
 
-def test_where_it_searched_it_can_search_again():
-    """What a restart asks of it."""
-    nodes, facets = hill()
-    rigid, other = MeshSurface(nodes, facets), MeshSurface(nodes, facets)
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (30, 3))
-    rigid.project(points, moved(rigid, 0.2))
-    kept = rigid.search.searched_at
-    assert kept is not None and other.search.searched_at is None
-    other.search.search(*kept)
-    np.testing.assert_array_equal(other.search.searched_at[0], kept[0])
-
-
 def test_nodes_of_no_facet_do_not_matter():
     nodes, facets = hill()
     more = np.concatenate([np.full((3, 3), 9.0), nodes])

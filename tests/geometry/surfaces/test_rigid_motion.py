@@ -55,17 +55,3 @@ def test_turns_are_counter_clockwise_and_right_handed():
     turned = about_z.rotation(0.5 * np.pi)
     np.testing.assert_allclose(turned @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15)
     np.testing.assert_allclose(np.linalg.det(turned), 1.0, rtol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("points", "length", "axis", "wrong"),
-    [
-        (PLANE.points, 0.0, None, "length of a rotation must be positive, not 0"),
-        (PLANE.points, 1.0, np.ones(3), "none in the plane"),
-        (SPACE.points, 1.0, None, "an axis in space"),
-        (SPACE.points, 1.0, np.zeros(3), "no direction"),
-    ],
-)
-def test_what_cannot_turn_is_refused(points, length, axis, wrong):
-    with pytest.raises(ValueError, match=wrong):
-        RigidMotion(np.zeros(points.shape[1]), points, length, axis)

@@ -49,13 +49,6 @@ def left(way):
     return np.stack([-way[:, 1], way[:, 0]], axis=1) / np.linalg.norm(way, axis=1)[:, None]
 
 
-def test_of_a_flat_side_they_are_its_own():
-    """Towards the body, also at the ends."""
-    position = np.array([[0.0, 0.0], [1.0, 0.5], [4.0, 2.0], [5.0, 2.5]])
-    normal, _, _ = normals_of(position)
-    np.testing.assert_allclose(normal, np.broadcast_to(-left([2.0, 1.0]), normal.shape), atol=1e-15)
-
-
 def test_between_vertices_the_chords_normals_are_mixed():
     """The definition in numbers; at the ends the chord is the last facet."""
     position = np.array([[0.0, 0.0], [1.0, 0.2], [1.7, -0.3], [3.0, 0.1], [3.4, 0.9]])

@@ -113,27 +113,6 @@ def test_area_of_rings(shape):
     assert np.all((inner > (b - a)[:-1]) & (inner < (b - a)[1:]))
 
 
-@pytest.mark.parametrize("shape", ["Q9", "tet4", "hex27"])
-def test_averages_and_values_at_points_are_adjoint(shape):
-    vertices, weight = graded(shape).vertices, graded(shape).slave.weight
-    rng = np.random.default_rng(1)
-    at_points, at_vertices = rng.normal(size=len(weight)), rng.normal(size=vertices.count)
-    one = at_vertices @ vertices.sums(weight * at_points)
-    assert one == pytest.approx((weight * at_points) @ vertices.at_points(at_vertices), rel=1e-12)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_vertices_are_corners_in_order_of_place(shape):
-    surface = graded(shape)
-    vertices, space = surface.vertices, surface.space
-    where = space.tabulate_dof_coordinates()[vertices.nodes, : surface.dim]
-    np.testing.assert_array_equal(where, vertices.position)
-    assert np.all(np.isin(vertices.nodes, surface.slave.nodes))
-    corners = space.mesh.geometry.x[:, : surface.dim]
-    assert all(np.linalg.norm(corners - place, axis=1).min() < 1e-12 for place in where)
-    assert np.array_equal(np.lexsort(np.round(where.T[::-1], 9)), np.arange(vertices.count))
-
-
 # -- ranks ----------------------------------------------------------------------------------------
 
 SHARED = ("T3", "Q9", "tet4", "hex8")
