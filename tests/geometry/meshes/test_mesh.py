@@ -531,3 +531,22 @@ def test_wedges_are_divided(msh):
     named = read(msh(wedges), MPI.COMM_SELF)
     assert named.notes == ("cells (2 prisms): refined to 12 hexahedra",)
     assert resultants(named) == pytest.approx({"body": 0.5})
+
+
+def test_a_body_drawn_in_parts_that_share_no_nodes_is_told(msh):
+    def parts(apart, bodies):
+        for n, x in enumerate((0.0, 1.0 + apart)):
+            gmsh.model.occ.addRectangle(x, 0.0, 0.0, 1.0, 1.0, tag=n + 1)
+        gmsh.model.occ.synchronize()
+        for name, tags in bodies.items():
+            group(2, tags, name)
+        gmsh.model.mesh.generate(2)
+
+    def notes(apart, bodies):
+        return read(msh(lambda: parts(apart, bodies)), MPI.COMM_SELF, scale=1e-3).notes
+
+    (note,) = notes(0.0, {"pad": [1, 2]})
+    assert note.startswith("body pad: ") and "as at (0.001, 0) m, and are not joined" in note
+    assert notes(0.1, {"pad": [1, 2]}) == ()
+    # Bodies that lie on each other are what contact is between.
+    assert notes(0.0, {"pad": [1], "plate": [2]}) == ()
