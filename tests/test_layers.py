@@ -46,10 +46,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 # What a room may import from outside the project; every other room what it likes.
-OUTSIDE = {
-    "tribox.forms.friction": {"numpy"},
-    "tribox.app.results.directory": set(),
-}
+OUTSIDE = {"tribox.forms.friction": {"numpy"}, "tribox.app.results.directory": set()}
 # What a room may import from the project beside its own modules, where that is not all below it.
 INSIDE = {
     "tribox.forms.friction": {"tribox.forms.parameters"},

@@ -135,11 +135,7 @@ MISTAKES = [
     ({"stage.1": {"name": "v", "velocities": [1], "slip_step": 1, "release": ["top"]}},
      "stage.1.release: goes with duration only: reactions are taken off over it"),
 ]  # fmt: skip
-EXPLICIT = {
-    "solver.kind": "explicit",
-    "bodies.elastomer.density": 1,
-    "bodies.aluminium.density": 1,
-}
+EXPLICIT = {"solver.kind": "explicit", "bodies.elastomer.density": 1, "bodies.aluminium.density": 1}
 MISTAKES += [
     (
         EXPLICIT | {"boundary.1": OBLIQUE},

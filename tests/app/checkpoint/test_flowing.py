@@ -17,10 +17,7 @@ from tribox.app.results.directory import read_table
 from tribox.app.simulation import explicit_stage
 from tribox.app.simulation.history import PHYSICAL
 
-PROBES = [
-    {"name": "below", "point": ["1 mm", "-0.1 mm"]},
-    {"name": "lower", "body": "aluminium"},
-]
+PROBES = [{"name": "below", "point": ["1 mm", "-0.1 mm"]}, {"name": "lower", "body": "aluminium"}]
 STRUCK = {
     "x": [["10 us", "0 mm"], ["20 us", "0.01 mm"]],
     "y": [["0 s", "0 mm"], ["10 us", "-0.03 mm"]],

@@ -10,12 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from tribox.app.figures.steady_points import film_numbers
-from tribox.app.figures.style import (
-    CASE_STYLE,
-    MARGIN,
-    save,
-    write_png,
-)
+from tribox.app.figures.style import CASE_STYLE, MARGIN, save, write_png
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 

@@ -7,12 +7,7 @@ import pytest
 
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import (
-    ENOUGH,
-    Inside,
-    Newton,
-    length_to_least_energy,
-)
+from tribox.app.implicit.newton import ENOUGH, Inside, Newton, length_to_least_energy
 from tribox.app.implicit.options import ImplicitOptions
 
 

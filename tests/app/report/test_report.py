@@ -21,9 +21,7 @@ from tribox.app.case.case import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.page import pictures_of, write_report
-from tribox.app.report.tables import (
-    frame_table,
-)
+from tribox.app.report.tables import frame_table
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
 

@@ -16,13 +16,7 @@ from tribox.app.case.case import Case
 from tribox.app.results import vtu
 from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
-from tribox.app.results.vtu import (
-    Cells,
-    Grid,
-    UnknownVtuError,
-    read_vtu,
-    write_vtu,
-)
+from tribox.app.results.vtu import Cells, Grid, UnknownVtuError, read_vtu, write_vtu
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 

@@ -35,11 +35,7 @@ def case(boundaries: list[dict], stages: list[dict] | None = None, **parts: Any)
         },
         "bodies": {"elastomer": body, "aluminium": body},
         "contact": [
-            {
-                "slave": BOTTOM,
-                "master": "aluminium_contact",
-                "friction": {"law": "frictionless"},
-            }
+            {"slave": BOTTOM, "master": "aluminium_contact", "friction": {"law": "frictionless"}}
         ],
         "boundary": [STILL, *boundaries],
         "stage": stages or [{"name": "load", "duration": 1.0, "steps": 1}],

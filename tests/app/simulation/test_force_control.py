@@ -69,10 +69,7 @@ def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
     return {
         "title": shape,
         "geometry": geometry,
-        "bodies": {
-            "elastomer": elastomer,
-            "aluminium": elastomer | {"E": 5e9, "nu": 0.3},
-        },
+        "bodies": {"elastomer": elastomer, "aluminium": elastomer | {"E": 5e9, "nu": 0.3}},
         "contact": [
             {
                 "slave": "elastomer_contact",

@@ -12,11 +12,7 @@ import pytest
 from tests.contact_boxes import PENALTY
 from tests.geometry.surfaces.test_vertices import graded
 from tests.grid import grid
-from tribox.app.simulation.contact_warnings import (
-    FEW,
-    PairProbe,
-    _few_facets,
-)
+from tribox.app.simulation.contact_warnings import FEW, PairProbe, _few_facets
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.surface import ContactSurface

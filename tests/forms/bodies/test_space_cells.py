@@ -11,13 +11,7 @@ from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import SpaceCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
-from tribox.forms.bodies.materials import (
-    Hencky,
-    MooneyRivlin,
-    NeoHookean,
-    Yeoh,
-    shear_and_bulk,
-)
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import cell_nodes
 

@@ -12,8 +12,7 @@ from tribox.geometry.meshes.mesh import _generated
 
 
 @pytest.mark.parametrize(
-    ("upper", "lower"),
-    [((4, 3), (3, 2)), ((1, 1), (1, 2)), ((2, 1), (1, 3)), ((7, 5), (11, 4))],
+    ("upper", "lower"), [((4, 3), (3, 2)), ((1, 1), (1, 2)), ((2, 1), (1, 3)), ((7, 5), (11, 4))]
 )
 def test_numbers_are_those_of_gmsh(upper, lower):
     shape = TwoBlocks(

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from tests.grid import grid
-from tribox.geometry.meshes.places import (
-    nearest_place,
-    nodes_of,
-    places_in,
-    shape_functions,
-)
+from tribox.geometry.meshes.places import nearest_place, nodes_of, places_in, shape_functions
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
