@@ -1,7 +1,5 @@
 """What is noted of the costs of tests, and what is said when they have grown."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The measures of contact over curved tools: extent from the free surface, slip, choice of rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

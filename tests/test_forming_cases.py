@@ -4,8 +4,6 @@ Each also draws its picture in ``docs/gallery.md``. Coarse meshes and few steps,
 are those of a coarse body; the pages in ``docs/forming`` have the numbers of the cases as they are.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

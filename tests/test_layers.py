@@ -4,8 +4,6 @@ The rooms stand in docs/layout.md. The imports are read from the sources, those 
 and under ``TYPE_CHECKING`` too: a circle that only waits is one all the same.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the image compiles beforehand is all that runs need."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

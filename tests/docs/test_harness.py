@@ -1,7 +1,5 @@
 """What is wrong on a page does not get past the tests of its blocks."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Case files of bodies in space and of revolution: defaults, round trips, and mistakes."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """PETSc options of a case: what may be given, and that nothing else may."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

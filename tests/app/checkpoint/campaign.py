@@ -3,8 +3,6 @@
 python3 -m tests.app.checkpoint.campaign 20 --seed 1
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Small cases, each with something in it that a run has to remember when it goes on."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from pathlib import Path

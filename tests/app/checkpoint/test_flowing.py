@@ -1,7 +1,5 @@
 """Runs with a body that flows, or creeps, go on as if they had not stopped, on any ranks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs that go on: what nobody thinks of at first."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

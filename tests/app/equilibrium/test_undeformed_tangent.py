@@ -1,7 +1,5 @@
 """Which bodies keep the tangent of their undeformed state, and what that does to a solution."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

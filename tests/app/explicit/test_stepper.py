@@ -1,7 +1,5 @@
 """Explicit steps against closed forms: impact, free flight, loads, films; and their energy."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

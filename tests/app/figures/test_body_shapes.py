@@ -1,7 +1,5 @@
 """Polygons of bodies, and the numbers they are coloured by."""
 
-from __future__ import annotations
-
 import meshio
 import numpy as np
 import pytest

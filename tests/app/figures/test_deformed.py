@@ -1,7 +1,5 @@
 """The picture of the deformed bodies in the plane: all bodies, all pairs, what it says of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes

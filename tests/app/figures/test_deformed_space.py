@@ -1,7 +1,5 @@
 """Pictures of results in space: both bodies, the pair, and what the title and the scale say."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

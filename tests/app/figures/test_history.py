@@ -1,7 +1,5 @@
 """Figures of the tables of a run: what is drawn, over what, on which scales."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The renderer: what is in front is seen, without teeth where two bodies touch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

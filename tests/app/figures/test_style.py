@@ -1,7 +1,5 @@
 """Pages are cut to what is drawn, and are the pictures that matplotlib makes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib import rc_context

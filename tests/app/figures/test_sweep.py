@@ -1,7 +1,5 @@
 """The figure of a sweep: values as numbers with their unit, or as words."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rigid tools in pictures: in space before and behind bodies, in frames of animations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection

@@ -1,7 +1,5 @@
 """Arc length of slave surfaces: order, direction, closed ones, several pieces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

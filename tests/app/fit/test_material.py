@@ -1,7 +1,5 @@
 """Fits of rubbers and metals: the models are right, and data give back what they were made with."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

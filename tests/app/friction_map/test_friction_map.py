@@ -1,7 +1,5 @@
 """The friction map at material points, against closed forms and what the law promises."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

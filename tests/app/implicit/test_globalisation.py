@@ -1,7 +1,5 @@
 """Which phases a step goes through: of Newton's method, and of starts and softer contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

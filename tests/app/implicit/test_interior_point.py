@@ -1,7 +1,5 @@
 """Contacts that are found from inside: flush sheets, on which Newton's method chatters."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

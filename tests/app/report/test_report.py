@@ -1,7 +1,5 @@
 """The HTML page of a results directory: what stands in it, and that it needs nothing else."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """Nodal values of the contact: what they add up to, in the plane, in space and of two pairs."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables of probes against values by hand, and through runs of every kind."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """How a process ends for what no case is to blame for."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from pathlib import Path

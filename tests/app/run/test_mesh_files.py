@@ -1,7 +1,5 @@
 """What the picture of a case shows beside its mesh."""
 
-from __future__ import annotations
-
 import pytest
 from mpi4py import MPI
 

@@ -1,7 +1,5 @@
 """What a run prints on a terminal and elsewhere, and what its log keeps."""
 
-from __future__ import annotations
-
 import io
 import re
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Runs of a sweep side by side: how many at a time, what they say, and how they fail."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys

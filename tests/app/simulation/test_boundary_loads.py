@@ -1,7 +1,5 @@
 """Loads, foundations and supports that come and go, against closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Warnings on contacts that are too soft, uneven or coarse: their numbers, where they point."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """The energy balance closes, and with which order of the step it does."""
 
-from __future__ import annotations
-
 import tomllib
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Explicit runs as a user sees them: rows, files, failures, damping and relaxation."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """What a failed step is explained by, finding by finding, without a run."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Problems without a solution: what is said, what is saved, and that nothing false is written."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Runs with a film that is found: what moves over, what is kept, and how they go on."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from pathlib import Path

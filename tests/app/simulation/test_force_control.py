@@ -1,7 +1,5 @@
 """Bodies that a given force presses on each other, from their first touch or a gap on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """What the warnings of a contact go by, pair by pair, against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Stages, steps that are cut, steps that cannot be solved, and runs that are interrupted."""
 
-from __future__ import annotations
-
 import copy
 import json
 import tomllib

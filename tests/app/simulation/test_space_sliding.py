@@ -1,7 +1,5 @@
 """A deformable pair pressed and dragged: in space, on second-order elements, on a smooth master."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import dolfinx

@@ -1,7 +1,5 @@
 """What is said of contact that reaches the end of a surface, or runs past it."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

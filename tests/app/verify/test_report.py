@@ -1,7 +1,5 @@
 """tribox verify: every case within its bars, checks that can fail, table, report, exit codes."""
 
-from __future__ import annotations
-
 import math
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """The bound of a body's displacement gradients is one, and not far off; what counts as thin."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The compiled loop over cells in space against what DOLFINx assembles, to round-off."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Maxwell branches at material points: closed forms, an ODE solution, tangents, dissipation."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

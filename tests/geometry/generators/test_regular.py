@@ -1,7 +1,5 @@
 """Regular meshes made without gmsh have the numbers that gmsh gives them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Points in the cells of a distorted mesh, and how far points outside are from it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
