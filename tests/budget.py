@@ -5,8 +5,6 @@ their own (`tests/ranks.py`). Anything else that is shared counts with the first
 Nothing fails for its cost: the summary of a run shows what has grown.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from collections import Counter, OrderedDict

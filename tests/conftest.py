@@ -1,7 +1,5 @@
 """What all tests share: a small pair of blocks, and the problems that are made from it."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import os

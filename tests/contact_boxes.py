@@ -5,8 +5,6 @@ that bend and warp the facets. There is no solid: the contact's own forces and b
 densely.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import dolfinx

@@ -1,7 +1,5 @@
 """Cases with a body that flows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tests.app.checkpoint.small_cases import COARSE, STAGES, changed

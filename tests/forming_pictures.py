@@ -1,7 +1,5 @@
 """The pictures of the forming cases in ``docs/gallery.md``, drawn from runs of their tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ DOLFINx's own meshes have another one, of the same functions at degree 1. Forms 
 those that the image holds: the tests that make them would compile them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import basix.ufl

@@ -1,7 +1,5 @@
 """A law and a material in Python for tests: the documented ones, spoilt in places, and cases."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -12,8 +12,6 @@ The functions of all tests that are to run are then called one after the other b
 The test is given what the first rank returns, as JSON. On one rank this process calls them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import json

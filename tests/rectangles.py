@@ -1,7 +1,5 @@
 """Meshes of rectangles of equal cells, each a body whose sides are surfaces, as files of gmsh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Lines count from ``def`` to the last one, docstring included. Attributes are tho
 the class assign to ``self`` and the annotated ones of its body.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """pytest finds every test: a directory it passes over would go unnoticed."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

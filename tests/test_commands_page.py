@@ -1,7 +1,5 @@
 """The page of the command line has every command with every option, and no others."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

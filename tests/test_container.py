@@ -4,8 +4,6 @@ Needs a container engine, which the image does not have: there these tests are s
 machine itself they need nothing but Python: ``python3 -m unittest -v tests.test_container``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,17 +1,9 @@
 """The measures of contact over curved tools: extent from the free surface, slip, choice of rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from tribox.app.verify.curved import (
-    beyond_line,
-    beyond_point,
-    extent,
-    half_width,
-    slip_integral,
-)
+from tribox.app.verify.curved import beyond_line, beyond_point, extent, half_width, slip_integral
 
 RADIUS, A = 5e-3, 0.5e-3
 

@@ -4,8 +4,6 @@ Each also draws its picture in ``docs/gallery.md``. Coarse meshes and few steps,
 are those of a coarse body; the pages in ``docs/forming`` have the numbers of the cases as they are.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -154,10 +152,7 @@ def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_sli
 def test_upsetting_takes_the_force_of_the_slab_with_friction(tmp_path):
     """p = sigma_Y (1 + 2 mu R/(3 H)) in the mean, R and H (of both halves) as they are then."""
     done = reduced(
-        "upsetting",
-        tmp_path,
-        geometry__blocks__billet__elements="[10, 8]",
-        stage__0__steps="15",
+        "upsetting", tmp_path, geometry__blocks__billet__elements="[10, 8]", stage__0__steps="15"
     )
     for row in done.rows[3:]:
         height = 7.5e-3 - 3e-3 * row.time

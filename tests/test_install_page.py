@@ -1,7 +1,5 @@
 """The packages that docs/install.md tells users of Debian to install are those of the image."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The side by side with other codes: all get the same problem; their forces are read rightly."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """``cases/forming/own-mesh.toml`` in reduced form: a drawing, three bodies, two pairs, a tool."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

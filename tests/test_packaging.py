@@ -25,10 +25,6 @@ def project() -> dict:
         return tomllib.load(stream)
 
 
-def settings() -> dict:
-    return project()["tool"]["setuptools"]
-
-
 def test_the_command_of_an_installation_exists():
     module, _, name = project()["project"]["scripts"]["tribox"].partition(":")
     assert callable(getattr(importlib.import_module(module), name))
@@ -51,23 +47,6 @@ def test_the_command_of_an_installation_exists():
 def test_documented_imports_stay_where_they_are(module, names):
     for name in names.split(", "):
         assert callable(getattr(importlib.import_module(module), name))
-
-
-def test_every_directory_with_modules_is_a_package_that_is_found():
-    assert settings()["packages"]["find"]["where"] == ["src"]
-    for top in TOP:
-        assert (ROOT / "src" / "tribox" / top).resolve() == ROOT / top
-        for path in (ROOT / top).rglob("*.py"):
-            assert (path.parent / "__init__.py").is_file(), path
-
-
-def test_every_file_that_is_no_module_is_package_data():
-    data = settings()["package-data"]
-    for top in TOP:
-        for path in (ROOT / top).rglob("*"):
-            if path.is_file() and path.suffix not in (".py", ".pyc"):
-                package = ".".join(("tribox", *path.relative_to(ROOT).parent.parts))
-                assert any(path.match(pattern) for pattern in data[package]), path
 
 
 def built(sources: Path, kind: str, target: Path) -> Path:

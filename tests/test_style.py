@@ -1,7 +1,5 @@
 """Style and types of the sources, by the tools of the image."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

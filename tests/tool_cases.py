@@ -1,7 +1,5 @@
 """Small cases of one block and rigid tools, which tests of tools share."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

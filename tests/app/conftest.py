@@ -1,7 +1,5 @@
 """What the tests of the application share: two small cases, and tribox as its users start it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings

@@ -1,7 +1,5 @@
 """Reads a log as the lines that were said, which it keeps folded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tribox.app.errors import CONTINUED

@@ -1,7 +1,5 @@
 """The command line as a user meets it: files that appear, lines on stderr, exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

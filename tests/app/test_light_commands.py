@@ -1,7 +1,5 @@
 """Commands that solve nothing start without the solver's libraries."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Files of options in the working directory, which may be that of anyone's case, do not count."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What the image compiles beforehand is all that runs need."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -35,10 +33,7 @@ def test_runs_compile_nothing_that_has_not_been_compiled(cache, block, film):
     assert len(lines) == len(set(lines)) >= 10
     before = compiled()
     assert before
-    pushed = block.replace(
-        "[boundary.displacement]",
-        'pressure = "1 kPa"\n[boundary.displacement]',
-    )
+    pushed = block.replace("[boundary.displacement]", 'pressure = "1 kPa"\n[boundary.displacement]')
     cases = [tomllib.loads(text) for text in (block, film, pushed)]
     triangles = tomllib.loads(film)
     triangles["geometry"]["cell"] = "triangle"

@@ -1,7 +1,5 @@
 """``tribox bench``: what it runs, what it measures in a run, and the tables it makes of it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

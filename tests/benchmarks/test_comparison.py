@@ -1,7 +1,5 @@
 """Two sides of a comparison: how they run, what is read from them, and the tables."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

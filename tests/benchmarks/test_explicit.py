@@ -1,7 +1,5 @@
 """The table of explicit timings, on meshes that cost nothing."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.explicit import contact_table, kernel_table, sliding, step_table

@@ -4,8 +4,6 @@ A mark is an HTML comment between a block and the text above it; readers do not 
 are in docs/testing.md.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

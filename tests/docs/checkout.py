@@ -1,7 +1,5 @@
 """A temporary directory that looks like a checkout to the commands of a page."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

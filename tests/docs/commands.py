@@ -1,7 +1,5 @@
 """Commands of a shell block, checked without running them: tribox's own, modules, files."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

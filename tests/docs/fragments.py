@@ -5,8 +5,6 @@ takes the place of the case's table, as does an entry of a list of tables with t
 surface; all else is added.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

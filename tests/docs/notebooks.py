@@ -4,8 +4,6 @@
 change of a notebook, or of the program where the change is meant.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Runs the blocks of one page in order, and compares what they print with what the page shows."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

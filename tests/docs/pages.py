@@ -1,7 +1,5 @@
 """The pages whose blocks are tested, in groups of about the same cost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

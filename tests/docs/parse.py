@@ -1,7 +1,5 @@
 """Checks a command of tribox without running it: ``python3 -m tests.docs.parse test -k map``."""
 
-from __future__ import annotations
-
 import sys
 
 from tests.docs.commands import problems

@@ -1,7 +1,5 @@
 """Whether a page shows what its block prints: numbers to the digits shown, "..." for anything."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from functools import lru_cache

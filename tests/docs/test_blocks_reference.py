@@ -1,7 +1,5 @@
 """The blocks of each page of the group "reference" (tests/docs/pages.py) run as they stand."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.docs.pages import pages_of, run_page

@@ -1,7 +1,5 @@
 """The job of the page on clusters, run with stand-ins for what Slurm has."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

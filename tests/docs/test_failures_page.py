@@ -1,7 +1,5 @@
 """Every message that docs/failures.md quotes is one that the sources can print."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ The comment above an entry's commands says how the case is reduced. Forming case
 their pictures drawn, by their own tests (``tests/forming_pictures.py``).
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

@@ -1,15 +1,10 @@
 """What is wrong on a page does not get past the tests of its blocks."""
 
-from __future__ import annotations
-
-import re
 from pathlib import Path
 
 import pytest
 
-from tests.docs.blocks import PageError, find_blocks, is_long, without_blocks
-from tests.docs.commands import problems
-from tests.docs.fragments import merged
+from tests.docs.blocks import PageError
 from tests.docs.page_run import PageRun, check_page
 from tests.docs.printed import difference
 
@@ -43,19 +38,6 @@ def run(page, tmp_path):
         PageRun(directory).run(page(*blocks))
 
     return run_page
-
-
-RIGHT = [
-    ("sh", "cp cases/sfa.toml mine.toml"),
-    ("sh", "./tribox test tests/forms -k map  # checked only", "tribox materials PU-70A > one.txt"),
-    ("python", "from pathlib import Path", 'n = len(Path("mine.toml").name)'),
-    ("python", 'print(f"{n}: {n / 3:.4f} of all")', 'print("done")'),
-]
-
-
-def test_blocks_of_a_page_share_a_directory_and_names(run):
-    shown = ("text", "9: 3.0001 of all", "...")
-    run(*(fenced(*block) for block in RIGHT), fenced(*shown))
 
 
 @pytest.mark.parametrize(
@@ -119,70 +101,6 @@ def test_what_is_wrong_is_seen_when_it_runs(run, blocks, what):
         run(*blocks)
 
 
-def test_the_program_prints_nothing_else(run):
-    correct = "cases/block-slide.toml: correct (1 run, 2 stages)"
-    run(fenced("sh", "./tribox check cases/block-slide.toml"), fenced("text", correct))
-
-
-def test_modules_of_a_page_are_not_those_of_the_next(page, tmp_path):
-    blocks = [fenced("python", "x = {}", mark="file: mine.py"), fenced("python", "import mine")]
-    for value in (1, 2):
-        (tmp_path / str(value)).mkdir()
-        made = page(blocks[0].format(value), blocks[1], fenced("python", "print(mine.x)"))
-        shown = fenced("text", str(value))
-        made.write_text(made.read_text(encoding="utf-8") + shown, encoding="utf-8")
-        PageRun(tmp_path / str(value)).run(made)
-
-
-def test_a_page_goes_on_behind_a_block_that_fails(run):
-    with pytest.raises(PageError, match=r"(?s)page.md:3: exit code 1.*page.md:8: not printed: '2'"):
-        run(fenced("sh", "echo 1", "false"), fenced("text", "2"))
-
-
-def test_a_whole_case_is_checked_as_it_is(run):
-    text = (Path(__file__).parents[2] / "cases" / "block-slide.toml").read_text(encoding="utf-8")
-    assert "\nsteps = " in text
-    run(fenced("toml", text), fenced("toml", text, mark="file: mine.toml"))
-
-
-def test_a_wrong_key_in_a_whole_case_is_seen(run):
-    text = (Path(__file__).parents[2] / "cases" / "block-slide.toml").read_text(encoding="utf-8")
-    with pytest.raises(PageError, match='unknown key "stepps" in stage'):
-        run(fenced("toml", text.replace("\nsteps = ", "\nstepps = ")))
-
-
-def test_errors_on_purpose_pass(run):
-    run(
-        fenced("sh", "./tribox check cases/sfa.toml --set solver.x=1", mark="fails with: 2"),
-        fenced("text", 'cases/sfa.toml: unknown key "x" in solver...'),
-        fenced("python", "[][1]", mark="fails with: IndexError"),
-        fenced("text", "IndexError: list index out of range"),
-        fenced("toml", "[solver]", "x = 1", mark='fails with: unknown key "x"'),
-    )
-
-
-def test_a_text_below_a_block_that_is_not_run_is_not_compared(run):
-    left_out = fenced("sh", "docker ps", mark="not run: needs a container engine")
-    ran = fenced("sh", "echo 1"), fenced("text", "2")
-    with pytest.raises(PageError, match=r"^page\.md:\d+: not printed: '2'"):
-        run(left_out, fenced("text", "CONTAINER ID"), *ran)
-
-
-def test_keys_can_be_set_for_the_test_alone(run):
-    mark = "in the test with: --set solver.x=1"
-    with pytest.raises(PageError, match='unknown key "x" in solver'):
-        run(fenced("sh", "./tribox check cases/sfa.toml", mark=mark))
-
-
-def test_files_of_a_page_are_written(run):
-    run(
-        fenced("csv", "a,b", "1,2", mark="file: data/table.csv"),
-        fenced("python", 'print("here")', mark="file: my.py"),
-        fenced("sh", "cat data/table.csv", "./tribox python my.py"),
-        fenced("text", "a,b", "1,2", "here"),
-    )
-
-
 @pytest.mark.parametrize(
     ("shown", "printed"),
     [
@@ -205,63 +123,3 @@ def test_outputs_that_are_the_same(shown, printed):
 )  # fmt: skip
 def test_outputs_that_are_not_the_same(shown, printed):
     assert difference(shown, printed) is not None
-
-
-def test_what_rounding_decides_is_not_compared():
-    shown = "step  3  N 0.26 N  Newton 5 (residual 2.6e-09)\n40 steps, 71 Newton iterations"
-    other = "step  3  N 0.26 N  Newton 12 (residual 3.0e-10)\n40 steps, 249 Newton iterations"
-    assert difference(shown, other) is None
-    assert difference(shown, other.replace("0.26", "0.28")) is not None
-    assert difference(shown, other.replace("40", "41")) is not None
-
-
-def test_numbers_of_another_machine_are_named():
-    assert difference("3 runs, 12.5 s", "3 runs, 7 s", "12.5 s") is None
-    assert difference("3 runs, 12.5 s", "4 runs, 7 s", "12.5 s") is not None
-    with pytest.raises(AssertionError, match="not in the text"):
-        difference("3 runs", "3 runs", "12.5 s")
-
-
-def test_blocks_in_lists_and_quotes_are_found(tmp_path):
-    path = tmp_path / "page.md"
-    path.write_text(
-        "1. first\n\n   ```sh\n   ls \\\n     -l\n   ```\n\n````text\n```\n````\n"
-        "> ```text\n> a\n> ```\n\n```{toctree}\nindex\n```\n<!-- long test -->\n",
-        encoding="utf-8",
-    )
-    blocks = find_blocks(path)
-    assert [(b.line, b.language, b.text) for b in blocks] == [
-        (3, "sh", "ls \\\n  -l\n"),
-        (8, "text", "```\n"),
-        (11, "text", "a\n"),
-    ]
-    assert is_long(path)
-    assert re.findall(r"[a-z]+", without_blocks(path.read_text(encoding="utf-8"))) == ["first"]
-
-
-def test_other_programs_may_call_something_tribox():
-    assert problems("conda create -n tribox numpy\ndocker build -t tribox .\n") == []
-    assert problems("docker save tribox | gzip > tribox.tar.gz\n./tribox --version\n") == []
-    assert problems("python3 -m benchmarks.other_codes run tribox --out records\n") == []
-
-
-def test_a_fragment_takes_the_place_of_what_it_chooses_anew():
-    base = {
-        "geometry": {"kind": "two-blocks", "gap": 1},
-        "contact": [{"slave": "a", "friction": {"law": "coulomb", "mu": 1}, "penalty": 2}],
-        "boundary": [{"surface": "top", "displacement": {"x": 0}}, {"surface": "bottom"}],
-        "solver": {"tolerance": 1},
-    }
-    over = {
-        "geometry": {"mesh": "a.msh"},
-        "contact": {"friction": {"law": "stribeck"}},
-        "boundary": [{"surface": "top", "force": 1}],
-        "solver": {"petsc": {"x": 1}},
-    }
-    assert merged(base, over) == {
-        "geometry": {"mesh": "a.msh"},
-        "contact": [{"slave": "a", "friction": {"law": "stribeck"}, "penalty": 2}],
-        "boundary": [{"surface": "bottom"}, {"surface": "top", "force": 1}],
-        "solver": {"tolerance": 1, "petsc": {"x": 1}},
-    }
-    assert base["solver"] == {"tolerance": 1}

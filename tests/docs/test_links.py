@@ -1,7 +1,5 @@
 """What the prose of the pages names is there: pages, sections, files, commands, options."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

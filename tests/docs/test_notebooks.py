@@ -1,7 +1,5 @@
 """The notebooks run on a standard kernel, anywhere, and print what is committed with them."""
 
-from __future__ import annotations
-
 import base64
 import os
 import re

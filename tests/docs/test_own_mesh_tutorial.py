@@ -1,7 +1,5 @@
 """The files that tutorial 2 builds step by step are those in ``examples/own-mesh``."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.docs.blocks import find_blocks

@@ -1,7 +1,5 @@
 """What can be seen of all pages without running their blocks: languages, commands, links."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.docs.page_run import check_page

@@ -1,7 +1,5 @@
 """docs/results.md explains every file, column, array and key that a run writes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

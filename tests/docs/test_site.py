@@ -1,7 +1,5 @@
 """The site: built without a warning, nothing in it from elsewhere, every link leads somewhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The page of verification tells of the program's present cases, with how many checks passed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -6,8 +6,6 @@
     python3 -m tests.fuzz.campaign 500 results data --seed 7 --keep /tmp/faults
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import pickle

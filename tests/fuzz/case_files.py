@@ -1,7 +1,5 @@
 """Case files for the fuzzer: good ones with bad values, and whole ones out of the schema."""
 
-from __future__ import annotations
-
 import copy
 import re
 import tomllib

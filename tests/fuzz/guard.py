@@ -1,7 +1,5 @@
 """Watches one input: what it raises, how long it takes, how much memory, and where it writes."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

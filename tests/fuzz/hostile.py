@@ -1,7 +1,5 @@
 """Values that a person, a script or an attacker may put where a case expects a number or a name."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

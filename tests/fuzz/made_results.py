@@ -1,7 +1,5 @@
 """Good results directories for the fuzzer to damage: of a run, of a sweep, and made by hand."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Overrides, data files and results directories for the fuzzer."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import json

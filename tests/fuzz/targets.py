@@ -1,7 +1,5 @@
 """What is done with one input of the fuzzer: all that reads it, short of running a case."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

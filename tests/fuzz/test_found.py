@@ -1,7 +1,5 @@
 """What the fuzzer has found, and what a person thought of: each input comes to one line."""
 
-from __future__ import annotations
-
 import copy
 import os
 import time

@@ -4,8 +4,6 @@
 (docs/testing.md).
 """
 
-from __future__ import annotations
-
 import os
 import random
 from pathlib import Path

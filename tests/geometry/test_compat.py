@@ -1,7 +1,5 @@
 """Private and version-dependent parts of DOLFINx are used in one module only."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Machines with stand-ins for the container engines."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A machine with stand-ins for the container engines, for tests of the launcher."""
 
-from __future__ import annotations
-
 import subprocess
 from dataclasses import dataclass, field
 from itertools import pairwise

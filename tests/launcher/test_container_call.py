@@ -1,7 +1,5 @@
 """How the launcher starts the container, and what comes out of it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

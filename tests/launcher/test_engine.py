@@ -1,7 +1,5 @@
 """Which engine the launcher takes, what it installs and what it keeps."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

@@ -1,7 +1,5 @@
 """The image's entry: whoever owns the results, and where caches go."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """How the launcher makes the image: once, from what it is made from, on what base."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """What the launcher lets the container see, and write."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import time

@@ -1,7 +1,5 @@
 """What boundaries prescribe: directions, rotations, the axis of symmetry, platens."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Notes on cases that are correct and may still surprise."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Moduli of two bodies in contact, in closed form."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said of a contact once case and mesh are put together."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

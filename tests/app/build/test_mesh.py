@@ -1,7 +1,5 @@
 """Meshes of a case that cannot be used, or hold more than was meant."""
 
-from __future__ import annotations
-
 import pytest
 from mpi4py import MPI
 

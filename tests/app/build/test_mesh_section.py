@@ -1,7 +1,5 @@
 """What a case says of a mesh of the user's own, held against the mesh itself."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Platens, planes of symmetry and loads along no axis: as along one, in a frame that is turned."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Places of probes in the mesh, and what is said of those that have none."""
 
-from __future__ import annotations
-
 import pytest
 from mpi4py import MPI
 

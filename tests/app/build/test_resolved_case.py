@@ -1,7 +1,5 @@
 """A model's case holds every resolved default; written and read it gives the same numbers."""
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Notes on velocities that are too short for their friction to become steady."""
 
-from __future__ import annotations
-
 import tomllib
 
 from tribox.app.build.case_notes import notes_on

@@ -1,7 +1,5 @@
 """Materials of a case as energies, and what is said of them before a run."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import TypeAdapter
 

@@ -1,7 +1,5 @@
 """Each class that a case may hold builds something of its own, and an unknown one nothing."""
 
-from __future__ import annotations
-
 from typing import Any, get_args
 
 import numpy as np

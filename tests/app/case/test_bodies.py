@@ -1,7 +1,5 @@
 """Mistakes in the materials of a case: one clear line for each."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Case files: defaults, presets, sweeps and round trips."""
 
-from __future__ import annotations
-
 import re
 import time
 import tomllib

@@ -1,7 +1,5 @@
 """The film's table: what goes together, and what is said where it does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Friction laws and films as a case file names them, run through."""
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path

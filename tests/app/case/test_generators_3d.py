@@ -1,7 +1,5 @@
 """Case files of bodies in space and of revolution: defaults, round trips, and mistakes."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib
@@ -206,34 +204,18 @@ def test_a_mistake_gives_one_clear_line(text, overrides, expected, tmp_path):
 # -- The `[geometry]` table of any number of blocks ------------------------------------------------
 
 CASE = """
-[geometry]
-kind = "blocks"
-thickness = "10 mm"
-[geometry.blocks.pad]
-x = ["0 mm", "10 mm"]
-y = ["1 mm", "6 mm"]
-elements = [10, 5]
-[geometry.blocks.strip]
-x = ["0 mm", "20 mm"]
-y = ["0 mm", "1 mm"]
-size = "0.5 mm"
-[bodies]
-pad = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
-strip = { material = "hencky", E = "70 GPa", nu = 0.33 }
-[[contact]]
-slave = "pad_bottom"
-master = "strip_top"
-friction = { law = "frictionless" }
-[[boundary]]
-surface = "strip_bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "pad_top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.1 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 1
+geometry.kind = "blocks"
+geometry.thickness = "10 mm"
+geometry.blocks.pad = { x = ["0 mm", "10 mm"], y = ["1 mm", "6 mm"], elements = [10, 5] }
+geometry.blocks.strip = { x = ["0 mm", "20 mm"], y = ["0 mm", "1 mm"], size = "0.5 mm" }
+bodies.pad = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+bodies.strip = { material = "hencky", E = "70 GPa", nu = 0.33 }
+contact = [{ slave = "pad_bottom", master = "strip_top", friction = { law = "frictionless" } }]
+boundary = [
+    { surface = "strip_bottom", displacement = { x = 0, y = 0 } },
+    { surface = "pad_top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.1 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 1 }]
 """
 
 

@@ -1,7 +1,5 @@
 """A law or material of the user's own: documented examples, and one clear line for each mistake."""
 
-from __future__ import annotations
-
 import os
 import py_compile
 import re

@@ -1,7 +1,5 @@
 """PETSc options of a case: what may be given, and that nothing else may."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest
@@ -135,11 +133,7 @@ MISTAKES = [
     ({"stage.1": {"name": "v", "velocities": [1], "slip_step": 1, "release": ["top"]}},
      "stage.1.release: goes with duration only: reactions are taken off over it"),
 ]  # fmt: skip
-EXPLICIT = {
-    "solver.kind": "explicit",
-    "bodies.elastomer.density": 1,
-    "bodies.aluminium.density": 1,
-}
+EXPLICIT = {"solver.kind": "explicit", "bodies.elastomer.density": 1, "bodies.aluminium.density": 1}
 MISTAKES += [
     (
         EXPLICIT | {"boundary.1": OBLIQUE},

@@ -1,7 +1,5 @@
 """The [[probe]] tables: what goes together, and what is said where it does not."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

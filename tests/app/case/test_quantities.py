@@ -1,7 +1,5 @@
 """Units, bounds and tables of user input."""
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess

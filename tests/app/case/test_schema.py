@@ -1,7 +1,5 @@
 """The JSON schema of case files, and the documentation held against it."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import sys

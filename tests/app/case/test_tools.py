@@ -1,7 +1,5 @@
 """The [tools.NAME] tables: what is read, and one line for each mistake."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

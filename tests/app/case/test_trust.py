@@ -1,7 +1,5 @@
 """Whose code is run: the list of trusted directories, and what lies below them."""
 
-from __future__ import annotations
-
 import grp
 import os
 import pwd

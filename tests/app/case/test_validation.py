@@ -1,7 +1,5 @@
 """Mistakes in case files: one clear line for each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

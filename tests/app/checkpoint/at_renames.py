@@ -3,8 +3,6 @@
 python3 -m tests.app.checkpoint.at_renames case.toml directory
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

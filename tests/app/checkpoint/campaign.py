@@ -3,8 +3,6 @@
 python3 -m tests.app.checkpoint.campaign 20 --seed 1
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os
@@ -30,11 +28,7 @@ from tribox.app.results import read
 SLACK = 0.01  # s, the most that a kill comes after the row that was drawn
 OUTPUT = {"figures": False, "fields_every": 3, "checkpoint_every": 2, "checkpoint_interval": 0.3}
 DENSE = {"bodies.elastomer.density": 1100, "bodies.aluminium.density": 2700}
-SPACE = {
-    "geometry.upper.elements": [3, 2, 3],
-    "geometry.lower.elements": [4, 2, 4],
-    "output": {},
-}
+SPACE = {"geometry.upper.elements": [3, 2, 3], "geometry.lower.elements": [4, 2, 4], "output": {}}
 SOFT = {"bodies.aluminium.E": "50 MPa", "contact.0.penalty_factor": 1}
 THROUGH = [["0 s", 0], ["50 us", "0.4 MPa"]]
 CASES = {

@@ -1,7 +1,5 @@
 """Runs that leave a checkpoint wherever they can, go on from one of them, and are compared."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small cases, each with something in it that a run has to remember when it goes on."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -293,10 +291,7 @@ IMPLICIT: dict[str, Maker] = {
     "pressure": block({**_TOP, "pressure": [["0 s", 0], ["1 s", "0.5 MPa"]]}),
     "spring": block(
         {"surface": "top", "displacement": {"y": [["0 s", 0], ["1 s", "-0.03 mm"]]}},
-        {
-            "surface": "top",
-            "spring": {"direction": "x", "stiffness": "5 N/mm", "end": TRAVEL},
-        },
+        {"surface": "top", "spring": {"direction": "x", "stiffness": "5 N/mm", "end": TRAVEL}},
     ),
     "round": plain(_ROUND),
     "q2": block(bodies__elastomer__formulation="q2", bodies__aluminium__formulation="q2"),

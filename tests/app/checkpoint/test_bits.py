@@ -1,7 +1,5 @@
 """A run that goes on from a checkpoint writes what it would have written, byte for byte."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Checkpoints as files: whole or not there, checked when they are read, the last few kept."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Runs with a body that flows, or creeps, go on as if they had not stopped, on any ranks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +15,7 @@ from tribox.app.results.directory import read_table
 from tribox.app.simulation import explicit_stage
 from tribox.app.simulation.history import PHYSICAL
 
-PROBES = [
-    {"name": "below", "point": ["1 mm", "-0.1 mm"]},
-    {"name": "lower", "body": "aluminium"},
-]
+PROBES = [{"name": "below", "point": ["1 mm", "-0.1 mm"]}, {"name": "lower", "body": "aluminium"}]
 STRUCK = {
     "x": [["10 us", "0 mm"], ["20 us", "0.01 mm"]],
     "y": [["0 s", "0 mm"], ["10 us", "-0.03 mm"]],

@@ -1,7 +1,5 @@
 """Runs as processes that are killed, and go on: the same bytes in the end, nothing twice."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """Snapshots of all ranks in an order that ranks do not change, and back on other ranks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

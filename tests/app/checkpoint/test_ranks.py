@@ -1,7 +1,5 @@
 """A run goes on on another number of ranks, with what it would have given on one."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from itertools import takewhile

@@ -1,7 +1,5 @@
 """`run --resume` and `--extend` as their users meet them: what they say, refuse and leave alone."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Runs that go on: what nobody thinks of at first."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -23,7 +21,6 @@ from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
 from tribox.app.results.directory import checkpoint_numbers
 from tribox.app.results.inputs import write_case
-from tribox.app.run.progress import StagesProgress
 from tribox.app.run.run import Interruption, run_case
 from tribox.app.run.sweep_runs import SweepOptions, _to_run, collate
 from tribox.app.simulation.simulation import Simulation
@@ -251,18 +248,6 @@ def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypat
 
 
 # -- what a run remembers ----------------------------------------------------------------------
-
-
-def test_bars_begin_in_the_stage_that_the_run_is_in():
-    case = case_of()
-    progress = StagesProgress(case, now=iter(range(100, 200)).__next__)
-    progress.go_on([(1.0, 0.5)], 1.5, 0.25)
-    assert progress.here.stage.name == "slide" and progress.here.share == 0.5
-    assert progress.begun[0].time_left(0.0) == "done before"
-    started = progress.here.started
-    assert progress.here.seconds_left(started + 1.0) is None
-    progress.at(1.75, 0.25)
-    assert progress.here.seconds_left(started + 1.0) == pytest.approx(1.0)
 
 
 # -- sweeps, and runs that are done ---------------------------------------------------------------

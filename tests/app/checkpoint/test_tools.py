@@ -1,7 +1,5 @@
 """Runs with rigid tools that go on from a checkpoint, on the same ranks and on others."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contact added to vectors and matrices of one's own: what the equilibrium has, and no more."""
 
-from __future__ import annotations
-
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np

@@ -1,7 +1,5 @@
 """Residual, energy and tangent by the compiled loops against those by DOLFINx's forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from petsc4py import PETSc

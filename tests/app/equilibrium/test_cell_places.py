@@ -1,7 +1,5 @@
 """Element matrices added where they lie, against PETSc's own addition."""
 
-from __future__ import annotations
-
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np

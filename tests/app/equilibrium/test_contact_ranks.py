@@ -1,7 +1,5 @@
 """Contact in space on several ranks: the same forces and tangent as on one, history included."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

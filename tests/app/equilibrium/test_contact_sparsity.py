@@ -1,7 +1,5 @@
 """Room in the tangent for the contact: enough for every state, made seldom, and not too much."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

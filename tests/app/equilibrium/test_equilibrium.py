@@ -1,7 +1,5 @@
 """The whole tangent against finite differences in every regime, term by term."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import dolfinx

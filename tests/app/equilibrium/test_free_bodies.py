@@ -1,7 +1,5 @@
 """Which bodies their supports leave free to move as a whole."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Bodies that common nodes or ties join are supported, and float, as one."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Forces on single unknowns: in the residual, in the loads, and scaled by their factor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

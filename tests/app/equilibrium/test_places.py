@@ -1,7 +1,5 @@
 """Places in the undeformed bodies, found and put into words."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

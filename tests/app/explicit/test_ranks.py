@@ -1,7 +1,5 @@
 """Explicit steps with a film do not depend on the number of ranks, to round-off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Explicit dynamics in space and round an axis: mean forces, rings, initial velocities."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

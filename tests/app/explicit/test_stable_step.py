@@ -1,7 +1,5 @@
 """The stable step: stable below what is reported, unstable above the exact limit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Explicit steps against closed forms: impact, free flight, loads, films; and their energy."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest
@@ -31,8 +29,7 @@ class Bench:
 
     def __init__(self, upper, lower, gap=0.0, formulation="q1", materials=(SOFT, HARD)):
         self.named = generate(
-            TwoBlocks(Block(*upper), Block(*lower), 0.5 * (lower[0] - upper[0]), gap),
-            MPI.COMM_SELF,
+            TwoBlocks(Block(*upper), Block(*lower), 0.5 * (lower[0] - upper[0]), gap), MPI.COMM_SELF
         )
         self.space = dolfinx.fem.functionspace(self.named.mesh, ("Lagrange", 1, (2,)))
         self.u = dolfinx.fem.Function(self.space)

@@ -3,8 +3,6 @@
 Bars in impact, decelerating blocks, and the sliding test at speeds that both solvers reach.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A results directory that the tests of the figures share; none of them changes its files."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.app.figures.made_results import write_strip

@@ -4,8 +4,6 @@ The strip: three blocks one on the other, with the pairs "upper" and "lower". It
 functions of step and place, so that a test can say what a figure has to show.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Animations: how many frames, of what size, in which colours."""
 
-from __future__ import annotations
-
 import shutil
 from contextlib import suppress
 

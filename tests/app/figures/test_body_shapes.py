@@ -1,14 +1,12 @@
 """Polygons of bodies, and the numbers they are coloured by."""
 
-from __future__ import annotations
-
 import meshio
 import numpy as np
 import pytest
 
 from tests.app.figures.made_results import CELLS, strip_fields
 from tribox.app.errors import InputError
-from tribox.app.figures.body_shapes import colour_scale, read_bodies
+from tribox.app.figures.body_shapes import read_bodies
 
 
 def test_every_body_is_there_with_its_outline():
@@ -60,14 +58,3 @@ def test_a_field_of_nodes_vectors_and_tensors():
             read_bodies(mesh, names, wrong)
     with pytest.raises(InputError, match="there are x, y"):
         read_bodies(mesh, names, "displacement_xy")
-
-
-def test_colours_tell_signs_apart_and_are_not_those_of_one_corner():
-    signed = colour_scale(np.linspace(-1e6, 2e6, 1000), "Pa")
-    assert signed.norm.vmin == -signed.norm.vmax and signed.unit.name == "MPa"
-    corner = np.append(np.linspace(0.0, 1e6, 1000), 1e9)
-    single = colour_scale(corner, "Pa")
-    assert single.norm.vmin == 0.0 and single.extend == "max"
-    assert single.norm.vmax == pytest.approx(1e6 * single.unit.factor, rel=0.01)
-    flat = colour_scale(np.full(10, 3.0), "")
-    assert flat.norm.vmin < 3.0 < flat.norm.vmax or flat.norm.vmin < flat.norm.vmax

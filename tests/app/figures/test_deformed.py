@@ -1,7 +1,5 @@
 """The picture of the deformed bodies in the plane: all bodies, all pairs, what it says of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -11,9 +9,8 @@ from matplotlib.figure import Figure
 
 from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
 from tribox.app.figures import deformed
-from tribox.app.figures.body_shapes import Bodies, CellField, colour_scale
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.plane_bodies import draw_bodies, frame_round, pair_colour
+from tribox.app.figures.plane_bodies import pair_colour
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.results import read
 
@@ -152,49 +149,3 @@ def test_another_field_and_an_axisymmetric_section(kept, tmp_path):
         0.0: CELLS[1] + CELLS[2],
     }
     assert "displacement u_x (µm)" in [axes.get_ylabel() for axes in figure.axes]
-
-
-def test_more_pairs_than_panels_says_so(strip, kept, tmp_path, monkeypatch):
-    monkeypatch.setattr(deformed, "MOST_PAIRS", 1)
-    draw_deformed(strip, tmp_path, "von_mises_stress")
-    [only] = panels(kept["deformed"])
-    assert only.get_title(loc="left") == "lower"  # which carries more
-    assert "1 of 2 pairs" in only.figure.get_supxlabel()
-
-
-def plate(width: float, height: float) -> Bodies:
-    corners = np.array([[0, -height, 0], [width, -height, 0], [width, 0, 0], [0, 0, 0]], float)
-    field = CellField(np.ones(1), "v", "", "v")
-    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
-    one = np.zeros(1, dtype=int)
-    return Bodies(
-        ("body",),
-        2,
-        corners,
-        corners,
-        np.array([[0, 1, 2, 3]]),
-        edges,
-        one,
-        np.zeros(4, int),
-        field,
-    )
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "stretched"),
-    [(1.0, 3.0, False), (1.0, 0.6, False), (5.0, 1.0, False), (20.0, 1.0, True), (0.1, 1.0, True)],
-)
-def test_picture_shows_the_bodies_whole(width, height, stretched):
-    """Neither tall nor long bodies are cut off at the edges of the frame."""
-    bodies = plate(width, height)
-    frame = frame_round([bodies], ("x", "y"))
-    assert frame.stretched == stretched and frame.is_tall == (height == 3.0)
-    figure, axes, _, _ = deformed._layout(frame, 1, closer=False)
-    draw_bodies(axes, bodies, colour_scale(bodies.field.values, ""), frame)
-    figure.draw_without_rendering()
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    factor = frame.unit.factor
-    assert left < 0.0 and right > factor * width
-    assert low < -factor * height and high > 0.0
-    box = axes.get_window_extent()
-    assert box.width > 60 and box.height > 60

@@ -1,7 +1,5 @@
 """Pictures of results in space: both bodies, the pair, and what the title and the scale say."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -14,8 +12,7 @@ from tests.app.figures.made_results import history_row, write_index, write_rows
 from tribox.app.figures import deformed_space
 from tribox.app.figures.animation import animate
 from tribox.app.figures.deformed import draw_deformed
-from tribox.app.figures.deformed_space import draw_pairs, seen_along_normal, touching
-from tribox.app.figures.tractions import without_roundoff
+from tribox.app.figures.deformed_space import draw_pairs, seen_along_normal
 from tribox.app.results import Results, read
 
 CASE = """
@@ -112,21 +109,6 @@ def test_animation_in_space(box, tmp_path):
     assert animate(box, tmp_path / "a.gif", "displacement_x") == 2
 
 
-def test_tools_are_in_pictures_of_space(box, tmp_path, monkeypatch):
-    """A plate that stands on the box hides nothing, but can be seen before it."""
-    square = 1e-3 * np.array(
-        [[0.2, 0.55, 0.2], [0.8, 0.55, 0.2], [0.8, 0.55, 0.8], [0.2, 0.55, 0.8]]
-    )
-    triangles = square[[[0, 1, 2], [0, 2, 3]]]
-    figures: list[Figure] = []
-    monkeypatch.setattr(deformed_space, "tool_triangles", lambda results, step: triangles)
-    monkeypatch.setattr(deformed_space, "save", lambda figure, path: figures.append(figure))
-    draw_deformed(box, tmp_path, "von_mises_stress")
-    [axes] = [axes for axes in figures[0].axes if axes.images]
-    _, veil = (np.asarray(image.get_array()) for image in axes.images)
-    assert 0.02 < (veil[..., 3] > 0.0).mean() < 0.3
-
-
 # -- Pressure on slaves in space: the rim, and from where it is seen -------------------------------
 
 SIZE, RADIUS = 21, 0.71
@@ -163,15 +145,6 @@ def slave(axes: np.ndarray) -> meshio.Mesh:
     )  # fmt: skip
 
 
-def test_the_rim_is_round():
-    """Drawn down to zero at the open nodes, the rim would lie between 1 and 1.2 radii."""
-    place, facets = grid()
-    rim = touching(slave(np.eye(3)[:2]), facets, place).vertices
-    distance = np.linalg.norm(rim[1:-1], axis=1)
-    assert distance.max() / RADIUS < 1.02
-    assert distance.min() / RADIUS > 0.97
-
-
 @pytest.mark.parametrize(
     ("axes", "names"),
     [
@@ -186,15 +159,6 @@ def test_a_slave_is_seen_along_its_normal(axes, names):
     plan = seen_along_normal(slave(np.array(axes, dtype=float)), 0)
     assert plan.names == names
     assert np.ptp(plan.across, axis=0) == pytest.approx([2e-3, 2e-3])
-
-
-def test_a_slave_without_load_says_so():
-    mesh = slave(np.eye(3)[:2])
-    mesh.point_data["pressure"] *= 1e-12
-    figure = Figure(layout="constrained")
-    panel = figure.subplots()
-    draw_pairs(figure, [panel], without_roundoff(mesh, 1e-3), {0: "ball"})
-    assert [text.get_text() for text in panel.texts] == ["no load"]
 
 
 def test_colours_span_the_pressure_and_arrows_show_the_friction():

@@ -1,7 +1,5 @@
 """Figures of the tables of a run: what is drawn, over what, on which scales."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -15,22 +13,11 @@ from tests.app.figures.made_results import (
     history_row,
     normal_force,
     write_rows,
-    write_strip,
 )
-from tribox.app.figures import steady_points
 from tribox.app.figures.force_displacement import force_displacement_figure
 from tribox.app.figures.history import abscissa_of, energies_figure, forces_figure
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.results import Results, read
-
-
-def test_a_jump_is_not_joined():
-    speed = np.array([1.0, 2.0, 4.0, 8.0])
-    curve = np.array([9.0, 8.0, 2.0, 1.0])
-    out = steady_points.broken(curve, speed, 3.0)
-    assert np.isnan(out[1]) and np.array_equal(out[[0, 2, 3]], curve[[0, 2, 3]])
-    assert np.array_equal(steady_points.broken(curve, speed, 10.0), curve)
-    assert np.array_equal(steady_points.broken(curve, speed, np.inf), curve)
 
 
 def lines_of(axes) -> dict[str, np.ndarray]:
@@ -54,15 +41,6 @@ def test_forces_and_ratio_of_each_pair_and_of_all(strip):
     assert ratio.get_xlabel() == "time t (s)"
     assert [text.get_text() for text in normal.texts] == ["slide", "press"]
     assert set(lines_of(friction)) == {"all pairs", *PAIRS}  # no resultant over several pairs
-
-
-def test_one_pair_has_its_name_and_the_signed_resultant(tmp_path):
-    results = read(write_strip(tmp_path / "out"))
-    contacts = results.table("contacts")
-    contacts.columns = contacts.where("pair", PAIRS[0]).columns
-    friction = forces_figure(results).axes[1]
-    assert set(lines_of(friction)) == {PAIRS[0], "resultant of the friction, signed"}
-    assert lines_of(friction)["resultant of the friction, signed"].tolist() == [1.0] * 5
 
 
 def test_energies_are_stacked(strip):

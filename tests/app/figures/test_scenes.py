@@ -1,11 +1,9 @@
 """The renderer: what is in front is seen, without teeth where two bodies touch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from tribox.app.figures.scenes import EYE, RIGHT, UP, Scene, facets_seen, rendered
+from tribox.app.figures.scenes import EYE, RIGHT, UP, Scene, facets_seen
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
 
@@ -41,27 +39,3 @@ def test_each_pixel_shows_the_nearest_facet_at_its_middle(corners):
     expected = np.where(np.isfinite(depth.max(axis=0)), depth.argmax(axis=0), -1)
     assert len(set(expected)) > 15
     np.testing.assert_array_equal(seen[rows, columns], expected)
-
-
-def test_a_plate_of_many_facets_has_no_cracks():
-    """Facets from much smaller than a pixel to some pixels, bent so that no side is level."""
-    lines = np.linspace(0.0, 1.0, 160) ** 3
-    x, z = np.meshgrid(lines, lines)
-    nodes = np.stack([x, 0.02 * np.sin(9.0 * x * z), z], axis=-1)
-    sides = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
-    seen = facets_seen(scene(*np.stack(sides, axis=2).reshape(-1, 4, 3))) >= 0
-    for line in (*seen, *seen.T):
-        [inside] = np.nonzero(line)
-        assert len(inside) == 0 or line[inside[0] : inside[-1] + 1].all()
-
-
-def test_the_picture_is_white_outside_and_shaded_inside():
-    made = scene(SQUARE)
-    seen = facets_seen(made)
-    picture = rendered(made, seen)
-    assert picture.shape == (*made.size[::-1], 3)
-    assert (picture[seen < 0].min() < 255) and (picture[0, 0] == 255).all()
-    inside = picture[seen.shape[0] // 2, seen.shape[1] // 2] / 255.0
-    assert (inside <= made.colours[0] + 0.01).all() and inside == pytest.approx(
-        made.colours[0], rel=0.4
-    )

@@ -1,7 +1,5 @@
 """Which states are drawn, and what their titles say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

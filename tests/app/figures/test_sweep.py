@@ -1,13 +1,11 @@
 """The figure of a sweep: values as numbers with their unit, or as words."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
-from tests.app.figures.made_results import history_row, write_rows
+from tests.app.figures.made_results import write_rows
 from tests.app.figures.test_history import FORCES, SPEEDS, write_film
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.figures.sweep import MOST_LINES, sweep_figure, swept_values
@@ -72,22 +70,6 @@ def test_a_line_for_each_stage_and_velocity(film, tmp_path):
     figure.draw_without_rendering()
     legend, box = figure.legends[0].get_window_extent(), normal.get_window_extent()
     assert legend.x0 >= box.x1 - 1.0
-
-
-def test_words_stand_side_by_side(block, tmp_path):
-    text = block + '\n[sweep]\nkey = "bodies.elastomer.formulation"\nvalues = ["q1", "q1-sri"]\n'
-    (tmp_path / "case.toml").write_text(text)
-    rows = [
-        {"label": f"formulation={name}", "steady": -1.0}
-        | history_row(3, stage="press", normal_force=force, friction_force=0.1)
-        for name, force in (("q1", 3.0), ("q1-sri", 2.0))
-    ]
-    write_rows(tmp_path / "sweep.csv", rows)
-    (tmp_path / "summary.json").write_text('{"parts": {}}')
-    normal, _, ratio = sweep_figure(read(tmp_path)).axes
-    assert [tick.get_text() for tick in ratio.get_xticklabels()] == ["q1", "q1-sri"]
-    [line] = [x for x in normal.lines if x.get_marker() != "x"]
-    assert line.get_linestyle() == "None" and line.get_ydata().tolist() == [3.0, 2.0]
 
 
 def test_all_figures_of_a_sweep_and_of_its_parts(film, tmp_path):

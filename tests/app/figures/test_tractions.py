@@ -1,7 +1,5 @@
 """Arc length of slave surfaces: order, direction, closed ones, several pieces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,25 +17,6 @@ def shuffled(count: int, closed: bool) -> tuple[np.ndarray, np.ndarray]:
     flipped = rng.random(len(facets)) < 0.5
     facets[flipped] = facets[flipped, ::-1]
     return facets[rng.permutation(len(facets))], number
-
-
-def test_an_arc_is_measured_along_it_and_not_along_x():
-    angle = np.linspace(np.pi, 0.0, 41)  # from the left over the top to the right
-    facets, number = shuffled(41, OPEN)
-    place = np.empty((41, 2))
-    place[number] = 2.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    line = slave_line(place, facets, np.zeros(41, dtype=bool))
-    assert (line.vertices == number).all()
-    assert line.arc[-1] == pytest.approx(2.0 * np.pi, rel=1e-3)
-    np.testing.assert_allclose(np.diff(line.arc), line.arc[1])
-
-
-def test_an_upright_surface_begins_below():
-    facets, number = shuffled(6, OPEN)
-    place = np.zeros((6, 2))
-    place[number, 1] = np.linspace(5.0, 0.0, 6)
-    line = slave_line(place, facets, np.zeros(6, dtype=bool))
-    assert place[line.vertices, 1].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 @pytest.mark.parametrize("middle", [0.0, 1.0, 3.0, 5.5])

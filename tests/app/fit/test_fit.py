@@ -1,7 +1,5 @@
 """The fit recovers what data were made with, and names what they cannot tell."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

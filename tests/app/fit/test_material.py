@@ -1,7 +1,5 @@
 """Fits of rubbers and metals: the models are right, and data give back what they were made with."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -23,13 +21,7 @@ from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.material_files import body_section, run_material
 from tribox.app.fit.metal import Metal, MetalProblem, fit_metal, paths, response
 from tribox.app.fit.model import interval
-from tribox.app.fit.prony import (
-    PronyProblem,
-    Shift,
-    branch_stress,
-    fit_prony,
-    relaxation_curve,
-)
+from tribox.app.fit.prony import PronyProblem, Shift, branch_stress, fit_prony, relaxation_curve
 from tribox.forms.bodies.hardening import Linear, Swift, Voce
 
 ROOT = Path(__file__).parents[3]
@@ -228,8 +220,7 @@ def test_exact_data_give_exact_metals():
 
 
 @pytest.mark.parametrize(
-    ("kind", "draws"),
-    [("relaxation", 40), ("vibration", 30), ("shifted", 20), ("metal", 5)],
+    ("kind", "draws"), [("relaxation", 40), ("vibration", 30), ("shifted", 20), ("metal", 5)]
 )
 def test_intervals_hold_what_data_were_made_with(kind, draws):
     """95 % intervals; parameters of one draw miss together, so up to 14 % may.

@@ -1,7 +1,5 @@
 """The section for a case file holds live keys only where the data determine them."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The friction map at material points, against closed forms and what the law promises."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace
@@ -165,10 +163,7 @@ def test_a_case_decides_films_pressure_and_parameters():
 
 
 def test_the_printed_gamma_is_told(tmp_path):
-    override = [
-        "contact.0.friction.preset=paper-printed",
-        "contact.0.friction.gamma=4e-25 N/s",
-    ]
+    override = ["contact.0.friction.preset=paper-printed", "contact.0.friction.gamma=4e-25 N/s"]
     text = (CASES / "sfa.toml").read_text(encoding="utf-8")
     text = text.replace('V_star = "1 mm/s"\n', "").replace('V_star_at = "10 nm"\n', "")
     case = tmp_path / "printed.toml"

@@ -20,12 +20,7 @@ from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks
-from tribox.app.implicit.body_blocks import (
-    KEPT_LIMIT,
-    MOST,
-    BodyBlocks,
-    BodyByBody,
-)
+from tribox.app.implicit.body_blocks import KEPT_LIMIT, MOST, BodyBlocks, BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids

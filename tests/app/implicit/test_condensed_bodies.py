@@ -15,11 +15,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.implicit import condensed_bodies
 from tribox.app.implicit.body_blocks import BodyByBody
-from tribox.app.implicit.condensed_bodies import (
-    CLOSE,
-    CondensedBodies,
-    ContactCompliance,
-)
+from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, ContactCompliance
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 

@@ -8,8 +8,6 @@ surface, and swells by it, which closes the gap:
 It stands for what a film or a temperature will be, in tests alone.
 """
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import dataclass
 from itertools import pairwise

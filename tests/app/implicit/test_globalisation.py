@@ -1,18 +1,11 @@
 """Which phases a step goes through: of Newton's method, and of starts and softer contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import (
-    ENOUGH,
-    Inside,
-    Newton,
-    length_to_least_energy,
-)
+from tribox.app.implicit.newton import ENOUGH, Inside, Newton, length_to_least_energy
 from tribox.app.implicit.options import ImplicitOptions
 
 

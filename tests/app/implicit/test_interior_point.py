@@ -1,16 +1,12 @@
 """Contacts that are found from inside: flush sheets, on which Newton's method chatters."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
 from tests.tool_cases import run
-from tribox.app.implicit.interior_point import (
-    OPENINGS_FLOWING,
-)
+from tribox.app.implicit.interior_point import OPENINGS_FLOWING
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
@@ -34,11 +30,7 @@ def strip(cells, length, tools, stroke_steps, friction=FRICTIONLESS, metal=ELAST
         "bodies": {"strip": metal},
         "tools": {name: {"shape": "polyline", **keys} for name, keys in tools.items()},
         "contact": [
-            {
-                "slave": f"strip_{side.get(name, 'top')}",
-                "master": name,
-                "friction": friction,
-            }
+            {"slave": f"strip_{side.get(name, 'top')}", "master": name, "friction": friction}
             for name in tools
         ],
         "boundary": [{"surface": "strip_left", "symmetry": True}],
@@ -139,10 +131,7 @@ def path_of_an_end():
 def test_a_belt_that_slides_around_a_drum_is_pulled_as_euler_and_eytelwein_say():
     """T2/T1 = exp(mu theta), theta 90 degrees; it is laid around without a cut."""
     (back, on), (up, down_) = path_of_an_end()
-    ends = {
-        "left": {"x": [[t, -v] for t, v in on], "y": down_},
-        "right": {"x": back, "y": up},
-    }
+    ends = {"left": {"x": [[t, -v] for t, v in on], "y": down_}, "right": {"x": back, "y": up}}
     belt = {"x": [-HALF, HALF], "y": [0, HEIGHT], "elements": [80, 2]}
     simulation = run(
         {
@@ -150,11 +139,7 @@ def test_a_belt_that_slides_around_a_drum_is_pulled_as_euler_and_eytelwein_say()
             "bodies": {"belt": {"material": "neo-hookean", "E": 5e6, "nu": 0.45}},
             "tools": {"drum": {"shape": "circle", "centre": [0, -RADIUS], "radius": RADIUS}},
             "contact": [
-                {
-                    "slave": "belt_bottom",
-                    "master": "drum",
-                    "friction": {"law": "coulomb", "mu": MU},
-                }
+                {"slave": "belt_bottom", "master": "drum", "friction": {"law": "coulomb", "mu": MU}}
             ],
             "boundary": [{"surface": f"belt_{side}", "displacement": ends[side]} for side in ends],
             "stage": [

@@ -17,11 +17,7 @@ from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
-from tribox.app.implicit.linear_solver import (
-    DIRECT_LIMIT,
-    LinearSolver,
-    linear_options,
-)
+from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
 from tribox.app.implicit.multigrid import KRYLOV, BlockSweeps, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.run_state import Observer

@@ -1,7 +1,5 @@
 """Newton's method on the whole problem: its order, a platen, bodies without contact."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

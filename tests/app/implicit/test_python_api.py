@@ -1,7 +1,5 @@
 """The example of docs/python-api.md leaves forces in balance; tests/docs has what it prints."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

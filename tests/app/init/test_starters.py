@@ -1,7 +1,5 @@
 """Starter cases: each is correct, runs in seconds as it is, and overwrites nothing."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """The HTML page of a results directory: what stands in it, and that it needs nothing else."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os
@@ -21,9 +19,7 @@ from tribox.app.case.case import given_keys
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 from tribox.app.report.page import pictures_of, write_report
-from tribox.app.report.tables import (
-    frame_table,
-)
+from tribox.app.report.tables import frame_table
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
 

@@ -1,7 +1,5 @@
 """Numbers with units as a person writes them."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Nodal values of the contact: what they add up to, in the plane, in space and of two pairs."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -16,13 +14,7 @@ from tribox.app.case.case import Case
 from tribox.app.results import vtu
 from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
-from tribox.app.results.vtu import (
-    Cells,
-    Grid,
-    UnknownVtuError,
-    read_vtu,
-    write_vtu,
-)
+from tribox.app.results.vtu import Cells, Grid, UnknownVtuError, read_vtu, write_vtu
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 

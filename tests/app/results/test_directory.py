@@ -1,7 +1,5 @@
 """Results directories: what may be cleared, and how files are written and read."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fields of the bodies as pyvista and meshio read them: hand values, volumes, nodes, ranks."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Stress output against linear elasticity at small strain and closed forms at large strain."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a run reads beside its case file lies in its results, which can be run again from there."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """The lock of a results directory, and what may be cleared in one."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """What a run leaves: indices whole at any moment, contact files, formats; read back as one."""
 
-from __future__ import annotations
-
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables of probes against values by hand, and through runs of every kind."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -360,10 +358,7 @@ def test_every_section_and_element(text, changes, point):
     G, K = E / (2.0 + 2.0 * nu), E / (3.0 - 6.0 * nu)
     J = all_three.prod()
     stress = (G * (all_three**2 - 1.0) + (K - 2.0 * G / 3.0) * np.log(J)) / J
-    for probes in (
-        PointProbes(model, model.probes),
-        BodyProbes(model, [("body", "elastomer")]),
-    ):
+    for probes in (PointProbes(model, model.probes), BodyProbes(model, [("body", "elastomer")])):
         [row] = probes.rows()
         found = dict(zip(probes.columns, row, strict=True))
         for axis, sigma, one in zip("xyz", stress, all_three, strict=True):

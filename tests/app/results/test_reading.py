@@ -1,7 +1,5 @@
 """Results directories read as one object: tables, sweeps, earlier versions, and what is wrong."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

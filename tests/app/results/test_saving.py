@@ -1,7 +1,5 @@
 """Errors of writing: nothing is torn, all ranks hear of them, and room is kept for the end."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

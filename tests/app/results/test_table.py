@@ -1,7 +1,5 @@
 """Tables as plain columns."""
 
-from __future__ import annotations
-
 import pytest
 
 from tribox.app.results.table import Table

@@ -1,7 +1,5 @@
 """Python that a case names: run where it may be, nowhere else, and told in one line if it fails."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

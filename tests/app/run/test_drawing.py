@@ -1,7 +1,5 @@
 """Figures at the end of a run: drawn from its files, and never the end of it."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs whose results cannot be written any more: one line, code 4, all that fits is kept."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

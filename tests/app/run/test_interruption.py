@@ -1,7 +1,5 @@
 """Signals to stop: noted first, obeyed at the next step; the second one at once."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

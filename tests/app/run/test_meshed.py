@@ -1,7 +1,5 @@
 """Cases whose mesh is a drawing, a .geo or a STEP file: sizes, names, and runs that go on."""
 
-from __future__ import annotations
-
 import gmsh
 import numpy as np
 import pytest

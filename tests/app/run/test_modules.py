@@ -1,7 +1,5 @@
 """What a run loads: libraries that it does not need take longer than the run of a small case."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

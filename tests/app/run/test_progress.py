@@ -1,7 +1,5 @@
 """What a run prints on a terminal and elsewhere, and what its log keeps."""
 
-from __future__ import annotations
-
 import io
 import re
 from types import SimpleNamespace
@@ -15,13 +13,11 @@ from tests.app.read_log import read_log, unfolded
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
 from tribox.app.build.load_steps import load_steps_of
 from tribox.app.case.reading import load_case
-from tribox.app.errors import folded
-from tribox.app.errors import tell as print_folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.report.page import contents
 from tribox.app.results import read
 from tribox.app.results.saving import Saving
-from tribox.app.run.progress import Reporter, StageBars, StagesProgress, clock
+from tribox.app.run.progress import Reporter
 from tribox.app.run.run import run_case
 from tribox.app.run.sweep_runs import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
@@ -103,22 +99,6 @@ def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, mo
     assert said[2] == "note: contact.2: corners 0.25 m apart, with a peak each"
 
 
-def test_no_line_ends_between_a_number_and_its_unit():
-    line = "the contact is uncertain by 33 % of 0.02 m at 3 MPa, and 4 facets wide; " * 5
-    for width in range(40, 90):
-        shown = folded(line.strip(), width)
-        assert not re.search(r"\d\n +(%|m|MPa)\b", shown), shown
-        assert unfolded(shown) == line.strip() + "\n"
-
-
-def test_errors_and_notes_are_folded_on_terminals_only(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "50")
-    for stream, several in ((Terminal(), True), (io.StringIO(), False)):
-        print_folded(NOTE, stream)
-        assert (len(stream.getvalue().splitlines()) > 1) == several
-        assert unfolded(stream.getvalue()) == NOTE + "\n"
-
-
 def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     log, terminal = told(Terminal())
     lines = unfolded(log).splitlines()
@@ -133,120 +113,7 @@ def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     assert "time step 400, " in terminal
 
 
-@pytest.mark.parametrize(("ranks", "term"), [("2", "xterm"), (None, "dumb")])
-def test_there_are_no_bars_under_mpirun_and_on_a_dumb_terminal(told, monkeypatch, ranks, term):
-    monkeypatch.setenv("TERM", term)
-    if ranks is not None:
-        monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", ranks)
-    log, terminal = told(Terminal())
-    assert "━" not in terminal and unfolded(terminal) == unfolded(log)
-
-
-def test_times_of_short_steps_differ(told):
-    log, _ = told(io.StringIO())
-    first, second = (line for line in log.splitlines() if line.startswith("step"))
-    assert "t 0.1 s" in first and "t 0.1000000005 s" in second
-    # The velocity of what is driven says nothing where nothing is.
-    assert "V " not in first and "  V 0.25 m/s  N " in second
-
-
 # -- How far a run is within its stages, and how long the rest takes -------------------------------
-
-
-class Clock:
-    """A clock that is set by hand."""
-
-    def __init__(self) -> None:
-        self.time = 100.0
-
-    def __call__(self) -> float:
-        return self.time
-
-
-@pytest.fixture
-def now():
-    return Clock()
-
-
-@pytest.fixture
-def stages(case_file, film, now):
-    """Of a case that presses for 1 s and slides at 1e-5 and 2e-3 m/s, 4 um a step, 60 at most."""
-    return StagesProgress(load_case(case_file(film)), now)
-
-
-def to_the_slide(stages, now):
-    stages.at(0.4, 0.4)
-    now.time += 2.0
-    stages.at(1.0, 0.4)
-    stages.end_load_step()
-
-
-def test_a_stage_with_a_duration_goes_by_its_time(stages, now):
-    press = stages.here
-    assert (press.share, press.seconds_left(now()), press.time_left(now())) == (0.0, None, "")
-    stages.at(0.25, 0.125)
-    now.time += 3.0
-    assert press.share == 0.25
-    assert press.seconds_left(now()) == pytest.approx(9.0, rel=1e-12)
-    assert press.place() == "0.25/1 s"
-    assert press.time_left(now()) == "0:09 left"
-
-
-def test_until_steady_it_goes_by_load_steps_and_the_most_steps(stages, now):
-    to_the_slide(stages, now)
-    press, slide = stages.begun
-    assert press.time_left(now()) == "done in 0:02" and press.share == 1.0
-    assert slide.place() == "load step 1/2, step 0/60"
-    stages.at(1.0 + 15 * 0.4, 0.2)  # 4 um at 1e-5 m/s take 0.4 s; the last step was cut
-    now.time += 1.0
-    assert slide.place() == "load step 1/2, step 15/60"
-    assert slide.share == pytest.approx(15 / 60 / 2, rel=1e-12)
-    assert slide.time_left(now()) == "at most 0:07 left"
-    stages.end_load_step()
-    stages.at(7.0 + 3 * 2e-3, 2e-3)
-    assert slide.place() == "load step 2/2, step 3/60"
-    assert slide.share == pytest.approx((1 + 3 / 60) / 2, rel=1e-9)
-    stages.end_load_step()
-    assert slide.share == 1.0 and slide.ended == now()
-
-
-def test_the_time_of_a_stage_is_its_own_and_tells_steps_apart(case_file, block):
-    text = block.replace('duration = "1 s"\nsteps = 6', 'duration = "6 ns"\nsteps = 6')
-    stages = StagesProgress(load_case(case_file(text)))
-    stages.at(1.0, 1.0)
-    stages.end_load_step()
-    places = [stages.at(1.0 + k * 1e-9, 1e-9).place() for k in (1, 2, 3)]
-    assert [place[:1] for place in places] == ["1", "2", "3"]
-    assert all(place.endswith("e-09/6e-09 s") for place in places), places
-
-
-def rendered(stages, details: str, width: int) -> list[str]:
-    console = Console(width=width, record=True, file=open("/dev/null", "w"), force_terminal=False)
-    bars = StageBars(stages, console)
-    bars.details = details
-    bars.close()
-    with console.capture() as capture:
-        console.print(bars.render())
-    return [line.rstrip() for line in capture.get().splitlines()]
-
-
-def test_bars_fit_into_a_narrow_terminal(stages, now):
-    to_the_slide(stages, now)
-    stages.at(1.4, 0.4)
-    now.time += 1.0
-    details = "step 4  V 1e-05 m/s  N 0.5 N  F_T 0.02 N  residual 1.6e-11  0 cuts"
-    press, slide, last = rendered(stages, details, 72)
-    assert press.startswith("1/2 press ━") and press.endswith("━ done in 0:02")
-    assert slide.startswith("2/2 slide ") and "load step 1/2, step 1/60, at most" in slide
-    assert last == details
-    assert max(map(len, rendered(stages, 3 * details, 40))) <= 40
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(4.6, "0:05"), (61, "1:01"), (3599.4, "59:59"), (3723, "1:02:03")]
-)
-def test_clock(seconds, text):
-    assert clock(seconds) == text
 
 
 # -- What is told of rigid tools at the end of a run: on the terminal, and in the report -----------

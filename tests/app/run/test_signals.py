@@ -1,7 +1,5 @@
 """Runs that are stopped, killed or left by their terminal, as processes: codes, files, orphans."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

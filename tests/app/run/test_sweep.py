@@ -1,8 +1,5 @@
 """Runs of a sweep side by side: how many at a time, what they say, and how they fail."""
 
-from __future__ import annotations
-
-import io
 import json
 import sys
 from collections.abc import Callable
@@ -10,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
@@ -23,14 +19,11 @@ from tribox.app.run.sweep_runs import (
     Part,
     SweepLines,
     SweepOptions,
-    SweepScreen,
     _make_ready,
-    _summary_of_part,
     _to_run,
     collate,
     run_side_by_side,
     run_sweep,
-    sweep_lines,
 )
 from tribox.app.simulation.history import COLUMNS
 
@@ -134,41 +127,6 @@ def test_after_an_interrupted_part_no_other_begins(part, tmp_path):
     assert list(ran.iterdir()) == []
 
 
-def lines_of(screen: SweepScreen) -> list[str]:
-    paper = Console(width=70, file=io.StringIO())
-    paper.print(screen.render())
-    return paper.file.getvalue().splitlines()
-
-
-def test_a_terminal_has_one_line_for_each_running_value():
-    console = Console(width=70, file=io.StringIO(), force_terminal=True, highlight=False)
-    screen = SweepScreen(4, console)
-    with screen:
-        for label in ("mu=0.1", "mu=0.2"):
-            screen.begin(label)
-        screen.say("mu=0.1", "step    7  slide      t 0.25 s  N 0.5 N")
-        screen.say("mu=0.2", "note: this is to stay")
-        first, second, last = (line.split() for line in lines_of(screen))
-        assert first == ["mu=0.1", "0:00", *"step 7 slide t 0.25 s N 0.5 N".split()]
-        assert second == ["mu=0.2", "0:00", "starting"]
-        assert " ".join(last) == "0 of 4 values done, 2 waiting"
-        screen.end("mu=0.1", 3)
-        second, last = lines_of(screen)
-        assert last.strip() == "1 of 4 values done, 1 failed, 2 waiting"
-    assert "[mu=0.2] note: this is to stay" in console.file.getvalue()
-    assert "[mu=0.1]" not in console.file.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("terminal", "term", "kind"),
-    [(True, "xterm", SweepScreen), (True, "dumb", SweepLines), (False, "xterm", SweepLines)],
-)
-def test_lines_are_plain_where_there_is_no_terminal(monkeypatch, terminal, term, kind):
-    monkeypatch.setenv("TERM", term)
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: terminal, raising=False)
-    assert type(sweep_lines(3)) is kind
-
-
 def test_collating_tells_of_parts_that_were_not_run(case_file, block, tmp_path):
     collate(load_case(case_file(block + SWEPT)), tmp_path, "done")
     parts = json.loads((tmp_path / "summary.json").read_text())["parts"]
@@ -253,22 +211,6 @@ def test_a_sweep_does_not_go_on_in_the_place_of_something_else(case_file, block,
     with pytest.raises(InputError, match="holds no checkpoint and no unfinished run to go on with"):
         run_sweep(load_case(path), path, tmp_path / "out", SweepOptions(resume=True), 1)
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["history.csv"]
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        *("", "{", "[]", "1", "null", '{"status": "done"}', "[" * 10_000, "1" * 5000),
-        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": 1}',
-        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": [1]}',
-        '{"status": 1, "warnings": 1, "steps": 1, "newton_iterations": 1, "load_steps": [{}]}',
-    ],
-    ids=range(11),
-)
-def test_a_damaged_summary_of_a_part_is_none(tmp_path, content):
-    path = tmp_path / "summary.json"
-    path.write_text(content)
-    assert _summary_of_part(path) is None
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """cases/block-slide.toml: forces of other codes, Newton iterations, energies, and variants."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bodies that share nodes, cases without contact, names with spaces: run from the case file."""
 
-from __future__ import annotations
-
 import gmsh
 import numpy as np
 import pytest

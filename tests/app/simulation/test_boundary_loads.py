@@ -1,7 +1,5 @@
 """Loads, foundations and supports that come and go, against closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -35,11 +33,7 @@ def case(boundaries: list[dict], stages: list[dict] | None = None, **parts: Any)
         },
         "bodies": {"elastomer": body, "aluminium": body},
         "contact": [
-            {
-                "slave": BOTTOM,
-                "master": "aluminium_contact",
-                "friction": {"law": "frictionless"},
-            }
+            {"slave": BOTTOM, "master": "aluminium_contact", "friction": {"law": "frictionless"}}
         ],
         "boundary": [STILL, *boundaries],
         "stage": stages or [{"name": "load", "duration": 1.0, "steps": 1}],

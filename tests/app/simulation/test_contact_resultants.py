@@ -1,7 +1,5 @@
 """Resultants of a contact in the plane, in space and round an axis, in numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

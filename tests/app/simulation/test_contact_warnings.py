@@ -1,7 +1,5 @@
 """Warnings on contacts that are too soft, uneven or coarse: their numbers, where they point."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -156,39 +154,19 @@ def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
 
 # A pad that hangs over the edge of a sheet, whose facets the edge is between.
 OVER_AN_EDGE = """
-[geometry]
-kind = "blocks"
-[geometry.blocks.sheet]
-x = ["0 mm", "2 mm"]
-y = ["0 mm", "0.5 mm"]
-elements = [8, 2]
-[geometry.blocks.pad]
-x = ["0 mm", "4 mm"]
-y = ["0.5 mm", "2.5 mm"]
-elements = [5, 3]
-[bodies]
-sheet = { material = "neo-hookean", E = "1 GPa", nu = 0.3 }
-pad = { material = "neo-hookean", E = "1 MPa", nu = 0.45 }
-[[contact]]
-slave = "pad_bottom"
-master = "sheet_top"
-friction = { law = "frictionless" }
-[[boundary]]
-surface = "sheet_bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "pad_left"
-displacement = { x = 0 }
-[[boundary]]
-surface = "pad_top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.3 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 3
-[output]
-fields_every = 0
-figures = false
+geometry.kind = "blocks"
+geometry.blocks.sheet = { x = ["0 mm", "2 mm"], y = ["0 mm", "0.5 mm"], elements = [8, 2] }
+geometry.blocks.pad = { x = ["0 mm", "4 mm"], y = ["0.5 mm", "2.5 mm"], elements = [5, 3] }
+bodies.sheet = { material = "neo-hookean", E = "1 GPa", nu = 0.3 }
+bodies.pad = { material = "neo-hookean", E = "1 MPa", nu = 0.45 }
+contact = [{ slave = "pad_bottom", master = "sheet_top", friction = { law = "frictionless" } }]
+boundary = [
+    { surface = "sheet_bottom", displacement = { x = 0, y = 0 } },
+    { surface = "pad_left", displacement = { x = 0 } },
+    { surface = "pad_top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.3 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 3 }]
+output = { fields_every = 0, figures = false }
 """
 
 

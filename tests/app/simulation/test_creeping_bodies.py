@@ -1,7 +1,5 @@
 """Bodies with Maxwell branches, solved: a differential equation, energies, both solvers."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from pathlib import Path

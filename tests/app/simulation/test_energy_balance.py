@@ -1,7 +1,5 @@
 """The energy balance closes, and with which order of the step it does."""
 
-from __future__ import annotations
-
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -64,36 +62,25 @@ def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
 
 
 ROUND = """
-[geometry]
-kind = "blocks"
-[geometry.blocks.rubber]
-x = ["-2 mm", "3 mm"]
-y = ["-0.5 mm", "0 mm"]
-elements = [50, 2]
-[bodies.rubber]
-material = "neo-hookean"
-G = "1 MPa"
-K = "5 MPa"
-[tools.bump]
-shape = "circle"
-centre = ["0 mm", "8 mm"]
-radius = "8 mm"
-displacement = { x = "driven", y = [["0 s", "0 um"], ["1 s", "-60 um"]] }
+geometry.kind = "blocks"
+geometry.blocks.rubber = { x = ["-2 mm", "3 mm"], y = ["-0.5 mm", "0 mm"], elements = [50, 2] }
+bodies = { rubber = { material = "neo-hookean", G = "1 MPa", K = "5 MPa" } }
+tools.bump.shape = "circle"
+tools.bump.centre = ["0 mm", "8 mm"]
+tools.bump.radius = "8 mm"
+tools.bump.displacement = { x = "driven", y = [["0 s", "0 um"], ["1 s", "-60 um"]] }
+boundary = [{ surface = "rubber_bottom", displacement = { x = 0, y = 0 } }]
 [[contact]]
 slave = "rubber_top"
 master = "bump"
 film = { thickness = "1 um" }
-[contact.friction]
-law = "friction-map"
-preset = "friction-map"
-mu_s = 0.1
-K_T = "1e11 Pa/m"
-V_star = "1 mm/s"
-V_star_at = "1 um"
-eta_b = "0.2 Pa*s"
-[[boundary]]
-surface = "rubber_bottom"
-displacement = { x = 0, y = 0 }
+friction.law = "friction-map"
+friction.preset = "friction-map"
+friction.mu_s = 0.1
+friction.K_T = "1e11 Pa/m"
+friction.V_star = "1 mm/s"
+friction.V_star_at = "1 um"
+friction.eta_b = "0.2 Pa*s"
 [[stage]]
 name = "press"
 duration = "1 s"

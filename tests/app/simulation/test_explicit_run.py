@@ -1,7 +1,5 @@
 """Explicit runs as a user sees them: rows, files, failures, damping and relaxation."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -182,13 +180,7 @@ def test_relaxation_ends_in_the_implicit_equilibrium():
     ramp = {"table": [["0 s", 0], ["10 us", "0.5 MPa"]], "ramp": "smooth"}
     data["boundary"][1]["platen"]["pressure"] = ramp
     data["stage"] = [
-        {
-            "name": "press",
-            "duration": "40 us",
-            "steps": 8,
-            "relax": True,
-            "rate_dependent": False,
-        }
+        {"name": "press", "duration": "40 us", "steps": 8, "relax": True, "rate_dependent": False}
     ]
     data["boundary"][1]["displacement"] = {"x": 0.0}
     relaxed = simulate(data)
@@ -302,12 +294,7 @@ def test_check_says_how_many_steps_a_stage_takes(tribox, case_file):
 
 def test_an_element_turned_inside_out_ends_with_code_3(tribox, case_file, tmp_path):
     out = tmp_path / "out"
-    fast = (
-        "--set",
-        "bodies.elastomer.velocity.y=-300 m/s",
-        "--set",
-        "output.fields_every=0",
-    )
+    fast = ("--set", "bodies.elastomer.velocity.y=-300 m/s", "--set", "output.fields_every=0")
     done = tribox("run", case_file(THROWN), "--out", out, *fast)
     assert done.returncode == 3, done.stdout + done.stderr
     [line] = done.stderr.splitlines()

@@ -1,7 +1,5 @@
 """The explicit cases that are shipped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

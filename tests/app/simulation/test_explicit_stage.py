@@ -1,7 +1,5 @@
 """Explicit dynamics from the case: keys, smooth ramps, springs, masses, load steps."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

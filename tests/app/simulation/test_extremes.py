@@ -1,7 +1,5 @@
 """Values that are allowed one by one and come to nothing together: one line, on all ranks."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

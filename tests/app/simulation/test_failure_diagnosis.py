@@ -1,7 +1,5 @@
 """What a failed step is explained by, finding by finding, without a run."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest
@@ -52,8 +50,7 @@ def test_a_first_step_that_failed_is_not_said_to_lack_contact(pair, strayed):
 
 
 @pytest.mark.parametrize(
-    ("residual", "shift", "said"),
-    [(3e-8, 0.03, True), (3e-8, 0.0, False), (0.3, 0.03, False)],
+    ("residual", "shift", "said"), [(3e-8, 0.03, True), (3e-8, 0.0, False), (0.3, 0.03, False)]
 )
 def test_a_residual_that_edges_of_the_master_keep_up_is_explained(pair, residual, shift, said):
     """Points in the middle of slave facets stand on nodes of the master, or 0.03 beside them."""

@@ -1,7 +1,5 @@
 """Problems without a solution: what is said, what is saved, and that nothing false is written."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -286,10 +284,7 @@ def test_penetration_is_warned_of_from_a_share_of_the_element_on(block, tmp_path
 def test_energy_that_does_not_add_up_is_warned_of(block, tmp_path, steps, warned):
     """A block lifted off in one step: the trapezium under its force is far from the work."""
     data = plain(block)
-    data["boundary"][1]["displacement"] = {
-        "x": 0.0,
-        "y": [[0.0, 0.0], [1.0, -5e-5], [2.0, 5e-5]],
-    }
+    data["boundary"][1]["displacement"] = {"x": 0.0, "y": [[0.0, 0.0], [1.0, -5e-5], [2.0, 5e-5]]}
     data["stage"][1]["steps"] = steps
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

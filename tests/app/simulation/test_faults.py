@@ -1,7 +1,5 @@
 """Faults end as they should: nothing lost, one line, the right exit code."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

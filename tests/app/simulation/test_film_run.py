@@ -1,7 +1,5 @@
 """Runs with a film that is found: what moves over, what is kept, and how they go on."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -23,60 +21,32 @@ from tribox.app.simulation.simulation import Simulation
 from tribox.forms.film.reynolds import FilmError, ReynoldsFilm
 
 CASE = """
-[geometry]
-kind = "blocks"
-thickness = "1 m"
-
-[geometry.blocks.rubber]
-x = ["-6 mm", "6 mm"]
-y = ["-4 mm", "0 mm"]
-elements = [60, 4]
-
-[bodies.rubber]
-material = "neo-hookean"
-E = "3 MPa"
-nu = 0.45
-
-[tools.roll]
-shape = "circle"
-centre = ["0 mm", "10 mm"]
-radius = "10 mm"
-displacement = { x = 0 }
-force = { y = [["0 s", "0 N"], ["1 s", "-400 N"]] }
-rotation = { rate = [["0 s", 0], ["1 s", 0], ["1.1 s", "0.1 rad/s"]] }
-
+geometry.kind = "blocks"
+geometry.thickness = "1 m"
+geometry.blocks = { rubber = { x = ["-6 mm", "6 mm"], y = ["-4 mm", "0 mm"], elements = [60, 4] } }
+bodies = { rubber = { material = "neo-hookean", E = "3 MPa", nu = 0.45 } }
+tools.roll.shape = "circle"
+tools.roll.centre = ["0 mm", "10 mm"]
+tools.roll.radius = "10 mm"
+tools.roll.displacement = { x = 0 }
+tools.roll.force = { y = [["0 s", "0 N"], ["1 s", "-400 N"]] }
+tools.roll.rotation = { rate = [["0 s", 0], ["1 s", 0], ["1.1 s", "0.1 rad/s"]] }
+boundary = [{ surface = "rubber_bottom", displacement = { x = 0, y = 0 } }]
+stage = [
+    { name = "press", duration = "1 s", steps = 3, rate_dependent = false },
+    { name = "slide", duration = "2 s", steps = 4 },
+]
+output = { figures = false, checkpoint_every = 1, checkpoints_kept = 100 }
 [[contact]]
 slave = "rubber_top"
 master = "roll"
 friction = { law = "frictionless" }
-
-[contact.film]
-model = "reynolds"
-sigma = "1 um"
-oil = "flooded"
-share = "contact"
-eta_b = "0.8 Pa*s"
-h_max = "0.2 mm"
-
-[[boundary]]
-surface = "rubber_bottom"
-displacement = { x = 0, y = 0 }
-
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 3
-rate_dependent = false
-
-[[stage]]
-name = "slide"
-duration = "2 s"
-steps = 4
-
-[output]
-figures = false
-checkpoint_every = 1
-checkpoints_kept = 100
+film.model = "reynolds"
+film.sigma = "1 um"
+film.oil = "flooded"
+film.share = "contact"
+film.eta_b = "0.8 Pa*s"
+film.h_max = "0.2 mm"
 """
 OIL = {"oil": "2 g/m^2", "density": "900 kg/m^3"}
 

@@ -1,7 +1,5 @@
 """Bodies that nothing holds any more: weak springs keep them, and the run says so."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

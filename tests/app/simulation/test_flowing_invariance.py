@@ -1,7 +1,5 @@
 """A metal pressed by a round tool: frame, units, cut steps, ranks and the solver do not count."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

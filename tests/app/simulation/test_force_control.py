@@ -1,7 +1,5 @@
 """Bodies that a given force presses on each other, from their first touch or a gap on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -69,10 +67,7 @@ def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
     return {
         "title": shape,
         "geometry": geometry,
-        "bodies": {
-            "elastomer": elastomer,
-            "aluminium": elastomer | {"E": 5e9, "nu": 0.3},
-        },
+        "bodies": {"elastomer": elastomer, "aluminium": elastomer | {"E": 5e9, "nu": 0.3}},
         "contact": [
             {
                 "slave": "elastomer_contact",

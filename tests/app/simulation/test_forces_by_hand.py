@@ -5,8 +5,6 @@ opposite sign along the surfaces), a roller that brakes (a moment). The integral
 files: places, weights, normals and tractions of the contact points, or of the nodes.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

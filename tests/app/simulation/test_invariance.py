@@ -1,7 +1,5 @@
 """What must not matter: the frame that turns, the units, and how a step was cut."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace

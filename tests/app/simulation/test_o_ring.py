@@ -1,7 +1,5 @@
 """Rubber cords and rings squeezed between plates: Hertz, and Lindley's formula for O-rings."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

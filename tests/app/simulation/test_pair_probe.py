@@ -1,7 +1,5 @@
 """What the warnings of a contact go by, pair by pair, against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,11 +10,7 @@ import pytest
 from tests.contact_boxes import PENALTY
 from tests.geometry.surfaces.test_vertices import graded
 from tests.grid import grid
-from tribox.app.simulation.contact_warnings import (
-    FEW,
-    PairProbe,
-    _few_facets,
-)
+from tribox.app.simulation.contact_warnings import FEW, PairProbe, _few_facets
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.surface import ContactSurface

@@ -1,7 +1,5 @@
 """The command line on several ranks: it starts them, and they fail and stop together."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The patch test: a uniform pressure through a flat interface of meshes that do not match."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.patch import SLAVE, Patch, errors

@@ -1,7 +1,5 @@
 """Forces on named points of a mesh, and supports of them, against resultants by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gmsh

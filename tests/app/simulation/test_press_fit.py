@@ -1,7 +1,5 @@
 """Press and shrink fits: Lamé's rings, the overlap drawn and not, energy and friction."""
 
-from __future__ import annotations
-
 import copy
 import math
 

@@ -3,8 +3,6 @@
 The cases are as small as they can be with stick, slip, film and lift-off in them.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

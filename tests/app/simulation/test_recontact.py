@@ -1,7 +1,5 @@
 """Contact that opens and closes again, and corners that slide over the edges of a master."""
 
-from __future__ import annotations
-
 import copy
 import math
 import tomllib

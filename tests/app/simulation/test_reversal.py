@@ -1,7 +1,5 @@
 """Reversal of sliding: the loop of force against displacement, and the energy lost in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

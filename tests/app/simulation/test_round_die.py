@@ -1,7 +1,5 @@
 """A round die of two second-order facets presses as a cylinder does; straight ones have corners."""
 
-from __future__ import annotations
-
 import gmsh
 import numpy as np
 import pytest

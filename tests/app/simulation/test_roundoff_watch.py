@@ -1,7 +1,5 @@
 """That a run says so where rounding kept the residual above the tolerance that was asked for."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 

@@ -1,7 +1,5 @@
 """Columns of a row that depend on how the run came there."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

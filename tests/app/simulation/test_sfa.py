@@ -1,7 +1,5 @@
 """cases/sfa.toml: steady points on the closed form, the paper's four claims, and the figures."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A coarse twin of cases/sfa.toml: two films, slow and fast, on the closed form."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stages, steps that are cut, steps that cannot be solved, and runs that are interrupted."""
 
-from __future__ import annotations
-
 import copy
 import json
 import tomllib
@@ -306,10 +304,7 @@ def in_units(kind: str, length: float, time: float, force: float) -> dict:
             "V_star_at": 10e-9 * m,
         }
         pressure = [[0.0, 0.0], [1.0 * s, 0.5e6 * stress]]
-        top = {
-            "displacement": {"x": "driven"},
-            "platen": {"direction": "y", "pressure": pressure},
-        }
+        top = {"displacement": {"x": "driven"}, "platen": {"direction": "y", "pressure": pressure}}
         slide = {
             "name": "slide",
             "velocities": [1e-4 * m / s, 2e-3 * m / s],

@@ -1,7 +1,5 @@
 """A pressed block that slides off a shorter one over its end, until nothing touches."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

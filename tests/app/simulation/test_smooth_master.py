@@ -1,7 +1,5 @@
 """`smoothing_angle` of a contact: reaches the surface, and is refused where it cannot work."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """A deformable pair pressed and dragged: in space, on second-order elements, on a smooth master."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import dolfinx
@@ -43,10 +41,7 @@ def problem_of(shape, smoothing_angle):
     u = dolfinx.fem.Function(scene.space)
     solids = [
         Solid(name, u, cells[part], material, FORMULATION[shape])
-        for name, part, material in (
-            ("upper", middle > 0.0, SOFT),
-            ("lower", middle < 0.0, STIFF),
-        )
+        for name, part, material in (("upper", middle > 0.0, SOFT), ("lower", middle < 0.0, STIFF))
     ]
     bottom = [held(scene, "bottom", i) for i in range(scene.dim)]
     top = [held(scene, "top", i) for i in range(scene.dim)]

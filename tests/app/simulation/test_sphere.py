@@ -1,7 +1,5 @@
 """The sphere on a block: its section of revolution against a quarter in space, and twisted."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

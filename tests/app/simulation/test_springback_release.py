@@ -1,7 +1,5 @@
 """A strip that was bent and is let go: springback through the release of a surface."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Steadiness is judged by slip distances: synthetic rows, and a layer on a plateau of friction."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said of ends and facets of masters: which, where, and only where it can be the cause."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Contacts that act in some stages only, and friction that changes with time."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

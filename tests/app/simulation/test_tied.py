@@ -1,7 +1,5 @@
 """Bonded bodies of meshes that do not match."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 

@@ -1,7 +1,5 @@
 """Rigid tools in runs: against platens, closed forms, loads, explicit steps, units and ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """One slave over two masters that meet below it, against one master in their place."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """A sharp wedge in metal: its force is too large, or turned, and that is told."""
 
-from __future__ import annotations
-
 import math
 
 from tests.tool_cases import run

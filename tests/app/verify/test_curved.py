@@ -1,7 +1,5 @@
 """Films and pressures over curved tools: the measures are right, and the checks can fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

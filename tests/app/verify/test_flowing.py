@@ -1,7 +1,5 @@
 """Metals that flow against closed forms: other elements, meshes and steps; checks that can fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """tribox verify: every case within its bars, checks that can fail, table, report, exit codes."""
 
-from __future__ import annotations
-
 import math
 import re
 from functools import cache
@@ -18,17 +16,8 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.contact import (
-    block_slide,
-    cattaneo_mindlin,
-    fit_ellipse,
-    hertz_line,
-)
-from tribox.app.verify.report import (
-    CASES,
-    block_compression,
-    run_verify,
-)
+from tribox.app.verify.contact import block_slide, cattaneo_mindlin, fit_ellipse, hertz_line
+from tribox.app.verify.report import CASES, block_compression, run_verify
 from tribox.app.verify.result import CASES as DIRECTORY
 from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.geometry.meshes.gmsh_model import gmsh_session

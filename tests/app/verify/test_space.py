@@ -1,7 +1,5 @@
 """Verification on flat surfaces in space: the checks see what they are made for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Element matrices of compiled loops, added up into a whole matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

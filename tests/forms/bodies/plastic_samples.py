@@ -23,11 +23,7 @@ LAWS = {
     "swift": Swift(0.18, 0.01, 0.22),
     "table": Table([(0.0, 0.06), (0.02, 0.09), (0.1, 0.12), (2.0, 0.2)]),
 }
-RATES = {
-    "no rate": None,
-    "johnson-cook": JohnsonCook(0.015, 0.01),
-    "perzyna": Perzyna(50.0, 0.25),
-}
+RATES = {"no rate": None, "johnson-cook": JohnsonCook(0.015, 0.01), "perzyna": Perzyna(50.0, 0.25)}
 BRANCHES = {
     "none": (),
     "one": (Backstress(2.0, 50.0),),

@@ -66,7 +66,6 @@ def test_the_compiled_loop_gives_the_numbers_of_numpy(space, branches, law, rate
         np.testing.assert_array_equal(fast.update(F, state, dt, False, volumetric).P, mine.P)
 
 
-@branched
 def tensors(rows, pairs):
     out = np.zeros((len(rows), 3, 3))
     for k, (i, j) in enumerate(pairs):

@@ -1,7 +1,5 @@
 """The tangent with a pressure carried from another displacement."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The modulus that stands for a body in the stiffnesses of its contacts."""
 
-from __future__ import annotations
-
 import pytest
 
 from tribox.forms.bodies.contact_stiffness import contact_shear_modulus

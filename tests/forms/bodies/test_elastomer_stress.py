@@ -5,8 +5,6 @@ Kirchhoff's principal stresses are τ_a = Σ μ_p (λ̄_a^α_p − mean) + K/2 (
 τ_a = 2 W′(Ī1) (λ̄_a² − Ī1/3) + K/2 (J² − 1) of Yeoh.
 """
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Element frequencies against the spectrum of the assembled stiffness: in plane, rings, space."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import dolfinx

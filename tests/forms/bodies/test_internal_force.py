@@ -1,7 +1,5 @@
 """The compiled loop over cells against the forms that DOLFINx generates, to round-off."""
 
-from __future__ import annotations
-
 import os
 
 import dolfinx

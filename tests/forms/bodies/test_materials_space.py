@@ -1,7 +1,5 @@
 """Stored energies in space against closed formulas, and their smoothness at equal stretches."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The compiled tangent against the matrix that DOLFINx assembles, and what is no number."""
 
-from __future__ import annotations
-
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np

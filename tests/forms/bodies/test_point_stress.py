@@ -1,7 +1,5 @@
 """Stress at points in numpy against the compiled one, in cells that are distorted and bent."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

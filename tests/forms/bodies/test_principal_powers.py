@@ -1,7 +1,5 @@
 """Sums of powers of principal stretches against eigenvalues, at equal stretches too."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

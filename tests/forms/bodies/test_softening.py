@@ -1,7 +1,5 @@
 """Softening by the largest load: closed forms in tension, tangents, what it costs, both solvers."""
 
-from __future__ import annotations
-
 import tomllib
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Solids in space, of revolution and of second order: energies, patches, closed forms, pressure."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The compiled loop over cells in space against what DOLFINx assembles, to round-off."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest
@@ -11,13 +9,7 @@ from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import SpaceCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
-from tribox.forms.bodies.materials import (
-    Hencky,
-    MooneyRivlin,
-    NeoHookean,
-    Yeoh,
-    shear_and_bulk,
-)
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import cell_nodes
 

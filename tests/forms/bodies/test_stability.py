@@ -1,7 +1,5 @@
 """Where energies of elastomers lose their stability, against conditions by hand."""
 
-from __future__ import annotations
-
 import pytest
 from scipy.optimize import brentq
 

@@ -1,7 +1,5 @@
 """Maxwell branches at material points: closed forms, an ODE solution, tangents, dissipation."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -108,11 +106,7 @@ def test_what_is_remembered_keeps_its_volume_and_the_pressure_is_none():
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.integers(0, 10**6),
-    st.floats(1e-9, 0.4),
-    st.floats(-9.0, 6.0),
-    st.booleans(),
-    st.booleans(),
+    st.integers(0, 10**6), st.floats(1e-9, 0.4), st.floats(-9.0, 6.0), st.booleans(), st.booleans()
 )
 def test_no_branch_ever_gives_energy(seed, size, decade, space, compiled):
     points = ViscousPoints(BRANCHES, space, compiled)

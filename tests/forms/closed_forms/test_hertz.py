@@ -1,7 +1,5 @@
 """Closed forms of line contact and of block compression: what they must satisfy by themselves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

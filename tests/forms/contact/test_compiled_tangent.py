@@ -1,7 +1,5 @@
 """The compiled tangent and forces of a pair in space against those of numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The explicit forms of a contact pair against the contact term of the implicit solution."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The compiled loop of an explicit pair in space against the contact term of numpy."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

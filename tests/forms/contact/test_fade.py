@@ -1,7 +1,5 @@
 """Pressure that fades over a stated length before the open end of a master."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of contact from inside: linear, and at their end the laws themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A contact whose film is an unknown: its tangent, and what does not depend on the frame."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

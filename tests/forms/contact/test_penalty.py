@@ -1,7 +1,5 @@
 """The contact term: forces, history and energy of one pair at given displacements."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

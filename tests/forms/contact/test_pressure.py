@@ -1,7 +1,5 @@
 """Contact pressure from gaps: averaged over the slave's vertices, or from the gap of each point."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import dolfinx

@@ -4,8 +4,6 @@ The control points are nodes of a cell of their own here, so that their forces a
 They move as a displacement and an angle do.
 """
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Where a contact ends within a facet, and how much of its points' pieces is covered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One slave over several masters: the tangent beside a gap, and what points bring along."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

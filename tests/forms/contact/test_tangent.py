@@ -1,7 +1,5 @@
 """Residual and tangent of the contact alone, in the plane and in space, on facets of all shapes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tangent along rays, at the end of the master, and of the film at the rim of the contact."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ties of boxes that do not match, with a gap between them or without."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from petsc4py import PETSc

@@ -1,7 +1,5 @@
 """A rigid tool as master: its forces and moment, its tangent with the angle, its invariance."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The film's mass balance against closed forms, and its derivatives."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

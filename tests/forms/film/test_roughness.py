@@ -1,7 +1,5 @@
 """Films between rough surfaces and what their asperities carry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad

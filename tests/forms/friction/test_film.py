@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from tribox.forms.friction.film import (
-    ConstantFilm,
-    FilmField,
-    FilmTable,
-    film_thickness,
-)
+from tribox.forms.friction.film import ConstantFilm, FilmField, FilmTable, film_thickness
 
 TABLE = FilmTable(((0.0, 60e-9), (1e6, 40e-9), (4e6, 10e-9)))
 

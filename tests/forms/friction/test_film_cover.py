@@ -1,7 +1,5 @@
 """The share of a point's area that is wet: the film's traction is proportional to it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -35,12 +35,7 @@ class Step:
     def of(self, law: FrictionMap, state: FrictionState, **changes: Any) -> FrictionResponse:
         values = {"slip": self.slip, "pressure": self.pressure, "film": self.film} | changes
         return law.update(
-            values["slip"],
-            self.dt,
-            values["pressure"],
-            values["film"],
-            state,
-            area_ratio=self.area,
+            values["slip"], self.dt, values["pressure"], values["film"], state, area_ratio=self.area
         )
 
 

@@ -1,7 +1,5 @@
 """A law of the user's that goes wrong: noted with its line, and never an exception."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

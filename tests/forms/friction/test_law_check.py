@@ -1,7 +1,5 @@
 """Laws put to the test: the built-in ones pass, each kind of mistake is found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What laws say of where their friction tends, against sliding there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

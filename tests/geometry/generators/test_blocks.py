@@ -1,7 +1,5 @@
 """Rectangles and boxes as bodies of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

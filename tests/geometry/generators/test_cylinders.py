@@ -1,7 +1,5 @@
 """The line-contact generators: shapes, sizes, names, orientation, and what they refuse."""
 
-from __future__ import annotations
-
 import math
 
 import gmsh

@@ -1,7 +1,5 @@
 """Sizes beyond reason: counts that are told before a mesh is made, and lengths that are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gmsh

@@ -1,7 +1,5 @@
 """Regular meshes made without gmsh have the numbers that gmsh gives them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,8 +10,7 @@ from tribox.geometry.meshes.mesh import _generated
 
 
 @pytest.mark.parametrize(
-    ("upper", "lower"),
-    [((4, 3), (3, 2)), ((1, 1), (1, 2)), ((2, 1), (1, 3)), ((7, 5), (11, 4))],
+    ("upper", "lower"), [((4, 3), (3, 2)), ((1, 1), (1, 2)), ((2, 1), (1, 3)), ((7, 5), (11, 4))]
 )
 def test_numbers_are_those_of_gmsh(upper, lower):
     shape = TwoBlocks(

@@ -1,7 +1,5 @@
 """The sphere on a block: shape, names, counts and quality of every part of it, and mistakes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import dolfinx

@@ -1,7 +1,5 @@
 """The two-block generator: sizes, counts, grading, names, and what it refuses."""
 
-from __future__ import annotations
-
 import math
 import signal
 

@@ -1,7 +1,5 @@
 """Two boxes: where they lie, what their sides are called, counts, and mistakes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import dolfinx

@@ -6,8 +6,6 @@
     python3 -m tests.geometry.meshes.damaged 400 --from 1000
 """
 
-from __future__ import annotations
-
 import argparse
 import random
 import re

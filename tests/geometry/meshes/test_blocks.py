@@ -1,7 +1,5 @@
 """Blocks of unknowns beside the displacement: where they lie, and what of the mesh stays."""
 
-from __future__ import annotations
-
 import dolfinx
 import dolfinx.fem.petsc
 import numpy as np

@@ -1,7 +1,5 @@
 """Damaged files cost a line, and never the program: gmsh reads them in a process of its own."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

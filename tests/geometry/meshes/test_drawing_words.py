@@ -1,7 +1,5 @@
 """What a drawing does beside drawing: found in every way there is to say it, and only there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Named points and edges: read from a file, found on every rank, loads spread over them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

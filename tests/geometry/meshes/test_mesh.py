@@ -1,7 +1,5 @@
 """Named meshes: measures, names, what a file may hold, errors, and independence of ranks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import dolfinx

@@ -1,7 +1,5 @@
 """Parts with equal numbers of cells and of slave facets, and what touches in the same part."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,17 +1,10 @@
 """Points in the cells of a distorted mesh, and how far points outside are from it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from tests.grid import grid
-from tribox.geometry.meshes.places import (
-    nearest_place,
-    nodes_of,
-    places_in,
-    shape_functions,
-)
+from tribox.geometry.meshes.places import nearest_place, nodes_of, places_in, shape_functions
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 

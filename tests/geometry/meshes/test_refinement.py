@@ -1,7 +1,5 @@
 """Meshes of several kinds of cells, divided into cells of one kind."""
 
-from __future__ import annotations
-
 import re
 
 import gmsh

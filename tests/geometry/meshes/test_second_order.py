@@ -1,7 +1,5 @@
 """Meshes of second-order cells: round bodies that are round."""
 
-from __future__ import annotations
-
 import dolfinx
 import gmsh
 import numpy as np

@@ -1,7 +1,5 @@
 """How C sources are compiled."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The picture of a mesh: complete, labelled, and the same from several processes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

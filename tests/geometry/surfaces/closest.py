@@ -1,7 +1,5 @@
 """Distances from all facets of a surface, without a search."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tribox.geometry.surfaces.compiled_facets import CompiledFacets

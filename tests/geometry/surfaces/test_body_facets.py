@@ -1,7 +1,5 @@
 """Where named surfaces end on the boundary of their body: at its corners, or amid it."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Closest points on single facets of all shapes against samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

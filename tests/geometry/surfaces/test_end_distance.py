@@ -1,7 +1,5 @@
 """Distances from the open end of a surface, and the share that counts there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

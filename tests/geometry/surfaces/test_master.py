@@ -1,7 +1,5 @@
 """A master of which each rank knows a part: the closest points are those on the whole of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

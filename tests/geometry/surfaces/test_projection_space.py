@@ -1,7 +1,5 @@
 """Closest points on surfaces of curved segments and of facets in space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Smooth surfaces: what they reproduce, how smooth they are, and where they stay sharp."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

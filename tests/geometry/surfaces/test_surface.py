@@ -1,7 +1,5 @@
 """Contact forces of a surface in the plane do not depend on the ranks."""
 
-from __future__ import annotations
-
 import dolfinx
 import numpy as np
 import pytest

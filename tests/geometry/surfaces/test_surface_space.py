@@ -1,7 +1,5 @@
 """Contact surfaces in space and of second-order displacements, on unstructured meshes."""
 
-from __future__ import annotations
-
 import dolfinx
 import gmsh
 import numpy as np

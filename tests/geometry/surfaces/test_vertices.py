@@ -1,7 +1,5 @@
 """Vertices of slave facets: areas, lengths and averages, on graded meshes of all facets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -50,7 +48,7 @@ class Facets:
     area: np.ndarray
 
     @classmethod
-    def of(cls, surface: ContactSurface) -> Facets:
+    def of(cls, surface: ContactSurface) -> "Facets":
         vertices = surface.vertices
         _, first = np.unique(surface.slave.facet, return_index=True)
         corners = vertices.of_point[first]
