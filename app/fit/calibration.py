@@ -23,6 +23,7 @@ from scipy.stats import f as f_distribution
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
+    AT_BOUND,
     BROAD,
     CONFIDENCE,
     NOISE,
@@ -36,6 +37,7 @@ from tribox.app.fit.model import (
     factor_of,
     friction,
     interval,
+    undetermined,
     with_values,
 )
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -388,8 +390,9 @@ class Calibration:
             for name in Judgement(self.coordinates, self.star, one, True).open_names(degrees)
         }
         star = self.coordinates[self.star].name
+        reason = "another {} fits as well, with which they leave {} open"
         return {
-            c.name: with_star_warning(c.name, star)
+            c.name: undetermined(c.name, reason.format(star, c.name), _cure(c.name))
             for c, is_far in zip(self.coordinates, far, strict=True)
             if c.name != star and (is_far or c.name in open_there)
         }
@@ -401,8 +404,11 @@ class Calibration:
         judgement = Judgement(self.coordinates, self.star, found, star is not None, cures)
         degrees = len(self.data) - len(self.coordinates)
         scatter = math.sqrt(found.squares / degrees)
-        names = [c.name for c in self.coordinates]
-        known = self._left_open(found, as_good) | at_bound_warnings(names, found.at_bound, cures)
+        known = self._left_open(found, as_good) | {
+            c.name: undetermined(c.name, AT_BOUND, _cure(c.name, cures=cures))
+            for c, hit in zip(self.coordinates, found.at_bound, strict=True)
+            if hit
+        }
         estimates = []
         for c, value in zip(self.coordinates, self._values(found.x), strict=True):
             if c.name in judgement.names:
@@ -527,24 +533,4 @@ def star_warning(
         rows = CURES["V_star"]
     else:
         return None
-    return f"{name}: the data cannot determine it: {reason}; {_cure(name, rows)}"
-
-
-def with_star_warning(name: str, star: str) -> str:
-    """Why the data do not determine a parameter that is found only at some threshold speeds."""
-    return (
-        f"{name}: the data cannot determine it: another {star} fits as well, with which they leave "
-        f"{name} open; {_cure(name)}"
-    )
-
-
-def at_bound_warnings(
-    names: Sequence[str], at_bound: NDArray[np.bool_], cures: Mapping[str, str] = CURES
-) -> dict[str, str]:
-    """Lines on parameters that ended at a bound of the search."""
-    return {
-        name: f"{name}: the data cannot determine it: the search ended at its bound; "
-        f"{_cure(name, cures=cures)}"
-        for name, hit in zip(names, at_bound, strict=True)
-        if hit
-    }
+    return undetermined(name, reason, _cure(name, rows))

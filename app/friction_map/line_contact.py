@@ -20,12 +20,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
+from tribox.app.figures.style import STYLE, colour_of, dashes_of, marker_of, save, thin_log_ticks
+from tribox.app.figures.units import titled
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.film.places import FilmCells
 from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
@@ -464,19 +468,6 @@ def write(setup: FilmMap, curves: list[Curve], directory: Path, seconds: float) 
 
 def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
     """Draw friction and the asperities' share: over loads when flooded, over oils at one load."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    from tribox.app.figures.style import (
-        STYLE,
-        colour_of,
-        dashes_of,
-        marker_of,
-        save,
-        thin_log_ticks,
-    )
-    from tribox.app.figures.units import titled
-
     middle = setup.loads[len(setup.loads) // 2]
     choices = [
         [c for c in curves if np.isinf(c.oil)],

@@ -26,7 +26,6 @@ from tribox.app.figures.style import (
     MARKERS,
     RED,
     save,
-    write_png,
 )
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
@@ -45,12 +44,6 @@ def drawn(**how) -> Figure:
     axes.plot([0.0, 1.0], [0.0, 3.0])
     axes.set_xlabel("x (mm)")
     return figure
-
-
-def test_png_holds_the_pixels(tmp_path):
-    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3)).astype(np.uint8)
-    write_png(tmp_path / "one.png", pixels, 150.0)
-    np.testing.assert_array_equal(page(tmp_path / "one.png"), pixels)
 
 
 def test_page_is_cut_as_matplotlib_cuts_it(tmp_path):
