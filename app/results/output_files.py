@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -229,10 +229,25 @@ class OutputFiles:
         surfaces = [term.surface for term in problem.contacts]
         told = (problem.u, problem.solids, directory, surfaces, times)
         self._model, self._saving = model, saving
-        self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
-        self._contact = ContactSeries(model, directory, times) if surfaces else None
-        self._tools = ToolSeries(model, directory, times) if problem.tools else None
+        # What the files of a step are called, and what writes them.
+        self._parts: list[tuple[str, Callable[[int, float, Sequence[Floats]], None]]] = []
+        found: list[Series | None] = []
+        if "vtu" in formats:
+            fields = FieldSeries(*told)
+            self._parts.append(("fields/{:06d}.vtu", fields.write))
+            found.append(fields.series)
+        if (bp := self._bp) is not None:
+            self._parts.append(("fields.bp and stress.bp", lambda _, when, p: bp.write(when, p)))
+        if surfaces:
+            contact = ContactSeries(model, directory, times)
+            self._parts.append(("contact/{:06d}.vtu", lambda n, when, _: contact.write(n, when)))
+            found += contact.series
+        if problem.tools:
+            tools = ToolSeries(model, directory, times)
+            self._parts.append(("tools/{:06d}.vtu", lambda n, when, _: tools.write(n, when)))
+            found.append(tools.series)
+        self._series = [series for series in found if series is not None]
         self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
@@ -240,31 +255,17 @@ class OutputFiles:
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
         pressures = [nodal_pressure(*pair) for pair in pairs]
-        if self._fields is not None:
+        for _, write in self._parts:
             with self._saving:
-                self._fields.write(step, time, pressures)
-        if self._bp is not None:
-            with self._saving:
-                self._bp.write(time, pressures)
-        if self._contact is not None:
-            with self._saving:
-                self._contact.write(step, time)
-        if self._tools is not None:
-            with self._saving:
-                self._tools.write(step, time)
+                write(step, time, pressures)
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
-        name = f"{step:06d}.vtu"
-        files = [f"fields/{name}"] if self._fields is not None else []
-        files += ["fields.bp and stress.bp"] if self._bp is not None else []
-        files += [f"contact/{name}"] if self._contact is not None else []
-        files += [f"tools/{name}"] if self._tools is not None else []
-        return ", ".join(files) or "no files"
+        return ", ".join(name.format(step) for name, _ in self._parts) or "no files"
 
     def write_indices(self) -> None:
         """Bring the indices by time up to date; not collective."""
-        for series in self._series():
+        for series in self._series:
             with self._saving:
                 series.write_index()
 
@@ -274,12 +275,6 @@ class OutputFiles:
         if self._bp is not None:
             with self._saving:
                 self._bp.close()
-
-    def _series(self) -> list[Series]:
-        contact = self._contact.series if self._contact is not None else []
-        fields = self._fields.series if self._fields is not None else None
-        tools = self._tools.series if self._tools is not None else None
-        return [*contact, *(series for series in (fields, tools) if series is not None)]
 
 
 # -- Fields of all bodies as a series of VTU files: deformed places, stress and strain -------------

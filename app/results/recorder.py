@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import resource
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -488,18 +488,21 @@ class RunTables:
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
-        motion = state.motion
-        self._driven = {stage.name for stage in state.model.case.stage if stage.is_driven}
-        self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
-        self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
-        self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
-        self._tools: GrowingTable | None = None
-        if state.model.problem.tools:
-            self._tools = GrowingTable(directory / "tools.csv", state.tools.columns, after)
-        self._contacts: GrowingTable | None = None
-        if state.model.case.contact:
-            self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
-
+        motion, model = state.motion, state.model
+        self._driven = {stage.name for stage in model.case.stage if stage.is_driven}
+        told: dict[str, tuple[Sequence[str], Callable[[RunState], Sequence[Any]]]] = {
+            "history": (COLUMNS, lambda now: now.rows),
+            "surfaces": (motion.surface_columns, lambda now: now.motion.surface_rows),
+            "bodies": (motion.body_columns, lambda now: now.motion.body_rows),
+        }
+        if model.problem.tools:
+            told["tools"] = (state.tools.columns, lambda now: now.tools.rows)
+        if model.case.contact:
+            told["contacts"] = (state.pair_columns, lambda now: now.pair_rows)
+        self._tables = {
+            name: (GrowingTable(directory / f"{name}.csv", columns, after), rows)
+            for name, (columns, rows) in told.items()
+        }
         path, tried = directory / "progress.csv", state.position.failures
         self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
 
@@ -509,24 +512,15 @@ class RunTables:
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
-        motion = state.motion
-        new = state.rows[self._history.written :]
-        self._history.extend(
-            [
-                astuple(row if row.stage in self._driven else replace(row, velocity=math.nan))
-                for row in new
-            ]
-        )
-        if self._contacts is not None:
-            self._contacts.extend(state.pair_rows[self._contacts.written :])
-        self._surfaces.extend(motion.surface_rows[self._surfaces.written :])
-        self._bodies.extend(motion.body_rows[self._bodies.written :])
-        if self._tools is not None:
-            self._tools.extend(state.tools.rows[self._tools.written :])
+        for name, (table, rows) in self._tables.items():
+            new = rows(state)[table.written :]
+            table.extend([self._values(row) for row in new] if name == "history" else new)
+
+    def _values(self, row: Row) -> tuple[Any, ...]:
+        """A row of the history; without a velocity where nothing is driven."""
+        return astuple(row if row.stage in self._driven else replace(row, velocity=math.nan))
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        tables = (self._history, self._contacts, self._surfaces, self._bodies, self._tools)
-        for table in (*tables, self._progress):
-            if table is not None:
-                table.sync()
+        for table in (*(table for table, _ in self._tables.values()), self._progress):
+            table.sync()
