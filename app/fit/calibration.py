@@ -141,17 +141,6 @@ class Calibration:
         ratio = np.maximum(computed, 1e-300) / self.data.traction
         return np.asarray(np.sqrt(self.data.weight) * np.log(ratio))
 
-    def _see_finite(self, x: Floats) -> None:
-        """See that the law says something of every row at these search coordinates."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            wrong = ~np.isfinite(self._residual(x))
-        if wrong.any():
-            row = int(np.argmax(wrong)) + 1
-            raise InputError(
-                f"the law has no finite friction for row {row} of the data; check their units and "
-                "the values that are fixed"
-            )
-
     # -- starts ------------------------------------------------------------------------------------
 
     def _first(self) -> Iterator[Floats]:
@@ -252,7 +241,15 @@ class Calibration:
             at[vary] = y
             return self._residual(at)
 
-        self._see_finite(x)
+        # See that the law says something of every row at these search coordinates.
+        with np.errstate(over="ignore", invalid="ignore"):
+            wrong = ~np.isfinite(self._residual(x))
+        if wrong.any():
+            row = int(np.argmax(wrong)) + 1
+            raise InputError(
+                f"the law has no finite friction for row {row} of the data; check their units and "
+                "the values that are fixed"
+            )
         if not vary.any():
             at_bound = np.zeros(len(x), dtype=np.bool_)
             return Found(x, self._residual(x), np.zeros((len(self.data), 0)), at_bound, False)

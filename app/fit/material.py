@@ -186,14 +186,10 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
             raise InputError(f"--fix {key}: is no key of {of}; {hint(key, list(allowed))}")
     if law is None and texts.keys() - {"E", "nu"} and data.kind == "metal":
         raise InputError(f"--fix {next(iter(texts.keys() - {'E', 'nu'}))}: name its law with --law")
-    _check_branches(options.branches, data)
-    return data, {key: parsed("--fix", key, value, allowed[key]) for key, value in texts.items()}
-
-
-def _check_branches(branches: int | None, data: MaterialData) -> None:
     least, most = (0, MOST_GIVEN) if data.kind == "metal" else (1, MOST_BRANCHES)
-    if branches is not None and not least <= branches <= most:
-        raise InputError(f"--branches {branches}: must be {least} to {most}")
+    if options.branches is not None and not least <= options.branches <= most:
+        raise InputError(f"--branches {options.branches}: must be {least} to {most}")
+    return data, {key: parsed("--fix", key, value, allowed[key]) for key, value in texts.items()}
 
 
 def _shift(data: MaterialData, given: Mapping[str, float]) -> Shift | None:

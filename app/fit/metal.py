@@ -211,7 +211,15 @@ class MetalProblem:
 
     def starts(self, fewer: Mapping[str, float] | None) -> Iterator[Floats]:
         """Search coordinates to start from; ``fewer``: what was found with a branch less."""
-        E, top, first = self._guesses()
+        # E, the highest stress, and the stress at which the line of E is left, Pa.
+        top = float(np.abs(self.measured).max())
+        rows = self.along[0]
+        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
+        slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
+        E = self.fixed.get("E", float(np.max(slope)))
+        near = s[s > 0.9 * E * e]
+        first = float(near.max()) if near.size else 0.3 * top
+        first = min(max(first, 0.05 * top), 0.95 * top)
         wide = self._width
         for share, at in itertools.product((0.3, 0.7), (3.0, 30.0, 300.0)):
             c_over_b = share * top * 0.5
@@ -229,17 +237,6 @@ class MetalProblem:
     def _width(self) -> float:
         """What the strain covers from 0 on."""
         return float(np.ptp(np.append(self.strain, 0.0)))
-
-    def _guesses(self) -> tuple[float, float, float]:
-        """E, the highest stress, and the stress at which the line of E is left, Pa."""
-        top = float(np.abs(self.measured).max())
-        rows = self.along[0]
-        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
-        slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
-        E = self.fixed.get("E", float(np.max(slope)))
-        near = s[s > 0.9 * E * e]
-        first = float(near.max()) if near.size else 0.3 * top
-        return E, top, min(max(first, 0.05 * top), 0.95 * top)
 
     def _isotropic(self, top: float, first: float) -> dict[str, float]:
         """Where the search for the law of isotropic hardening begins."""

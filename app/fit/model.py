@@ -313,7 +313,8 @@ def friction(parameters: Parameters, data: TribometerData) -> Floats:
     out = np.empty(len(data))
     steady = data.steady
     if steady.any():
-        steady_law = _at_steady_friction(parameters)
+        mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
+        steady_law = dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)
         rows = _rows(data, steady)
         lengths = presliding_length(
             rows.pressure,
@@ -340,12 +341,6 @@ def _without_film(parameters: StribeckParameters | CoulombParameters, data: Trib
         law, most = StribeckLaw(parameters), parameters.mu_s
     sliding = 10.0 * most * data.pressure / parameters.K_T
     return _one_step(law, data, np.where(data.steady, sliding, data.slip))
-
-
-def _at_steady_friction(parameters: FrictionMapParameters) -> FrictionMapParameters:
-    """The parameters with the coefficient of friction of steady sliding."""
-    mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
-    return dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)
 
 
 def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:

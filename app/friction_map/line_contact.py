@@ -401,7 +401,13 @@ def compute(setup: FilmMap) -> list[Curve]:
                     failed.append(speed)
                     continue
                 before = speed
-                points.append(_row(contact, setup, load, speed, oil, last))
+                a = contact.half_width(load)
+                middle = float(np.interp(0.0, contact.place, last.film))
+                least = float(last.film[last.pressure > 0.01 * last.pressure.max()].min())
+                points.append((
+                    *(load, load / (2.0 * a), speed, oil, last.friction, last.dry),
+                    *(middle, least, middle / setup.sigma, last.passed, float(last.iterations)),
+                ))  # fmt: skip
             curves.append(Curve(load, oil, tuple(points), tuple(failed)))
     return curves
 
@@ -430,18 +436,6 @@ def reached(
     middle = float(np.sqrt(speeds[0] * speeds[1]))
     start = reached(contact, load, oil, (speeds[0], middle), start, halvings - 1)
     return reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
-
-
-def _row(
-    contact: LineContact, setup: FilmMap, load: float, speed: float, oil: float, at: Point
-) -> tuple[float, ...]:
-    a = contact.half_width(load)
-    middle = float(np.interp(0.0, contact.place, at.film))
-    least = float(at.film[at.pressure > 0.01 * at.pressure.max()].min())
-    return (
-        *(load, load / (2.0 * a), speed, oil, at.friction, at.dry),
-        *(middle, least, middle / setup.sigma, at.passed, float(at.iterations)),
-    )
 
 
 def write(setup: FilmMap, curves: list[Curve], directory: Path, seconds: float) -> None:

@@ -35,7 +35,7 @@ from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.surface import ContactSurface
 
 # -- Series of files over time, one a step, and their index as ParaView reads it -------------------
@@ -304,7 +304,11 @@ class FieldSeries:
         self._strain = CellStrain(u, solids[0].section)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
         self._mesh = GatheredMesh(space)
-        body = self._mesh.cellwise(_numbers(solids, space.mesh))
+        topology = space.mesh.topology
+        number = np.zeros(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        for k, solid in enumerate(solids):
+            number[solid.cells] = k
+        body = self._mesh.cellwise(number)
         self.series: Series | None = None
         if self._comm.rank == 0:
             self.series = Series(directory, "fields", times)
@@ -316,7 +320,13 @@ class FieldSeries:
 
         ``pressures``: Pa, (v,) at the vertices of each slave surface.
         """
-        nodes = self._mesh.nodal(self._at_nodes(pressures))
+        # Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes.
+        out = np.zeros((self._owned, self._dim + 1))
+        out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]
+        if self._contact is not None:
+            self._contact.update(pressures)
+            out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
+        nodes = self._mesh.nodal(out)
         cells = {name: self._mesh.cellwise(own) for name, own in self._in_cells().items()}
         if self.series is None:
             return
@@ -331,15 +341,6 @@ class FieldSeries:
             step,
         )
         self.series.add(step, time)
-
-    def _at_nodes(self, pressures: Sequence[Floats]) -> Floats:
-        """Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes."""
-        out = np.zeros((self._owned, self._dim + 1))
-        out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]
-        if self._contact is not None:
-            self._contact.update(pressures)
-            out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
-        return out
 
     def _in_cells(self) -> dict[str, Floats | Singles]:
         """Stress, Pa, and strain (c,) or (c, 9) in this rank's own cells, by name.
@@ -371,14 +372,6 @@ class FieldSeries:
 def _single(values: NDArray[np.floating[Any]]) -> Singles:
     """Values (c, …) in single precision, tensors as rows of nine."""
     return values.reshape(len(values), *([9] if values.ndim > 1 else [])).astype(np.float32)
-
-
-def _numbers(solids: Sequence[Solid], mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Number of the body of each of this rank's own cells (c,)."""
-    out = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    for number, solid in enumerate(solids):
-        out[solid.cells] = number
-    return out
 
 
 # -- Fields by ADIOS2: displacement and contact pressure at nodes, stress in the cells -------------
@@ -437,13 +430,7 @@ class BpWriter:
         if self._contact is not None:
             self._contact.update(pressures)
         self._plain.update()
-        self._see_room()
-        for writer in self._writers:
-            with _errors_of_the_system(self._comm.size):
-                writer.write(time)
-
-    def _see_room(self) -> None:
-        """See that there is room: a rank that fails in ADIOS2 leaves the others waiting there."""
+        # See that there is room: a rank that fails in ADIOS2 leaves the others waiting there.
         local = sum(array.nbytes for array in self._arrays)
         needed = SHARE * self._comm.allreduce(local, op=MPI.SUM) + MARGIN
         try:
@@ -454,6 +441,9 @@ class BpWriter:
         if free < needed:
             number = errno.ENOENT if free < 0 else errno.ENOSPC
             raise OSError(number, os.strerror(number))
+        for writer in self._writers:
+            with _errors_of_the_system(self._comm.size):
+                writer.write(time)
 
     def close(self) -> None:
         """Finish the files.

@@ -87,20 +87,18 @@ class Recorder(Observer):
         self._tables: RunTables | None = None
         self._reserve: Reserve | None = None
         if resumed is not None:
-            self._restore(resumed)
+            self.load_steps = list(resumed["load_steps"])
+            self.warnings += resumed["warnings"]
+            self.resumed = list(resumed["resumed"])
         with self.saving:
-            self._begin()
+            if self.first:
+                write_case(self.model.case, self.directory, self._kept)
+                # Of a run that was killed at that moment; with it no status would be written.
+                (self.directory / "summary.json.part").unlink(missing_ok=True)
+                self.mark("running")
+                self._reserve = Reserve(self.directory)
         times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
         self._files = OutputFiles(model, directory, self.saving, times)
-
-    def _begin(self) -> None:
-        """Write what there is from the start."""
-        if self.first:
-            write_case(self.model.case, self.directory, self._kept)
-            # Of a run that was killed at that moment; it would keep the status from being written.
-            (self.directory / "summary.json.part").unlink(missing_ok=True)
-            self.mark("running")
-            self._reserve = Reserve(self.directory)
 
     def mark(self, status: str, failure: str | None = None) -> None:
         """Write a summary of what is known without the other ranks, on the first; not collective.
@@ -146,7 +144,18 @@ class Recorder(Observer):
         self._watches.roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         if load_step.stage.rate_dependent:
-            self._look_at_onset(load_step)
+            # Once for each contact whose film loses force below its onset.
+            problem = self.model.problem
+            pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
+            for index, (onset, term, trial) in enumerate(pairs):
+                lost = lost_below_onset(term, trial, onset, self.comm)
+                if lost > 0.0 and self._watches.first_time(f"onset {index}"):
+                    self.warnings.append(
+                        f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the "
+                        "film's force is lost where the pressure is below film_onset_pressure = "
+                        f"{onset:.3g} Pa: the film carries less than eta_b V/D (a lower "
+                        "film_onset_pressure)"
+                    )
         if state.inertia:
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
             self.warnings += notes_on_bouncing(state, load_step)
@@ -157,19 +166,6 @@ class Recorder(Observer):
             )
         with self.saving:
             self.mark("running")
-
-    def _look_at_onset(self, load_step: LoadStep) -> None:
-        """Warn, once, of each contact whose film loses force below its onset; collective."""
-        problem = self.model.problem
-        pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
-        for index, (onset, term, trial) in enumerate(pairs):
-            lost = lost_below_onset(term, trial, onset, self.comm)
-            if lost > 0.0 and self._watches.first_time(f"onset {index}"):
-                self.warnings.append(
-                    f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the film's "
-                    f"force is lost where the pressure is below film_onset_pressure = {onset:.3g} "
-                    "Pa: the film carries less than eta_b V/D (a lower film_onset_pressure)"
-                )
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
@@ -216,11 +212,6 @@ class Recorder(Observer):
             "times": list(self._files.times.items()),
             "resumed": self.resumed,
         }
-
-    def _restore(self, kept: Snapshot) -> None:
-        self.load_steps = list(kept["load_steps"])
-        self.warnings += kept["warnings"]
-        self.resumed = list(kept["resumed"])
 
     @property
     def inputs(self) -> dict[str, str]:
