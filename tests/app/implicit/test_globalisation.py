@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
-from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import (
     APPROACH,
     FAR,
@@ -39,6 +38,7 @@ from tribox.app.implicit.newton import (
     length_to_least_energy,
 )
 from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.predictor import Attempt
 
 
 def attempt(

@@ -13,7 +13,6 @@ from mpi4py import MPI
 from tests.contact_boxes import Scene
 from tests.tool_cases import run
 from tribox.app.implicit import interior_point
-from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.interior_point import (
     CLOSE,
     EASED,
@@ -36,6 +35,7 @@ from tribox.app.implicit.interior_point import (
     followed,
 )
 from tribox.app.implicit.newton import Inside
+from tribox.app.implicit.predictor import Attempt
 from tribox.forms.friction.coulomb import FrictionlessLaw
 
 E, NU = 70e9, 0.33

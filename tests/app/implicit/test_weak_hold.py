@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tribox.app.implicit.weak_hold import SHARE, WeakHold
+from tribox.app.implicit.loose_bodies import SHARE, WeakHold
 
 
 def hold(pairs: list[list[int]], forces: list[float]) -> WeakHold:

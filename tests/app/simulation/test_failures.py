@@ -21,8 +21,8 @@ from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
-from tribox.app.simulation.implicit_stage import ImplicitStage
 from tribox.app.simulation.pair_bodies import penalty_factor
+from tribox.app.simulation.simulation import ImplicitStage
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
