@@ -9,7 +9,7 @@ from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.supports import joined_bodies, loose_directions, supports_at_hand
-from tribox.app.implicit.weak_hold import WeakHold
+from tribox.app.implicit.loose_bodies import WeakHold
 from tribox.app.run.run import run_case
 
 PRESSED = [["0 s", "0 MPa"], ["1 s", "1 MPa"], ["2 s", "0 MPa"]]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.app.conftest import BLOCK, FILM
-from tribox.app.build.model import build_model
-from tribox.app.build.numbers import failures_as
+from tribox.app.build.model import build_model, failures_as
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.run.building import notes_on_building
