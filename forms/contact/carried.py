@@ -99,6 +99,9 @@ class Carried:
         Args:
             first: number of nodes before the control points.
         """
-        nodes = scipy.sparse.identity(first * self.dim, format="csr")
-        tool = self.tangent.reshape(-1, 2 * self.dim)
-        return scipy.sparse.block_diag([nodes, tool], format="csr")
+        own, tool = first * self.dim, self.tangent.reshape(-1, 2 * self.dim)
+        rows, wide = tool.shape
+        data = np.concatenate([np.ones(own), tool.reshape(-1)])
+        index = np.concatenate([np.arange(own), own + np.tile(np.arange(wide), rows)])
+        start = np.concatenate([np.arange(own), own + wide * np.arange(rows + 1)])
+        return scipy.sparse.csr_matrix((data, index, start), (own + rows, own + wide))

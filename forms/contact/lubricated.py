@@ -231,8 +231,9 @@ class LubricatedTerm(ContactTerm):
         thickness = model.rough.film(part.gaps(gap, length))[0]
         before = history.film[part.here]
         before = np.where(np.isfinite(before), before, thickness)
-        felt = felt_speeds(model.steady, part.inside, self._weight)
-        speed = felt @ self.speeds(film.along, kinematics.slip, dt)
+        number, share = felt_speeds(model.steady, part.inside, self._weight)
+        moved = self.speeds(film.along, kinematics.slip, dt)
+        speed = np.bincount(number, share * moved[part.inside])
         step = FilmStep(
             film=thickness,
             speed=np.repeat(np.broadcast_to(speed, np.count_nonzero(part.inside)), model.cells),

@@ -14,7 +14,6 @@ vertices of a facet, i space, m nodes of the pair, c columns.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -61,52 +60,45 @@ class LubricatedTangent(PairTangent):
             for vectors in self._field_vectors(trial, film, take)
         )
         pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
-        parts = [gaps, own, pressed, filled, pulled, speeds]
-        every = scipy.sparse.vstack(parts, format="csr")
+        every = stacked([gaps, speeds, own, pressed, filled, pulled])
         if trial.carried is not None:
             every = every @ trial.carried.operator(self.surface.first_master)
-        # The film couples all that it feels: from here on all of it is dense.
+        # The film couples all that it feels: what is multiplied by the rows of t is dense.
         dim = self.surface.dim
         used = np.unique(every.indices // dim)
         number = np.full(every.shape[1] // dim, -1)
         number[used] = np.arange(len(used))
         column = number[every.indices // dim] * dim + every.indices % dim
-        every = scipy.sparse.csr_matrix(
-            (every.data, column, every.indptr), (every.shape[0], len(used) * dim)
+        size, split = len(used) * dim, gaps.shape[0] + speeds.shape[0]
+        right, left = (
+            scipy.sparse.csr_matrix(
+                (every.data[a:b], column[a:b], start - a), (len(start) - 1, size)
+            )
+            for start in (every.indptr[: split + 1], every.indptr[split:])
+            for a, b in [(start[0], start[-1])]
         )
-        ends = np.cumsum([0] + [part.shape[0] for part in parts])
-        rows = [every[low:high] for low, high in itertools.pairwise(ends)]
-        nodes = self.surface.nodes[used]
+        nodes, vertices = self.surface.nodes[used], gaps.shape[0]
         if film.solution is None:
-            return Coupling(nodes, nodes, (rows[1].T @ rows[0]).tocsr())
-        felt = self._through_film(state, trial, rows[2:5], rows[5].shape[0])
-        right = scipy.sparse.vstack([rows[0], rows[5]], format="csr")
-        product = np.asarray((right.T @ felt.T).T + rows[1].T @ rows[0])
-        size = len(used) * dim
+            return Coupling(nodes, nodes, (left[:vertices].T @ right).tocsr())
+        felt = self._through_film(state, trial, speeds.shape[0])
+        fields = np.concatenate([right[:vertices].toarray(), (right.T @ felt.T).T])
+        product = np.asarray(left.T @ fields)
         start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
         index = np.tile(np.arange(size, dtype=np.int32), size)
         matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
         return Coupling(nodes, nodes, matrix)
 
-    def _through_film(
-        self,
-        state: ContactState,
-        trial: ContactTrial,
-        left: Sequence[scipy.sparse.csr_matrix],
-        speeds: int,
-    ) -> Floats:
-        """The part of the tangent that goes through the film's equations, by R and S.
+    def _through_film(self, state: ContactState, trial: ContactTrial, speeds: int) -> Floats:
+        """Change of pressure and filling (v,) and of the pull (f′,), one below the other.
 
         Args:
             state: of the last step.
             trial: of the tangent.
-            left: rows of −∂t/∂X of the film's pressure and filling (v, c), and its pull (f′, c).
             speeds: number s of the speeds that the film feels.
 
         Returns:
-            (c, v + s), to be multiplied by R and S.
+            (2 v + f′, v + s), by the gaps and the speeds.
         """
-        pressed, filled, pulled = left
         film, history, gap = trial.normal_contact.lubrication, state.film, trial.normal_contact.gap
         assert film is not None and film.solver is not None and film.step is not None
         assert film.solution is not None and history is not None and gap is not None
@@ -114,26 +106,22 @@ class LubricatedTangent(PairTangent):
         part, area = film.part, film.solver.cells.area
         length = history.length[part.inside]
         d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
-        d_film = scipy.sparse.diags(d_film) @ part.gap_slopes(gap, length)
+        d_film = d_film[:, None] * part.gap_slopes(gap, length).toarray()
         slopes = film.solver.slopes(film.step, film.solution)
-        faces = np.arange(slopes.by_speed.shape[1])
-        feels = np.zeros_like(faces) if not np.isfinite(film.step.dt) else faces // part.per_facet
-        spread = scipy.sparse.csr_matrix(
-            (np.ones(len(faces)), (faces, feels)), (len(faces), speeds)
-        )
-        balance = [(slopes.by_film @ d_film).toarray(), (slopes.by_speed @ spread).toarray()]
-        d_unknown = slopes.unknown(np.concatenate(balance, axis=1))
+        feels = np.arange(len(part.faces)) // part.per_facet
+        by_speed = slopes.by_speed(np.minimum(feels, speeds - 1), speeds)
+        d_unknown = slopes.unknown(np.concatenate([slopes.by_film @ d_film, by_speed], axis=1))
         d_pressure = slopes.by_pressure[:, None] * d_unknown
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
-        out: Floats = pressed.T @ (part.sums(area, d_pressure) / history.area[:, None])
-        out += filled.T @ d_filled
-        of_face, d_of_face = wedge_film(film.step.film[part.ends])
-        pulls = part.pull_slopes(of_face, d_of_face, film.solution.pressure, length)
+        pressed = part.sums(area, d_pressure) / history.area[:, None]
+        pulls = part.pull_slopes(
+            *wedge_film(film.step.film[part.ends]), film.solution.pressure, length
+        )
         by_film, by_pressure = pulls
-        out += pulled.T @ (by_pressure @ d_pressure)
-        out[:, : len(gap)] += pulled.T @ (by_film @ d_film)
-        return out
+        pulled = by_pressure @ d_pressure
+        pulled[:, : len(gap)] += by_film @ d_film
+        return np.concatenate([pressed, d_filled, pulled])
 
     def _field_vectors(
         self, trial: ContactTrial, film: Lubrication, take: Longs
@@ -174,10 +162,10 @@ class LubricatedTangent(PairTangent):
     ) -> scipy.sparse.csr_matrix:
         """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
         dim = self.surface.dim
-        column = nodes[:, :, None] * dim + np.arange(dim)
-        row = np.broadcast_to(number[:, None, None], column.shape)
-        place = row.reshape(-1), column.reshape(-1)
-        return scipy.sparse.csr_matrix((values.reshape(-1), place), (count, self._places * dim))
+        size = count, self._places * dim
+        place = number[:, None, None] * size[1] + nodes[:, :, None] * dim + np.arange(dim)
+        summed = np.bincount(place.reshape(-1), values.reshape(-1), size[0] * size[1])
+        return scipy.sparse.csr_matrix(summed.reshape(size))
 
     def _speed_rows(
         self, state: ContactState, trial: ContactTrial, take: Longs
@@ -190,18 +178,21 @@ class LubricatedTangent(PairTangent):
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
         face = self.rule.facet_of
         total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
+        inside = film.part.inside
+        number, share = felt_speeds(not np.isfinite(film.step.dt), inside, total)
+        take = take[inside[face[take]]]
+        facet = (np.cumsum(inside) - 1)[face[take]]
         v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
         d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
         d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
-        scale = surface.slave.weight[take] * (-0.5 / trial.dt) / total[face[take]]
+        scale = (share / total[inside])[facet] * surface.slave.weight[take] * (-0.5 / trial.dt)
         values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
-        out = self._of_facets(face[take], places, values, len(total))
-        return felt_speeds(not np.isfinite(film.step.dt), film.part.inside, total) @ out
+        return self._of_facets(number[facet], places, values, int(number.max(initial=-1)) + 1)
 
 
-def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr_matrix:
-    """Table (f′, f), or (1, f), from the speeds of all facets to those that a film feels.
+def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> tuple[Longs, Floats]:
+    """To which speed (f′,) that a film feels a facet inside adds, and by which share.
 
     A steady state has one speed: where part of a contact sticks there is none, and the mean of the
     facets inside the film is taken.
@@ -211,9 +202,21 @@ def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> scipy.sparse.csr
         inside: (f,).
         weight: (f,), m², of the facets.
     """
-    at = np.nonzero(inside)[0]
+    count = int(np.count_nonzero(inside))
     if not steady:
-        place = np.arange(len(at)), at
-        return scipy.sparse.csr_matrix((np.ones(len(at)), place), (len(at), len(inside)))
-    share = weight[at] / max(weight[at].sum(), np.finfo(float).tiny)
-    return scipy.sparse.csr_matrix((share, (np.zeros(len(at), dtype=int), at)), (1, len(inside)))
+        return np.arange(count), np.ones(count)
+    share = weight[inside] / max(weight[inside].sum(), np.finfo(float).tiny)
+    return np.zeros(count, dtype=np.int64), share
+
+
+def stacked(parts: Sequence[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:
+    """Matrices of as many columns, one below the other."""
+    starts = [
+        part.indptr[1:] + before
+        for part, before in zip(parts, np.cumsum([0] + [part.nnz for part in parts]), strict=False)
+    ]
+    data, index = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("data", "indices")
+    )
+    start = np.concatenate([[0], *starts])
+    return scipy.sparse.csr_matrix((data, index, start), (len(start) - 1, parts[0].shape[1]))

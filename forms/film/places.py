@@ -46,28 +46,29 @@ class Band:
     def solved(self, entries: Floats, right: Floats) -> Floats:
         """Solution for ``right`` (n,) or (n, r) with the ``entries`` (e,); NaN if singular.
 
-        Rows and columns are scaled by their largest entries.
+        Rows are scaled by their largest entries.
         """
         reach, count = self._reach, self._count
+        if not count:
+            return np.empty_like(right)
         size = (2 * reach + 1, count)
         summed = np.bincount(self._place, entries, size[0] * count)
         by_row: Floats = summed.astype(np.float64).reshape(size)
-        rows = _reciprocal(np.abs(by_row).max(axis=0, initial=0.0))
+        rows = _reciprocal(np.abs(by_row).max(axis=0))
         by_row = by_row * rows
-        # LAPACK's bands go by columns, with room for what pivoting fills.
-        bands = np.zeros((3 * reach + 1, count), order="F")
-        for off in range(-reach, reach + 1):
-            here = slice(max(0, -off), count - max(0, off))
-            bands[2 * reach - off, max(0, off) : count + min(0, off)] = by_row[reach + off, here]
-        columns = _reciprocal(np.abs(bands).max(axis=0, initial=0.0))
-        bands *= columns
-        factor, pivots, info = lapack.dgbtrf(bands, reach, reach, overwrite_ab=True)
+        scaled = (right[self._order].T * rows).T
+        if reach == 1:
+            *_, found, info = lapack.dgtsv(by_row[0, 1:], by_row[1], by_row[2, :-1], scaled)
+        else:  # LAPACK's bands go by columns, with room for what pivoting fills.
+            bands = np.zeros((3 * reach + 1, count))
+            for off in range(-reach, reach + 1):
+                here = slice(max(0, -off), count - max(0, off))
+                there = slice(max(0, off), count + min(0, off))
+                bands[2 * reach - off, there] = by_row[reach + off, here]
+            *_, found, info = lapack.dgbsv(reach, reach, bands, scaled)
         out: Floats = np.full_like(right, np.nan)
-        if info == 0 and count:
-            shape = (count,) + (1,) * (right.ndim - 1)
-            scaled = np.asfortranarray(right[self._order] * rows.reshape(shape))
-            found, _ = lapack.dgbtrs(factor, reach, reach, scaled, pivots, overwrite_b=True)
-            out[self._order] = found.reshape(right.shape) * columns.reshape(shape)
+        if info == 0:
+            out[self._order] = found.reshape(right.shape)
         return out
 
 
@@ -168,21 +169,25 @@ class FilmPart:
 
     def gap_slopes(self, gap: Floats, length: Floats) -> scipy.sparse.csr_matrix:
         """Derivatives (m, v) of :meth:`gaps`."""
-        members, count, (a, b) = np.nonzero(self.members)[0], len(length), self.facets.T
-        at_vertices = _one_each(np.ones(len(members)), members, len(gap))
-        if self.per_facet == 1:
-            return at_vertices
-        up, bent = self._cubic(length)
-        over = np.asarray(1.0 / length, dtype=np.float64)
-        rising = _one_each(over, b, len(gap)) - _one_each(over, a, len(gap))
-        secant = (gap[b] - gap[a]) * over
-        _, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
-        by_own = length[:, None] * up + np.einsum("fes,fe->fs", bent, own)
-        through = _one_each(by_own, np.arange(count), count)
-        for end in (0, 1):
-            through += _one_each(bent[:, end] * other[:, end, None], self.beside[:, end], count)
-        start = _one_each(np.ones_like(by_own), a, len(gap))
-        return scipy.sparse.vstack([at_vertices, start + through @ rising], format="csr")
+        members, (a, b) = np.nonzero(self.members)[0], self.facets.T
+        index, data, row = members, np.ones(len(members)), np.arange(len(members) + 1)
+        if self.per_facet > 1:
+            up, bent = self._cubic(length)
+            secant = (gap[b] - gap[a]) / length
+            _, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
+            by_own = length[:, None] * up + np.einsum("fes,fe->fs", bent, own)
+            # At a place inside a facet: by the secants of its own and of those beside.
+            by = np.concatenate([by_own[:, :, None], (bent * other[:, :, None]).mT], axis=2)
+            beside = np.column_stack([np.arange(len(length)), self.beside])
+            by = by / length[beside][:, None]
+            start = np.ones_like(by_own)[:, :, None]
+            inner = np.concatenate([start, -by, by], axis=2)
+            at = np.column_stack([a, a[beside], b[beside]])[:, None]
+            index = np.concatenate([index, np.broadcast_to(at, inner.shape).reshape(-1)])
+            data = np.concatenate([data, inner.reshape(-1)])
+            more = inner.shape[2] * np.arange(1, inner[:, :, 0].size + 1)
+            row = np.concatenate([row, row[-1] + more])
+        return scipy.sparse.csr_matrix((data, index, row), (len(row) - 1, len(gap)))
 
     def _cubic(self, length: Floats) -> tuple[Floats, Floats]:
         """Weights at the places inside facets: (k − 1,) of the rise, m (f', 2, k − 1) of slopes."""
@@ -227,13 +232,6 @@ class FilmPart:
             scipy.sparse.csr_matrix((by_film, index, start), size),
             scipy.sparse.csr_matrix((by_pressure, index, start), size),
         )
-
-
-def _one_each(values: Floats, column: Longs, columns: int) -> scipy.sparse.csr_matrix:
-    """Matrix with one entry in each row: ``values`` (f,) or (f, s), all s in ``column`` (f,)."""
-    index = np.repeat(column, values.size // max(len(column), 1))
-    size = values.size, columns
-    return scipy.sparse.csr_matrix((values.reshape(-1), index, np.arange(size[0] + 1)), size)
 
 
 def _vertex_slopes(

@@ -55,7 +55,7 @@ import scipy.sparse
 from tribox.forms.film.places import Band, FilmCells
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
-from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 SMOOTHING = 1e-7  # ε
 UNFILLED = 1e-4  # δ, 1 − θ of a reservoir that floods the film
@@ -116,19 +116,28 @@ class FilmSlopes:
 
     Attributes:
         by_pressure, by_filled: ∂p/∂w (n,), Pa, and ∂θ/∂w (n,).
-        by_film: (n, n) and by_speed: (n, f), of the balance at the same w.
+        by_film: (n, n), of the balance at the same w.
     """
 
     by_pressure: Floats
     by_filled: Floats
     by_film: scipy.sparse.csr_matrix
-    by_speed: scipy.sparse.csr_matrix
+    _ends: Longs
+    _by_speed: Floats
     _entries: Floats
     _band: Band
 
     def unknown(self, balance: Floats) -> Floats:
         """Change of w (n,) or (n, r) as the balance rises by (n,) or (n, r)."""
         return -self._band.solved(self._entries, balance)
+
+    def by_speed(self, felt: Longs, count: int) -> Floats:
+        """Derivatives (n, s) of the balance for ``count`` speeds, of which faces feel ``felt``."""
+        place = (self._ends * count + felt[:, None]).reshape(-1)
+        size = len(self.by_pressure), count
+        summed = np.bincount(place, self._by_speed.reshape(-1), size[0] * count)
+        out: Floats = summed.astype(np.float64).reshape(size)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,15 +234,11 @@ class ReynoldsFilm:
         data = self._entries(flow.by_film, stored, free, np.zeros_like(free))
         held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row[: 4 * len(cells.ends)]]
         data[: len(held)] += held * np.tile(given.d_film.reshape(-1), 2).reshape(-1)
-        count, face = len(theta), np.arange(len(cells.ends))
-        by_film = scipy.sparse.csr_matrix(
-            (data, (cells.band.row, cells.band.column)), (count, count)
-        )
-        row, column = cells.ends.T.reshape(-1), np.tile(face, 2)
-        data = np.concatenate([flow.by_speed, -flow.by_speed]) * free[row]
-        by_speed = scipy.sparse.csr_matrix((data, (row, column)), (count, len(face)))
+        place = cells.band.row, cells.band.column
+        by_film = scipy.sparse.csr_matrix((data, place), (len(theta), len(theta)))
+        by_speed = np.stack([flow.by_speed, -flow.by_speed], axis=1) * free[cells.ends]
         entries = self._by_unknown(step, flow, d_p, d_theta)
-        return FilmSlopes(d_p, d_theta, by_film, by_speed, entries, cells.band)
+        return FilmSlopes(d_p, d_theta, by_film, cells.ends, by_speed, entries, cells.band)
 
     def _bounded(self, change: Floats) -> Floats:
         """A change of w (n,) by which no viscosity grows more than e-fold."""

@@ -294,7 +294,7 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
             return film.solve(moved, found.unknown)
 
         plus, minus = at(e), at(-e)
-        d_w = slopes.unknown(slopes.by_film @ dh + slopes.by_speed @ du)
+        d_w = slopes.unknown(slopes.by_film @ dh + slopes.by_speed(np.arange(59), 59) @ du)
         d_p, d_filled = slopes.by_pressure * d_w, slopes.by_filled * d_w
         for exact, low, high in (
             (d_p, minus.pressure, plus.pressure),
