@@ -14,7 +14,7 @@ from tests.app.checkpoint.going_on import case_of
 from tests.app.checkpoint.small_cases import IMPLICIT
 from tribox.app.build.model import build_model
 from tribox.app.checkpoint.layout import Layout, copied, differences
-from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Partial
+from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Partial
 
 
 def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[str, Any]]:
@@ -33,7 +33,6 @@ def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[s
         "sum": Partial(np.array([1.0, comm.rank + 1.0])),
         "array": np.arange(3.0),
         "plain": [1, "two", None, {"three": 3.0}],
-        "local": Local({"rank": np.array([comm.rank]), "more": np.ones((comm.rank, 2))}),
     }
     return Layout(model), snapshot
 
@@ -42,8 +41,7 @@ def gathered(comm: MPI.Comm, directory: Path, name: str = "three bodies") -> dic
     """What is written of a snapshot; and whether every rank gets back what was its own."""
     layout, snapshot = laid_out(comm, directory, name)
     tree, arrays = layout.gather(snapshot)
-    again = layout.scatter(tree, arrays, layout.ranks)
-    other = layout.scatter(tree, arrays, "another distribution")
+    again = layout.scatter(tree, arrays)
     mine = {
         "nodal": np.array_equal(again["nodal"], snapshot["nodal"].values),
         "points": all(
@@ -55,16 +53,12 @@ def gathered(comm: MPI.Comm, directory: Path, name: str = "three bodies") -> dic
         "sum": comm.allreduce(again["sum"]).tolist() == [comm.size, sum(range(comm.size + 1))],
         "array": again["array"].tolist() == [0.0, 1.0, 2.0],
         "plain": again["plain"] == snapshot["plain"],
-        "local": again["local"]["rank"].tolist() == [comm.rank]
-        and again["local"]["more"].shape == (comm.rank, 2),
-        "dropped": other["local"] is None
-        and np.array_equal(other["nodal"], snapshot["nodal"].values),
     }
     wrong = comm.allgather([key for key, right in mine.items() if not right])
     written = {key: array.tolist() for key, array in arrays.items() if "/" not in key}
     identity = {key: array.tolist() for key, array in layout.identity.items()}
     whole = {"tree": tree, "arrays": written, "identity": identity}
-    return {"wrong": wrong, "whole": whole, "ranks": layout.ranks}
+    return {"wrong": wrong, "whole": whole}
 
 
 @pytest.mark.mpi(gathered, 2, 3)
@@ -82,7 +76,6 @@ def test_what_is_written_does_not_depend_on_ranks_and_comes_back(on_ranks, ranks
     assert mine["arrays"][name] == [ranks, ranks * (ranks + 1) / 2]
     for key, array in mine["arrays"].items():
         assert key == name or np.allclose(array, theirs["arrays"][key], rtol=0.0, atol=1e-14)
-    assert (found["ranks"] == alone["ranks"]) == (ranks == 1)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +98,6 @@ def test_a_copy_shares_no_memory(plane):
             if isinstance(value, kind):
                 assert not np.shares_memory(copy[key].values, value.values)
                 assert np.array_equal(copy[key].values, value.values)
-    assert not np.shares_memory(copy["local"].arrays["rank"], snapshot["local"].arrays["rank"])
     assert not np.shares_memory(copy["array"], snapshot["array"])
     assert copy["plain"] == snapshot["plain"]
 

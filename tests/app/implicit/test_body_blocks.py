@@ -413,7 +413,7 @@ def resumed(case, directory, number):
 
 @pytest.mark.parametrize("patience", [FAILED, 10**6])
 def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, by, monkeypatch, patience):
-    """Byte by byte: from where the whole is factorised for good, or for some tangents only."""
+    """From where the whole is factorised for good, or for some tangents only."""
     monkeypatch.setattr(condensed_bodies, "PASSES", 1)
     monkeypatch.setattr(body_blocks, "LIMIT", 3)
     monkeypatch.setattr(body_blocks, "TOO_MANY", patience)
@@ -421,29 +421,20 @@ def test_a_run_that_falls_back_goes_on_as_if_nothing_had_been(tmp_path, by, monk
     run(case, tmp_path / "whole")
     ways = {n: solver["way"] for n, solver in solvers_of(tmp_path / "whole").items()}
     assert list(ways.values())[-1]["given_up"] is (patience == FAILED)
-    place = next(n for n, way in ways.items() if way["given_up"] or way["fallen"])
+    place = next(n for n, way in ways.items() if way["given_up"] or way["failures"])
     assert resumed(case, tmp_path / "whole", place) == []
 
 
-@pytest.mark.parametrize("bulk", ["kept", "worn", "renewed"])
+@pytest.mark.parametrize("limit", [1, 20])
 def test_a_run_with_a_bulk_of_another_tangent_goes_on_as_if_nothing_had_been(
-    tmp_path, monkeypatch, bulk
+    tmp_path, monkeypatch, limit
 ):
-    """Byte by byte: the bulk is kept, or about to be factorised again, or was between tangents."""
-    if bulk == "renewed":
-        monkeypatch.setattr(condensed_bodies, "LIMIT", 1)
+    """Whether the bulk served several tangents, or was factorised again between them."""
+    monkeypatch.setattr(condensed_bodies, "LIMIT", limit)
     case = case_of(changed(BLOCK, COARSE | {"stage": STAGES}))
     run(case, tmp_path / "whole")
-    solvers = solvers_of(tmp_path / "whole")
-    states = {"kept": (False, False), "worn": (True, False), "renewed": (True, True)}
-    place = [
-        number
-        for number, solver in solvers.items()
-        if solver["first"] is not None
-        and (solver["way"]["worn"], solver["way"]["renewed"]) == states[bulk]
-    ]
-    assert place[0] < max(solvers)
-    assert resumed(case, tmp_path / "whole", place[0]) == []
+    last = max(solvers_of(tmp_path / "whole"))
+    assert resumed(case, tmp_path / "whole", last // 2) == []
 
 
 def test_nothing_outlives_the_solver(pair):

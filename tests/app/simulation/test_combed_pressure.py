@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.simulation.contact_warnings import (
+from tribox.app.simulation.surface_faults import (
     WAVES,
     off_curve,
     softer_factor,
