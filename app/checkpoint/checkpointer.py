@@ -31,7 +31,7 @@ from tribox.app.simulation.simulation import Simulation
 # Each is written under a temporary name, synced to the disk and renamed; its manifest holds the
 # size and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few stay.
 
-FORMAT = 4
+FORMAT = 5
 INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (
@@ -266,7 +266,7 @@ class Checkpointer(Observer):
             layout = self._layout
             tree, arrays = layout.gather(snapshot)
             arrays |= {f"mesh/{name}": array for name, array in layout.identity.items()}
-            whole = Checkpoint(about | {"distribution": layout.ranks}, tree, arrays)
+            whole = Checkpoint(about, tree, arrays)
             on_first(self._comm, lambda: self._put(whole))
         self._step, self._written = about["step"], time.monotonic()
         self._remembered, self._memory = self._written, None

@@ -7,7 +7,6 @@ cells of a body as in the mesh file or generator.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Local, Nodal, Partial
+from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Nodal, Partial
 from tribox.app.results.fields import GatheredMesh
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
@@ -30,7 +29,6 @@ KINDS = {
     "points": AtPoints,
     "cells": InCells,
     "sum": Partial,
-    "local": Local,
 }
 
 
@@ -74,7 +72,6 @@ class Layout:
 
     Attributes:
         identity: what a mesh must agree in, on the first rank: arrays by name.
-        ranks: what identifies this distribution over ranks.
     """
 
     def __init__(self, model: Model) -> None:
@@ -93,7 +90,6 @@ class Layout:
             places.append(where[order])
         self._cells = [self._order_of_cells(model, solid) for solid in problem.solids]
         self.identity = self._identity(model, mesh, places)
-        self.ranks = self._distribution()
 
     def _identity(
         self, model: Model, mesh: GatheredMesh, places: Sequence[Floats]
@@ -136,16 +132,6 @@ class Layout:
         whole = middles[:0] if parts is None else np.concatenate(parts)
         return whole[order_by_place(whole)] if len(whole) else whole
 
-    def _distribution(self) -> str:
-        """A text that is the same where each rank has the same rows in the same order."""
-        if self.comm.rank > 0:
-            return ""
-        digest = hashlib.sha256()
-        for order in (self._unknowns, *self._points, *self._cells):
-            digest.update(repr(order.counts).encode())
-            digest.update(np.ascontiguousarray(order.order, dtype=np.int64).tobytes())
-        return digest.hexdigest()
-
     # -- to one tree --------------------------------------------------------------------------
 
     def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
@@ -168,11 +154,6 @@ class Layout:
 
     def _gather(self, kind: str, value: Any, name: str, arrays: dict[str, Array]) -> list[Any]:
         """Gather one leaf into ``arrays``; what names it; collective."""
-        if kind == "local":
-            parts = self.comm.gather(dict(value.arrays)) or []
-            for rank, part in enumerate(parts):
-                arrays |= {f"{name}/{rank}/{key}": array for key, array in part.items()}
-            return [name]
         if kind == "array":
             arrays[name] = value
         elif kind == "sum":
@@ -204,8 +185,6 @@ class Layout:
         """
         for place, (kind, name, *rest) in _leaves(tree):
             rows = self._rows(kind, rest)
-            if KINDS[kind] is Local:
-                continue
             array, row = arrays[name], () if kind == "nodal" else None
             if not array.ndim or rows not in (None, len(array)):
                 raise ValueError(f"{len(np.atleast_1d(array))} rows instead of {rows} in {place}")
@@ -213,7 +192,7 @@ class Layout:
                 raise ValueError(f"{array.dtype} of shape {array.shape} in {place}")
         expected = dict(_leaves(like[0]))
         for place, leaf in _leaves(tree):
-            if place in expected and KINDS[leaf[0]] is not Local:
+            if place in expected:
                 self._compare(place, arrays[leaf[1]], like[1][expected[place][1]])
 
     @staticmethod
@@ -233,17 +212,14 @@ class Layout:
             return len(self._cells[rest[0]].order)
         return len(self._points[rest[0]].order) if kind == "points" else None
 
-    def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
+    def scatter(self, tree: Any, arrays: dict[str, Array]) -> Any:
         """The tree on every rank with this rank's arrays in it; collective."""
         tree = self.comm.bcast(tree)
-        alike = self.comm.bcast(ranks == self.ranks)
 
         def leaf(value: Any) -> Any:
             if not (isinstance(value, dict) and "$" in value):
                 return value
             kind, name, *rest = value["$"]
-            if kind == "local":
-                return self._to_ranks(name, arrays) if alike else None
             return self._scatter(kind, arrays.get(name), rest)
 
         return _mapped(tree, leaf, lambda value: "$" in value)
@@ -257,18 +233,6 @@ class Layout:
             return self._cells[rest[0]].scatter(array)
         whole: Array = self.comm.bcast(array)
         return np.zeros_like(whole) if kind == "sum" and self.comm.rank > 0 else whole.copy()
-
-    def _to_ranks(self, name: str, arrays: dict[str, Array]) -> dict[str, Array]:
-        parts: list[dict[str, Array]] | None = None
-        if self.comm.rank == 0:
-            parts = [{} for _ in range(self.comm.size)]
-            for key, array in arrays.items():
-                number, _, rest = key.partition("/")
-                if number == name and rest:
-                    rank, _, what = rest.partition("/")
-                    parts[int(rank)][what] = array
-        mine: dict[str, Array] = self.comm.scatter(parts)
-        return mine
 
 
 def _leaves(tree: Any, place: str = "") -> Iterator[tuple[str, list[Any]]]:
@@ -303,8 +267,6 @@ def copied(snapshot: Any) -> Any:
             return AtPoints(value.pair, value.values.copy())
         if isinstance(value, InCells):
             return InCells(value.body, value.values.copy())
-        if isinstance(value, Local):
-            return Local({name: array.copy() for name, array in value.arrays.items()})
         return value
 
     return _mapped(snapshot, leaf)

@@ -30,7 +30,7 @@ from tribox.app.simulation.simulation import Simulation
 
 # What a manifest must hold of a run.
 _KINDS: dict[str, type | tuple[type, ...]] = {
-    **{"step": int, "time": (int, float), "stage": str, "status": str, "distribution": str},
+    **{"step": int, "time": (int, float), "stage": str, "status": str},
     **{"inputs": dict, "versions": dict},
 }
 
@@ -108,7 +108,7 @@ def go_on(
     on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
-    kept = layout.scatter(tree, arrays, found.about["distribution"])
+    kept = layout.scatter(tree, arrays)
     restore_rows(simulation.state, directory, found.about["step"], comm)
     try:
         simulation.restore(kept["simulation"])

@@ -1,13 +1,13 @@
 """What a part of a run remembers, in a form that can be written and read back on other ranks.
 
 A snapshot is a tree of dictionaries and lists. Its leaves are numbers, texts and None, the same on
-all ranks; arrays, likewise; and the five kinds of values here that are spread over the ranks.
+all ranks; arrays, likewise; and the four kinds of values here that are spread over the ranks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -20,7 +20,6 @@ from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactMode, ContactState
 from tribox.geometry.surfaces.facets import Floats
-from tribox.geometry.surfaces.master import MasterFacets
 
 Array = NDArray[Any]
 Snapshot = dict[str, Any]
@@ -55,16 +54,6 @@ class Partial:
     """This rank's part of sums over the ranks; read, the first rank has all of them."""
 
     values: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Local:
-    """Arrays that mean something on this rank only; None is read where the ranks are others.
-
-    Results must not depend on them but for rounding.
-    """
-
-    arrays: Mapping[str, Array]
 
 
 def scattered(dofs: Array, values: Floats | float, owned: int) -> Nodal:
@@ -174,45 +163,3 @@ def to_step(terms: Sequence[ContactTerm], kept: Snapshot) -> StepMode:
         holding=None if springs is None else HoldingSprings(**springs),
         rate_dependent=kept["rates"],
     )
-
-
-def of_searches(terms: Sequence[ContactTerm]) -> Local:
-    """Where the points and facets of each pair were when candidates were searched for last.
-
-    Among other candidates a distance rounds otherwise.
-    """
-    arrays = {}
-    for pair, term in enumerate(terms):
-        places = term.surface.target.search.searched_at
-        if places is not None:
-            arrays[f"points_{pair}"], arrays[f"facets_{pair}"] = places
-    return Local(arrays)
-
-
-def of_parts(terms: Sequence[ContactTerm]) -> Local:
-    """The numbers of the facets that this rank knows of each master."""
-    known = enumerate((term.surface.parts, term.surface.master) for term in terms)
-    return Local(
-        {
-            f"known_{pair}": master.number.astype(np.int32)
-            for pair, (parts, master) in known
-            if parts and isinstance(master, MasterFacets)
-        }
-    )
-
-
-def to_parts(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
-    """Know the facets of :func:`of_parts`, in their order; collective."""
-    for pair, term in enumerate(terms):
-        if kept is not None and f"known_{pair}" in kept:
-            term.surface.know(kept[f"known_{pair}"])
-
-
-def repeat_searches(terms: Sequence[ContactTerm], kept: Mapping[str, Array] | None) -> None:
-    """Search again where it was done last, if all facets that are known now were so then."""
-    for pair, term in enumerate(terms):
-        if kept is None or f"points_{pair}" not in kept:
-            continue
-        master, facets = term.surface.master, kept[f"facets_{pair}"]
-        if not isinstance(master, MasterFacets) or len(facets) == len(master.facets):
-            term.surface.target.search.search(kept[f"points_{pair}"], facets)

@@ -6,8 +6,8 @@ contact leaves its window.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import dolfinx
 import dolfinx.fem.petsc
@@ -318,24 +318,6 @@ class ContactWindow:
     touching: scipy.sparse.csr_matrix
     together: scipy.sparse.csr_matrix
     rings: scipy.sparse.csr_matrix
-
-    def arrays(self) -> dict[str, Ints]:
-        """The columns and the row ends of its tables, for :meth:`with_arrays`."""
-        out: dict[str, Ints] = {}
-        for name in ("touching", "together"):
-            table = getattr(self, name)
-            out |= {f"{name}_columns": table.indices, f"{name}_ends": table.indptr}
-        return out
-
-    def with_arrays(self, arrays: Mapping[str, Ints]) -> ContactWindow:
-        """The same neighbours, with the tables that :meth:`arrays` gave."""
-        tables = {}
-        for name in ("touching", "together"):
-            columns, ends = arrays[f"{name}_columns"], arrays[f"{name}_ends"]
-            width = max(int(columns.max(initial=-1)) + 1, self.rings.shape[0])
-            parts = (np.ones(len(columns), dtype=np.int32), columns, ends)
-            tables[name] = scipy.sparse.csr_matrix(parts, shape=(len(ends) - 1, width))
-        return replace(self, **tables)
 
     def fitted(self, surface: ContactSurface) -> ContactWindow:
         """The same over all facets of the master that are known by now."""

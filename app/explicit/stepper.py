@@ -20,12 +20,10 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
 from tribox.app.equilibrium.snapshot import (
     AtPoints,
-    Local,
     Nodal,
     Snapshot,
     of_bodies,
     of_contacts,
-    of_parts,
 )
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
@@ -313,7 +311,6 @@ class ExplicitStepper:
         state, masses, terms = self.state, self.masses, self.problem.contacts
         vectors = {name: Nodal(getattr(state, name).owned) for name in ("u", "v", "a")}
         films = [c.film_arrays() for c in self.contacts]
-        places = [c.searched_at for c in self.contacts]
         dashpots = [(c.by_points, c.dashpot_arrays()) for c in self.contacts]
         return {
             **vectors,
@@ -323,7 +320,6 @@ class ExplicitStepper:
             "masses": [masses.added, masses.original, masses.scaled],
             "pairs": [[pair.tangential, pair.viscosity] for pair in self._pairs],
             "bodies": of_bodies(self.problem.solids),
-            "known": of_parts(terms),
             "contacts": of_contacts(terms, [term.state for term in terms]),
             "films": [
                 {name: AtPoints(pair, a) for name, a in film.items()}
@@ -333,13 +329,6 @@ class ExplicitStepper:
                 {name: AtPoints(pair, a) if by_points else a for name, a in arrays.items()}
                 for pair, (by_points, arrays) in enumerate(dashpots)
             ],
-            "searches": Local(
-                {
-                    f"{what}_{pair}": at
-                    for pair, place in enumerate(places)
-                    for what, at in zip(("points", "facets"), place or (), strict=False)
-                }
-            ),
             "motion": self._motion.snapshot(),
             "energies": self.energies.snapshot(),
             "watch": self._watch.snapshot(),
@@ -366,12 +355,9 @@ class ExplicitStepper:
         for number, contact in enumerate(self.contacts):
             for name, values in contact.film_arrays().items():
                 values[:] = kept["films"][number][name]
-            if kept["searches"] is not None and f"points_{number}" in kept["searches"]:
-                places = (kept["searches"][f"{what}_{number}"] for what in ("points", "facets"))
-                contact.search_at(*places)
         self._motion.restore(kept["motion"])
         self.loads = self.energies.restore(kept["energies"])
-        self._evaluate_contacts(1.0)  # among the candidates of that search
+        self._evaluate_contacts(1.0)
         self._residual.owned[:] = kept["residual"]
         self._watch.restore(kept["watch"])
         self._estimate.restore(kept["estimate"])

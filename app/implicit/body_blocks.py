@@ -76,7 +76,6 @@ class BodyBlocks:
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
         self._chosen = False  # whether the bodies are
-        self._remade = False  # whether an analysis was made between two tangents
         self._works = False  # whether what was factorised last could be
         self._failures = 0
         self._share = LEFT  # of forces that a solve may leave out of balance
@@ -100,48 +99,45 @@ class BodyBlocks:
             self._whole.destroy()
         self._whole, self._fallen = None, False
 
-    def set_up(self, widened: bool) -> bool:
+    def set_up(self, widened: bool) -> None:
         """Factorise; see :class:`tribox.app.implicit.factor.LinearWay`; collective."""
-        anew = self._make(widened) or self._remade
-        self._remade = False
+        self._make(widened)
         self._ksp.setOperators(self._matrix)
         self._ksp.getPC().setFailedReason(PETSc.PC.FailedReason.NOERROR)
         self._ksp.setUp()
-        return anew
 
-    def _make(self, widened: bool) -> bool:
-        """Factorise; returns whether that began with an analysis."""
-        chosen = self._choose()
+    def _make(self, widened: bool) -> None:
+        """Factorise by bodies, or the whole."""
+        self._choose()
         if self._fallen:
             self._drop_whole()
         self._given_up = self._given_up or self._failures >= TOO_MANY
         if self._bodies is not None and not self._given_up:
-            self._works, anew = self._make_bodies(widened)
+            self._works = self._make_bodies(widened)
         else:
-            anew = self._make_whole(widened)
-        return anew or chosen
+            self._make_whole(widened)
 
-    def _make_bodies(self, widened: bool) -> tuple[bool, bool]:
+    def _make_bodies(self, widened: bool) -> bool:
         """Factorise by bodies; in turn from where the bulk is not symmetric: pressure that follows.
 
-        Returns whether that worked, and whether nothing of earlier tangents is in use.
+        Returns whether that worked.
         """
         assert self._bodies is not None
-        works, anew = self._bodies.make(self._matrix, widened)
+        works = self._bodies.make(self._matrix, widened)
         if isinstance(self._bodies, BodyByBody) or self._bodies.bulk.symmetric:
-            return works, anew
+            return works
         self._bodies.destroy()
         bodies = kept_bodies(self._problem, self._stiff)
         assert bodies is not None
         self._bodies = self._in_turn(bodies)
         return self._bodies.make(self._matrix, True)
 
-    def _choose(self) -> bool:
-        """Choose the bodies that are kept, if that is to be done anew; returns whether it was."""
+    def _choose(self) -> None:
+        """Choose the bodies that are kept, if that is to be done anew."""
         supports = supports_at_hand(self._problem)
         same = supports == self._supports
         if same and self._chosen:
-            return False
+            return
         self.renew()
         if not same and self._supports is not None:
             self._failures, self._given_up = 0, False
@@ -153,7 +149,6 @@ class BodyBlocks:
                 self._bodies = found
             else:
                 found.destroy()
-        return True
 
     def _solver_of(self, bodies: KeptBodies) -> CondensedBodies | BodyByBody:
         if self.direct and can_condense(self._problem, bodies):
@@ -163,18 +158,12 @@ class BodyBlocks:
     def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
         return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self.count)
 
-    def _make_whole(self, widened: bool) -> bool:
-        """Make ready to solve with the whole tangent.
-
-        Returns whether nothing of earlier tangents is in use.
-        """
-        anew = self._whole is None or (widened and self.direct)
-        if anew:
+    def _make_whole(self, widened: bool) -> None:
+        """Make ready to solve with the whole tangent."""
+        if self._whole is None or (widened and self.direct):
             self._drop_whole()
             self._whole = self._new_whole()
-        assert self._whole is not None
         self._works = self._whole.make(widened)
-        return anew or self._whole.anew
 
     def _new_whole(self) -> Factor | MultigridSolver:
         if self.direct:
@@ -204,7 +193,7 @@ class BodyBlocks:
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
         if not self._chosen:  # forgotten after a solve that failed
-            self._remade = self._make(True)
+            self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
             self._fall_back()
         if self._whole is not None and not (self._works and self._solve_whole(b, x)):
@@ -244,16 +233,7 @@ class BodyBlocks:
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
-        condensed = self._bodies if isinstance(self._bodies, CondensedBodies) else None
-        multigrid = self.multigrid
-        return {
-            "failures": self._failures,
-            "given_up": self._given_up,
-            "fallen": self._fallen,
-            "worn": condensed is not None and condensed.bulk.worn,
-            "renewed": condensed is not None and condensed.renewed and self._whole is None,
-            "multigrid": None if multigrid is None else multigrid.snapshot(),
-        }
+        return {"failures": self._failures, "given_up": self._given_up}
 
     @property
     def multigrid(self) -> Multigrid | None:
@@ -262,19 +242,10 @@ class BodyBlocks:
         solver = self._whole if self._given_up or self._bodies is None else solver
         return solver.multigrid if isinstance(solver, MultigridSolver) else None
 
-    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+    def restore(self, kept: Snapshot) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
-        self._supports, self._failures, self._given_up = None, 0, kept["given_up"]
-        set_up()
-        self._failures = kept["failures"]
-        if isinstance(self._bodies, CondensedBodies):
-            self._bodies.bulk.worn = kept["worn"]
-            if kept["renewed"]:
-                self._bodies.renew()
-        if (multigrid := self.multigrid) is not None and kept["multigrid"] is not None:
-            multigrid.restore(kept["multigrid"], lambda: None)
-        if kept["fallen"]:
-            self._fall_back()
+        self._supports = None  # whatever supports there were, these are no others
+        self._failures, self._given_up = kept["failures"], kept["given_up"]
 
 
 class _Preconditioner:
@@ -367,10 +338,10 @@ class BodyByBody:
         near = rigid_motions_of(self._problem, self._kept)
         return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count)
 
-    def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
+    def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Factorise the other bodies' block of the tangent; collective.
 
-        Returns whether that worked, and whether the block has another pattern.
+        Returns whether that worked.
         """
         self._matrix = matrix
         anew = self._extract(matrix, widened)
@@ -378,8 +349,7 @@ class BodyByBody:
         if anew:
             self._analyse()
         assert self.own is not None
-        works = self.own.make()
-        return works, anew or self.own.anew
+        return self.own.make()
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Take out the other bodies' block; returns whether it has another pattern."""

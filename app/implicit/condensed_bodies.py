@@ -111,10 +111,10 @@ class CondensedBodies:
 
     # -- factorisations -----------------------------------------------------------------------
 
-    def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
+    def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Take the tangent up, and factorise its bulk where the last one is worn out.
 
-        Returns whether that worked, and whether nothing of an earlier tangent is in use.
+        Returns whether that worked.
         """
         self._tangent, self.renewed = matrix, False
         self._extract(matrix, widened)
@@ -122,13 +122,10 @@ class CondensedBodies:
         sc, cs, cc = (sparse(part) for part in self._parts[2:])
         self._compliance = self._stiff.against(sc, cs, cc)
         works = not self._fits or self._factorise()
-        return works and self._complete(), self._fits
+        return works and self._complete()
 
     def renew(self) -> bool:
-        """Factorise the bulk of the tangent at hand, for this one only; returns whether it worked.
-
-        So a restart need not know of a third tangent beside the bulk's and the last.
-        """
+        """Factorise the bulk of the tangent at hand, for it only; returns whether that worked."""
         self.renewed = self._fits = True
         works = self._factorise() and self._complete()
         self.bulk.worn = True

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -49,10 +49,11 @@ class LinearWay(Protocol):
         """Forget all that was made for earlier matrices; collective."""
         ...
 
-    def set_up(self, widened: bool) -> bool:
+    def set_up(self, widened: bool) -> None:
         """Factorise the matrix, or make its preconditioner; collective.
 
-        Returns whether nothing of what was made for earlier matrices is in use.
+        Args:
+            widened: whether its pattern is another than that of the last one.
         """
         ...
 
@@ -64,8 +65,8 @@ class LinearWay(Protocol):
         """What later solves depend on, beside the matrices that it was set up with."""
         ...
 
-    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """Go on from what :meth:`snapshot` has seen; collective."""
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen; the matrix is set up after this."""
         ...
 
 
@@ -100,10 +101,7 @@ class Factor:
 
     Attributes:
         solution: the last one.
-        anew: that of earlier values only the analysis is in use, which no value depends on.
     """
-
-    anew = False
 
     def __init__(
         self,
@@ -166,7 +164,7 @@ class CoupledFactor:
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Solve by ``ksp``, whatever its options are, with ``matrix``."""
-        self._ksp, self._matrix, self._analysed = ksp, matrix, False
+        self._ksp, self._matrix = ksp, matrix
 
     def kinds(self) -> str:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
@@ -175,9 +173,8 @@ class CoupledFactor:
     def renew(self) -> None:
         """Forget the factorisation with its analysis; collective."""
         self._ksp.reset()
-        self._analysed = False
 
-    def set_up(self, widened: bool) -> bool:
+    def set_up(self, widened: bool) -> None:
         """Factorise the matrix; see :class:`tribox.app.implicit.factor.LinearWay`; collective.
 
         PETSc exchanges the matrix's inside on an addition with another pattern and does not see
@@ -185,21 +182,18 @@ class CoupledFactor:
         """
         if widened:
             self.renew()
-        anew, self._analysed = not self._analysed, True
         self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
-        return anew
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """Nothing to do: a substitution leaves next to nothing."""
 
     def snapshot(self) -> Snapshot:
-        """Nothing: the factorisation is made again from its matrices."""
+        """Nothing: the factorisation is made again from its matrix."""
         return {}
 
-    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
-        set_up()
+    def restore(self, kept: Snapshot) -> None:
+        """Nothing to do."""
 
 
 # -- All unknowns factorised but some, which are left to a dense matrix ----------------------------

@@ -19,18 +19,13 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import (
-    Local,
     Nodal,
     Snapshot,
     of_contacts,
     of_origin,
-    of_parts,
-    of_searches,
     of_step,
-    repeat_searches,
     to_contacts,
     to_origin,
-    to_parts,
     to_step,
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
@@ -40,7 +35,7 @@ from tribox.app.implicit.kept_bodies import stiff_solids
 from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, rigid_motions_of
 from tribox.forms.bodies.point_state import Origin
 from tribox.forms.contact.state import ContactState
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -82,10 +77,7 @@ class LinearSolver:
         self.matrix = problem.new_matrix(x)
         self.assembled = self.iterations = 0
         self._pattern = problem.pattern_changes
-        # What the matrix was made from when analysis or preconditioner began anew, and last.
-        self._first: Assembly | None = None
-        self._first_room: Snapshot = {}  # what it had room for at that time
-        self._last: Assembly | None = None
+        self._last: Assembly | None = None  # what the matrix was made from
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
 
@@ -134,7 +126,7 @@ class LinearSolver:
         self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled = self.iterations = 0
-        self._first = self._last = None
+        self._last = None
 
     @property
     def direct(self) -> bool:
@@ -216,7 +208,6 @@ class LinearSolver:
             return True
         self.way.renew()
         self.ksp.setOperators(self.matrix)
-        self._first = None
         return False
 
     def _changed(self) -> None:
@@ -225,76 +216,31 @@ class LinearSolver:
         widened = self._pattern != self.problem.pattern_changes
         self._pattern = self.problem.pattern_changes
         with self.problem.timer(self.way.part), errors_as_raised():
-            if self.way.set_up(widened):
-                self._first, self._first_room = self._last, self._room()
+            self.way.set_up(widened)
 
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """What the factorisation or preconditioner at hand was made from."""
-        first = None if self._first is self._last else self._first
-        if first is not None and any(mode.interior for mode in first.step.modes):
-            first = None  # a way into the contact is not kept: all is begun anew from the last
         return {
-            "first": None if first is None else first.snapshot(self.problem),
-            "first_room": None if first is None else self._first_room,
             "last": None if self._last is None else self._last.snapshot(self.problem),
-            "room": self._room(),
-            "known": of_parts(self.problem.contacts),
             "assembled": self.assembled,
             "way": self.way.snapshot(),
         }
 
-    def _room(self) -> Snapshot:
-        """What the matrix has room for at present; it only grows."""
-        tangent = self.problem.tangent
-        windows: dict[str, Ints] = {}
-        for pair, window in enumerate(tangent.windows):
-            arrays = {} if window is None else window.arrays()
-            windows |= {f"{name}_{pair}": values for name, values in arrays.items()}
-        return {
-            "windows": Local(windows),
-            "platens": [list(acting) for acting in tangent.platen_sets],
-            "patterns": tangent.pattern_changes,
-        }
-
     def restore(self, kept: Snapshot) -> None:
-        """Make the matrices again that :meth:`snapshot` has seen, with all that PETSc keeps.
+        """Make the matrix again that :meth:`snapshot` has seen last, and factorise it; collective.
 
-        A direct solver's analysis and a preconditioner's coarse spaces belong to the first matrix,
-        the rest to the last one. Contacts and loads are left as they were; collective.
+        Contacts and loads are left as they were. What had served several matrices (an analysis,
+        coarse spaces) is made anew, so that solutions differ by what solves leave.
         """
         self.way.renew()
-        to_parts(self.problem.contacts, kept["known"])
-        self._restore_room(kept["room"] if kept["first"] is None else kept["first_room"])
-        self._pattern = self.problem.pattern_changes
-        self.way.restore(kept["way"], lambda: self._restore_matrices(kept))
-        self.assembled = kept["assembled"]
-
-    def _restore_room(self, kept: Snapshot) -> None:
-        """Give the matrix the room of :meth:`_room`."""
-        tangent, windows = self.problem.tangent, kept["windows"] or {}
-        tangent.platen_sets = [tuple(acting) for acting in kept["platens"]]
-        for pair, window in enumerate(tangent.windows):
-            ending = f"_{pair}"
-            arrays = {k.removesuffix(ending): v for k, v in windows.items() if k.endswith(ending)}
-            if window is not None and arrays:
-                tangent.windows[pair] = window.with_arrays(arrays)
-        tangent.make_room(self.matrix)
-        tangent.pattern_changes = kept["patterns"]
-
-    def _restore_matrices(self, kept: Snapshot) -> None:
-        if kept["first"] is not None:
-            self._restore_matrix(kept["first"])
-            if self.problem.pattern_changes != kept["room"]["patterns"]:
-                self._restore_room(kept["room"])
+        self.way.restore(kept["way"])
         if kept["last"] is not None:
-            self._restore_matrix(kept["last"])
-
-    def _restore_matrix(self, kept: Snapshot) -> None:
-        assembly = Assembly.restored(self.problem, kept)
-        with assembly.in_place(self.problem) as (x, before):
-            self.assemble(x, assembly.step, before)
+            assembly = Assembly.restored(self.problem, kept["last"])
+            with assembly.in_place(self.problem) as (x, before):
+                self.assemble(x, assembly.step, before)
+        self.assembled = kept["assembled"]
 
 
 # -- What a tangent was assembled from, so that a run that goes on can make the same one again -----
@@ -308,8 +254,7 @@ class Assembly:
         x: (n,), m, displacements; before: those that pressures were carried from, or None.
         step: duration and contact modes.
         origins: of each body, from where its material points were evaluated.
-        states: of the contacts at the start of the step; searches: where their candidate facets
-            were searched for.
+        states: of the contacts at the start of the step.
         loads: what loads with forms were set to; platens: m, their displacements where prescribed.
         acts: whether each prescribed part, and then each platen, was there.
     """
@@ -319,7 +264,6 @@ class Assembly:
     step: StepMode
     origins: tuple[Origin | None, ...]
     states: tuple[ContactState, ...]
-    searches: Local
     loads: tuple[Floats, ...]
     platens: tuple[float | None, ...]
     acts: tuple[bool, ...]
@@ -335,7 +279,6 @@ class Assembly:
             step,
             tuple(solid.tangent_origin for solid in problem.solids),
             tuple(term.state for term in problem.contacts),
-            of_searches(problem.contacts),
             tuple(load.amount for load in problem.loads),
             tuple(platen.displacement for platen in problem.platens),
             tuple(part.acts for part in problem.constraints.parts),
@@ -350,7 +293,6 @@ class Assembly:
             "before": None if self.before is None else Nodal(self.before),
             "step": of_step(problem.contacts, self.step),
             "states": of_contacts(problem.contacts, self.states),
-            "searches": self.searches,
             "loads": list(self.loads),
             "platens": list(self.platens),
             "acts": list(self.acts),
@@ -365,7 +307,6 @@ class Assembly:
             to_step(problem.contacts, kept["step"]),
             tuple(map(to_origin, problem.solids, kept["origins"])),
             tuple(to_contacts(problem.contacts, kept["states"])),
-            Local(kept["searches"] or {}),
             tuple(kept["loads"]),
             tuple(kept["platens"]),
             tuple(kept["acts"]),
@@ -375,7 +316,6 @@ class Assembly:
     def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
         """Context in which all but the displacements is as in the assembly; x and before, m."""
         now = Assembly.of(problem, problem.new_vector(), self.step, None)
-        repeat_searches(problem.contacts, self.searches.arrays)
         self._put(problem)
         for solid, origin in zip(problem.solids, self.origins, strict=True):
             solid.remake_tangent(origin)

@@ -69,7 +69,6 @@ class Multigrid:
         self.ksp, self._matrix, self._near = ksp, matrix, near
         self._is_made = False
         self._fresh: float | None = None  # iterations of the first solve with the preconditioner
-        self._iterations = 0.0  # of the last solve before the run was resumed
         self._usual = self._share = float(ksp.getTolerances()[0])  # of forces, left by a solve
         self.made = 0
 
@@ -91,7 +90,7 @@ class Multigrid:
         self.ksp.reset()
         self._is_made, self._fresh = False, None
 
-    def set_up(self, widened: bool) -> bool:
+    def set_up(self, widened: bool) -> None:
         """Make the preconditioner if there is none that serves; collective.
 
         See :class:`tribox.app.implicit.factor.LinearWay`.
@@ -106,7 +105,6 @@ class Multigrid:
         preconditioner.setReusePreconditioner(not anew)
         self.ksp.setUp()
         preconditioner.setReusePreconditioner(True)
-        return anew
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`; the options say what is usual."""
@@ -118,20 +116,18 @@ class Multigrid:
         self.ksp.setTolerances(rtol=share)
 
     def snapshot(self) -> Snapshot:
-        """What tells whether the preconditioner is worn."""
-        return {"fresh": self._fresh, "iterations": self._last_iterations()}
+        """Nothing: the preconditioner is made again from the matrix."""
+        return {}
 
-    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
-        set_up()
-        self._fresh, self._iterations = kept["fresh"], kept["iterations"]
+    def restore(self, kept: Snapshot) -> None:
+        """Nothing to do."""
 
     def _last_iterations(self) -> float:
-        """Iterations that the last solve, or that before the run was resumed, took to the usual."""
+        """Iterations that the last solve took, or would have, to leave the usual share."""
         taken = float(self.ksp.getIterationNumber())
         if self._share != self._usual:
             taken *= math.log(min(self._usual, 0.5)) / math.log(min(self._share, 0.5))
-        return taken or self._iterations
+        return taken
 
 
 class MultigridSolver:
@@ -144,7 +140,6 @@ class MultigridSolver:
         multigrid: the preconditioner that is kept.
         solution: the last one; image: the matrix times that.
         converged: whether it is as close as was asked for.
-        anew: whether nothing of earlier values of the matrix is in use.
     """
 
     def __init__(
@@ -169,14 +164,14 @@ class MultigridSolver:
         self._sweeps = BlockSweeps()
         self.solution, self._rhs = matrix.createVecs()
         self.image = self._rhs.duplicate()
-        self.converged, self.anew = True, False
+        self.converged = True
 
     def make(self, widened: bool = False) -> bool:
         """Make the preconditioner, if there is none that serves, for the matrix as it is now.
 
         Returns True: it can be done; collective.
         """
-        self.anew = self.multigrid.set_up(widened)
+        self.multigrid.set_up(widened)
         if widened and self._blocks is not None:
             self._blocks.destroy()
             self._blocks = None

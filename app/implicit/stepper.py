@@ -18,9 +18,7 @@ from tribox.app.equilibrium.snapshot import (
     Snapshot,
     of_bodies,
     of_contacts,
-    of_searches,
     of_step,
-    repeat_searches,
     to_bodies,
     to_contacts,
     to_step,
@@ -225,7 +223,6 @@ class ImplicitStepper:
             "mode": of_step(contacts, self._mode),
             "from": of_contacts(contacts, self._from),
             "bodies": of_bodies(self.problem.solids),
-            "searches": of_searches(contacts),
             "pressed": self._pressed,
             "floating": list(self._floating),
             "predictor": self.predictor.snapshot(),
@@ -242,7 +239,6 @@ class ImplicitStepper:
         problem = self.problem
         self.solver.restore(kept["solver"])
         to_bodies(problem.solids, kept["bodies"])
-        repeat_searches(problem.contacts, kept["searches"])
         for term, state in zip(
             problem.contacts, to_contacts(problem.contacts, kept["from"]), strict=True
         ):

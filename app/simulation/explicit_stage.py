@@ -20,7 +20,7 @@ from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import Model, failures_as, initial_velocity
 from tribox.app.case.solver import Solver
 from tribox.app.case.stage import solver_of
-from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts, to_parts
+from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stable_step import ExplicitOptions, ScaledMass
@@ -181,7 +181,6 @@ class ExplicitStage:
     def resumed(cls, state: RunState, kept: Snapshot) -> ExplicitStage:
         """Go on from what :meth:`snapshot` has seen, under the loads of that time; collective."""
         problem, stepper = state.model.problem, kept["stepper"]
-        to_parts(problem.contacts, stepper["known"])
         for term, history in zip(
             problem.contacts, to_contacts(problem.contacts, stepper["contacts"]), strict=True
         ):

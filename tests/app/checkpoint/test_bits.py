@@ -1,4 +1,4 @@
-"""A run that goes on from a checkpoint writes what it would have written, byte for byte."""
+"""A run that goes on from a checkpoint writes what it would have written, to 1e-9."""
 
 import json
 from collections.abc import Callable

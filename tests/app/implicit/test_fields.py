@@ -328,14 +328,14 @@ def _facts_of(kind, comm):
         scene.run(range(1, 4))
         layout = _layout(scene)
         tree, arrays = layout.gather(scene.stepper.snapshot())
-        kept[name] = pickle.dumps((tree, arrays, layout.ranks))
+        kept[name] = pickle.dumps((tree, arrays))
     later = {}
     for name, packed in kept.items():
         scene = Scene(comm, kind)
         scene.top[0].value, scene.top[1].value = 0.02, -0.04
-        tree, arrays, ranks = pickle.loads(packed)
+        tree, arrays = pickle.loads(packed)
         arrays = arrays if comm.rank == 0 else {}
-        scene.stepper.restore(_layout(scene).scatter(tree, arrays, ranks))
+        scene.stepper.restore(_layout(scene).scatter(tree, arrays))
         later[name] = scene.run(range(4, STEPS))[0]
     return {"rows": whole[0], "counts": [len(some) for some in whole[1]], "later": later}
 

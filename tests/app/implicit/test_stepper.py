@@ -193,7 +193,7 @@ def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floatin
     simulation = Simulation(build_model(case, MPI.COMM_SELF))
     simulation.run(Observer())
     stepper, layout = simulation.stepper, Layout(simulation.model)
-    kept = layout.scatter(*layout.gather(stepper.snapshot()), layout.ranks)
+    kept = layout.scatter(*layout.gather(stepper.snapshot()))
     assert (kept["pressed"], tuple(kept["floating"])) == (pressed, floating)
     restored = ImplicitStepper(simulation.model.problem, stepper.options)
     restored.restore(kept)
