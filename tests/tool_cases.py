@@ -5,12 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 WIDTH, HEIGHT = 4e-3, 1e-3  # m
 SIDES = {"bottom": 1, "right": 2, "top": 3, "left": 4}
@@ -101,12 +97,3 @@ def circle(radius: float = 2e-3, **motion: Any) -> dict[str, Any]:
 def case_of(data: dict[str, Any]) -> Case:
     """The checked case."""
     return Case.model_validate(data)
-
-
-def run(
-    data: dict[str, Any], comm: MPI.Comm = MPI.COMM_SELF, observer: Observer | None = None
-) -> Simulation:
-    """The case, solved to its end."""
-    simulation = Simulation(build_model(case_of(data), comm))
-    simulation.run(observer or Observer())
-    return simulation

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.tool_cases import run
+from tests.solved import solved as run
 from tribox.app.implicit.interior_point import OPENINGS_FLOWING
 
 E, NU = 70e9, 0.33

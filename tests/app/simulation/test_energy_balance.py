@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.contact_boxes import PENALTY, Scene
+from tests.solved import solved
 from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.simulation.contact_resultants import contact_columns, measure_contact
 from tribox.app.simulation.history import Row
@@ -25,8 +25,7 @@ def slid(text: str, refined: int) -> list[Row]:
     data = tomllib.loads(text)
     data["stage"][0]["steps"], data["stage"][1]["steps"] = 10 * refined, 15 * refined
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.5e-4]]
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(data)
     return run.rows
 
 
@@ -60,8 +59,7 @@ def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
     data["contact"][0]["pressure"] = pressure
     data["stage"] = [{"name": name, "duration": "1 s", "steps": 2} for name in ("press", "lift")]
     data["output"] = {"figures": False}
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(data)
     work = max(row.external_work for row in run.rows)
     assert len(run.rows) == 4
     assert max(abs(row.energy_error) for row in run.rows) < 3e-4 * work
@@ -106,8 +104,7 @@ def test_friction_of_points_that_open_within_a_step_is_in_the_balance():
 
     Without its half at the rear 1.1 % of the drive's work is missing.
     """
-    run = Simulation(build_model(Case.model_validate(tomllib.loads(ROUND)), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(tomllib.loads(ROUND))
     first, last = run.rows[-9], run.rows[-1]
     work, error = (
         getattr(last, name) - getattr(first, name) for name in ("external_work", "energy_error")

@@ -7,14 +7,12 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
-from tribox.app.build.model import build_model
+from tests.solved import solved
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.run.run import run_case
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 UNLOAD = """
 bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
@@ -82,12 +80,6 @@ def test_a_load_that_nothing_balances_is_not_held_by_weak_springs(tmp_path):
 
 
 # -- Contacts that act in some stages only, and friction that changes with time --------------------
-
-
-def solved(data):
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
-    return simulation
 
 
 def table(block, **contact):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.tool_cases import HEIGHT, block_mesh, run
+from tests.solved import solved as run
+from tests.tool_cases import HEIGHT, block_mesh
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.simulation import Simulation
 

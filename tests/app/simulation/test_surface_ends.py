@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
+from tests.solved import Cuts
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
@@ -16,7 +17,6 @@ from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
-from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.state import ContactTrial
@@ -273,16 +273,6 @@ def test_a_round_tool_that_ends_within_the_contact_is_told(tmp_path, half, told)
 
 
 # -- A pressed block that slides off a shorter one over its end, until nothing touches -------------
-
-
-class Cuts(Observer):
-    """Counts steps that were cut."""
-
-    def __init__(self):
-        self.count = 0
-
-    def cut(self, *arguments):
-        self.count += 1
 
 
 def data_of(block, **contact):
