@@ -296,9 +296,7 @@ class Options:
 def run_bench(what: Sequence[str], options: Options) -> None:
     """Measure, print the tables, and write them if asked to.
 
-    Args:
-        what: mesh levels (default: 1, 2 and 4), or the name of one other benchmark.
-        options: what else is asked for.
+    ``what``: mesh levels (default: 1, 2 and 4), or the name of one other benchmark.
 
     Raises:
         InputError: there is no such level, benchmark, tree or case, or it cannot be refined.

@@ -178,10 +178,6 @@ class Job:
 def levels_of(words: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
     """The mesh levels that words ask for, none for none.
 
-    Args:
-        words: of the command line.
-        names: of what may be measured in the place of levels.
-
     Raises:
         InputError: a word is no level.
     """
@@ -196,11 +192,6 @@ def levels_of(words: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
 
 def jobs_of(case_file: Path, levels: Sequence[int], changes: Sequence[str] = ()) -> Iterator[Job]:
     """The runs of a case at some mesh levels, every value of its sweep by itself.
-
-    Args:
-        case_file: the case.
-        levels: of its mesh.
-        changes: KEY=VALUE, keys to change.
 
     Raises:
         InputError: the case is wrong, or has a mesh that cannot be refined.

@@ -123,11 +123,7 @@ def sliding(
 ) -> Sliding:
     """The blocks of cases/block-slide.toml, pressed together and set in motion; collective.
 
-    Args:
-        refine: level of the mesh, 1 for 40 by 20 and 61 by 15 cells.
-        friction: of asperities and a film, or Coulomb's.
-        formulation: of the upper block.
-        compiled: whether the compiled kernels are used.
+    ``refine``: level of the mesh, 1 for 40 by 20 and 61 by 15 cells.
     """
     G, K = shear_and_bulk(5e6, 0.45)
     upper = Block(WIDTH, WIDTH / 2, (round(40 * refine), round(20 * refine)))

@@ -19,7 +19,6 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from benchmarks.run import ROOT
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.figures.style import COLOURS, STYLE, columns, save
@@ -29,6 +28,7 @@ from tribox.app.run.run import run_case
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.simulation import Simulation
 
+ROOT = Path(__file__).parents[1]
 CASE = ROOT / "cases" / "sfa-explicit.toml"
 # The velocities of the case, each for a fixed way (m) in rows of 1 um, so that both solvers' rows
 # lie at the same displacements.
@@ -52,9 +52,7 @@ def draw_overlay(
 
     An explicit row is a mean over its interval and is drawn at the middle of it.
 
-    Args:
-        runs: by what to call them, rows of the implicit history (dots) and the explicit (a line).
-        path: the picture.
+    ``runs``: by what to call them, rows of the implicit history (dots) and the explicit (a line).
     """
     with rc_context(STYLE):
         figure = Figure(figsize=(7, 4.4))

@@ -151,14 +151,7 @@ FIGURES: dict[str, Callable[[Sequence[Axes]], None]] = {
 
 
 def draw_law(directory: Path) -> list[Path]:
-    """Draw every figure of the law's documentation.
-
-    Args:
-        directory: where to; made if it does not exist.
-
-    Returns:
-        The files.
-    """
+    """Draw every figure of the law's documentation."""
     directory.mkdir(parents=True, exist_ok=True)
     files = []
     for name, draw in FIGURES.items():

@@ -19,17 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
-from numpy.typing import NDArray
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
-from tribox.app.build.model import build_model
-from tribox.app.case.reading import load_case
 from tribox.app.errors import SolutionError
-from tribox.app.results.fields import StressField
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
-from tribox.geometry.compat import cell_nodes
-from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.app.figures.style import STYLE, save
+from tribox.app.verify.result import solve
+from tribox.app.verify.space import PatchErrors, stress_errors
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
 CASE = """
@@ -101,46 +97,11 @@ class Patch:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Largest errors of a patch test, relative to the pressure p.
-
-    Attributes:
-        near: |σ_yy/p + 1| at the centres of cells with a node on the interface.
-        far: the same in all other cells.
-        pressure: |t_N/p − 1| at the contact points.
-    """
-
-    near: float
-    far: float
-    pressure: float
-
-
-def errors(patch: Patch, scratch: Path, *options: str) -> Errors:
+def errors(patch: Patch, scratch: Path, *options: str) -> PatchErrors:
     """Solve a patch test, ``options`` being KEY=VALUE changes of the case, and compare."""
     path = scratch / "patch.toml"
     path.write_text(patch.text(), encoding="utf-8")
-    model = build_model(load_case(path, options), MPI.COMM_SELF)
-    simulation = Simulation(model)
-    simulation.run(Observer())
-    problem = model.problem
-    problem.spread(simulation.stepper.x)
-    field = StressField(problem.u, problem.solids)
-    field.update()
-    wrong = np.abs(field.stress.x.array.reshape(-1, 3, 3)[:, 1, 1] / PRESSURE + 1.0)
-    touching = _touching(model.named)
-    at_points = np.abs(problem.trials[0].pressure / PRESSURE - 1.0)
-    return Errors(
-        float(wrong[touching].max()), float(wrong[~touching].max()), float(at_points.max())
-    )
-
-
-def _touching(named: NamedMesh) -> NDArray[np.bool_]:
-    """Whether each cell has a node on the interface y = 0."""
-    mesh = named.mesh
-    height = mesh.geometry.x[cell_nodes(mesh)][:, :, 1]
-    out: NDArray[np.bool_] = (np.abs(height) < 1e-9).any(axis=1)
-    return out
+    return stress_errors(solve(path, options)[1], PRESSURE)
 
 
 DEGREES = (1, 3, 5, 7, 9, 11, 15)
@@ -160,7 +121,7 @@ PAIRS = {
     "elastomer on elastomer": {"stiffness": 5.0},
     "elastomer on aluminium, aluminium slave": {"slave": "aluminium"},
 }
-Worst = dict[tuple[str, str, str, int], list[Errors]]
+Worst = dict[tuple[str, str, str, int], list[PatchErrors]]
 
 
 def survey(cells: Sequence[str], scratch: Path) -> Worst:
@@ -177,13 +138,13 @@ def survey(cells: Sequence[str], scratch: Path) -> Worst:
     return found
 
 
-def _tried(patch: Patch, scratch: Path, option: str) -> Errors:
+def _tried(patch: Patch, scratch: Path, option: str) -> PatchErrors:
     """The errors of a patch test; no numbers, and a line that says so, where it has no solution."""
     try:
         return errors(patch, scratch, option)
     except SolutionError:
         print(f"no solution: {patch} {option}", flush=True)
-        return Errors(np.nan, np.nan, np.nan)
+        return PatchErrors(np.nan, np.nan, np.nan)
 
 
 def _patch(master: int, cell: str, stiffness: float = 70e3, slave: str = "elastomer") -> Patch:
@@ -202,7 +163,7 @@ def table(found: Worst, cell: str) -> Iterator[str]:
             yield f"| {pair}; {ratio} | " + " | ".join(row) + " |"
 
 
-def _worst(some: Sequence[Errors]) -> str:
+def _worst(some: Sequence[PatchErrors]) -> str:
     near, far, pressure = (
         100.0 * np.nanmax([getattr(e, name) for e in some]) for name in ("near", "far", "pressure")
     )
@@ -211,25 +172,21 @@ def _worst(some: Sequence[Errors]) -> str:
 
 def draw(found: Worst, cell: str, path: Path) -> None:
     """Largest stress error near the interface against the number of points."""
-    import matplotlib.pyplot as plt
-
     points = [(degree + 1) // 2 for degree in DEGREES]
-    figure, axes = plt.subplots(1, len(PAIRS), figsize=(11.0, 3.8), sharey=True)
-    for axis, pair in zip(axes, PAIRS, strict=True):
-        for ratio, marker in zip(RATIOS, "os^", strict=True):
-            worst = [
-                100.0 * np.nanmax([e.near for e in found[cell, pair, ratio, d]]) for d in DEGREES
-            ]
-            axis.semilogy(points, worst, marker=marker, label=ratio)
-        axis.axhline(1.0, color="0.4", linestyle="--", linewidth=1.0)
-        axis.set_title(pair, fontsize=9)
-        axis.set_xlabel("points per slave facet")
-        axis.grid(True, which="major", alpha=0.3)
-    axes[0].set_ylabel("largest stress error (% of the pressure)")
-    axes[0].legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(11.0, 3.8), layout="constrained")
+        panels = figure.subplots(1, len(PAIRS), sharey=True)
+        for axes, pair in zip(panels, PAIRS, strict=True):
+            for ratio, marker in zip(RATIOS, "os^", strict=True):
+                groups = [found[cell, pair, ratio, degree] for degree in DEGREES]
+                worst = [100.0 * np.nanmax([e.near for e in group]) for group in groups]
+                axes.semilogy(points, worst, marker=marker, label=ratio)
+            axes.axhline(1.0, color="0.4", linestyle="--", linewidth=1.0)
+            axes.set_title(pair, fontsize=9)
+            axes.set_xlabel("points per slave facet")
+        panels[0].set_ylabel("largest stress error (% of the pressure)")
+        panels[0].legend(fontsize=8)
+        save(figure, path)
 
 
 def main() -> None:

@@ -212,11 +212,7 @@ def measure(case: Sequence[str]) -> dict[str, Any]:
 
 
 def _run_program(words: Sequence[str]) -> None:
-    """Do what ``python -m tribox`` does with these words.
-
-    Raises:
-        SystemExit: it failed; the code is that of the program.
-    """
+    """Do what ``python -m tribox`` does with these words."""
     before, sys.argv = sys.argv, ["tribox", *words]
     try:
         runpy.run_module("tribox", run_name="__main__", alter_sys=True)

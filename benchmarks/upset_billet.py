@@ -76,10 +76,7 @@ class Grid:
 def deck(across: int = 16, up: int = 12, penalty: float = 1e6) -> str:
     """CalculiX' input.
 
-    Args:
-        across: elements of the billet along its radius.
-        up: along its height.
-        penalty: MPa/mm; a tenth of it against slip.
+    ``across``, ``up``: elements of the billet; ``penalty``: MPa/mm; a tenth of it against slip.
     """
     billet = Grid((0.0, 0.0), (RADIUS, HEIGHT), (across, up), 1)
     die = Grid((0.0, HEIGHT), (1.6 * RADIUS, 1.0), (4, 1), len(billet.nodes()) + 1)

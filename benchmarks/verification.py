@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.run import ROOT, level_options, tribox
+from benchmarks.comparison import level_options
 from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.results.directory import read_table
@@ -34,6 +36,8 @@ from tribox.forms.closed_forms.homogeneous_sliding import (
     threshold_speed,
 )
 from tribox.forms.friction.parameters import FrictionMapParameters
+
+ROOT = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +162,21 @@ def area_ratio_lines() -> Iterator[str]:
     yield f"mean da/dA of the closed surface {mean:.6f}; computed eta_eff / eta_b {ratio:.6f}"
 
 
+def tribox(case: str, out: Path, options: Sequence[str]) -> None:
+    """Run a case of the repository into ``out``.
+
+    Raises:
+        subprocess.CalledProcessError: the run failed.
+    """
+    command = [sys.executable, "-m", "tribox", "run", f"cases/{case}.toml", "--out", str(out)]
+    subprocess.run([*command, *options], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
 def block_row(name: str, level: int, options: Sequence[str], where: Path) -> str:
     """Run the block-slide problem; one row of Markdown with forces and errors."""
-    out = where / name
-    tribox("block-slide", out, [*level_options(level), "--set", "output.figures=false", *options])
+    out, case = where / name, load_case(ROOT / "cases" / "block-slide.toml")
+    refined = level_options(case, level)
+    tribox("block-slide", out, [*refined, "--set", "output.figures=false", *options])
     rows = read_table(out / "history.csv")
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     pressed = [row for row in rows if row["stage"] == "press"][-1]

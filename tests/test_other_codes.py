@@ -6,9 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.other_codes.calculix_deck import MICRO, deck, forces_in, iterations_in
+from benchmarks.other_codes.inputs import MICRO, case_text, deck, forces_in, iterations_in
 from benchmarks.other_codes.problem import press_and_slide, shear_and_lame
-from benchmarks.other_codes.tribox_case import case_text
 from tribox.app.case.reading import load_case
 
 SMALL = press_and_slide(4)

@@ -95,11 +95,8 @@ class Loads:
         """Begin with none, but for the axis of symmetry, which stays where it is.
 
         Args:
-            named: the mesh.
             u: displacement, m.
-            section: what the mesh stands for.
             thickness: m, of a plane-strain slab; 1 otherwise.
-            stages: of the case, in order.
         """
         self.named, self.u, self.section, self.thickness = named, u, section, thickness
         self._stages = {stage.name: stage for stage in stages}
@@ -138,9 +135,7 @@ class Loads:
         """Let the loads be those of a stage from the next time they are set; collective.
 
         Args:
-            name: of the stage; nothing happens where it has begun already.
             time: s, at which it begins.
-            problem: at the state that it begins with.
         """
         if name == self.stage:
             return
@@ -312,11 +307,7 @@ class Loads:
             self._prescribe(surface, dofs, component, (turned, rotation), acts)
 
     def _symmetry(self, boundary: Boundary) -> None:
-        """Hold a flat surface along its normal.
-
-        Raises:
-            InputError: it is not flat, or oblique to an axis of symmetry.
-        """
+        """Hold a flat surface along its normal."""
         facets = self.named.facets(boundary.surface)
         normal = mean_normal(self.named.mesh, facets)
         here, length = f'boundary "{boundary.surface}": symmetry', float(np.linalg.norm(normal))
@@ -341,11 +332,7 @@ class Loads:
     # -- platens ------------------------------------------------------------------------------
 
     def _platen(self, boundary: Boundary, table: tables.Platen) -> None:
-        """Let a surface move as one, under a force or with a displacement.
-
-        Raises:
-            InputError: it moves along itself.
-        """
+        """Let a surface move as one, under a force or with a displacement."""
         surface, mesh = boundary.surface, self.named.mesh
         facets = self.named.facets(surface)
         direction = np.array(tables.unit_vector(table.direction, mesh.geometry.dim))

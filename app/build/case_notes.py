@@ -115,7 +115,6 @@ def notes_on_choices(friction: LawTable, film: Floats) -> Iterator[str]:
     """Lines on what the law takes by itself where the case does not say it.
 
     Args:
-        friction: the law.
         film: (q,), m, film thicknesses that it is used for.
     """
     parameters = friction.parameters()
@@ -186,8 +185,6 @@ def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator
     """One line for each stage that has too little slip for some of its velocities.
 
     Args:
-        case: the case.
-        contact: one of its contacts; only the friction map says enough of itself.
         pressure: Pa, on the contact; 0 if unknown.
     """
     law, slid = contact.map, 0.0
@@ -262,8 +259,6 @@ def drive_to_load(
     film's drag grows with 1 - exp(-s/l) over the way s, l being the elastic length under it.
 
     Args:
-        law: the friction map.
-        stage: for its tolerance.
         speed: m/s; 0 where rates do not count.
         film: m, its thickness.
         pressure: Pa, 0 if unknown.

@@ -58,10 +58,7 @@ def stiffer_slave(
     """A line on a slave that is on the stiffer body.
 
     Args:
-        index: of the contact.
-        contact: what the case says.
         body: name of the slave's body.
-        slave: material of that body.
         master: material of the other body; None: a tool.
     """
     if master is None:
@@ -79,8 +76,6 @@ def notes_on_surfaces(
     """A line on surfaces that are far apart, and on a slave too coarse to see its master.
 
     Args:
-        place: of the contact in the case.
-        contact: what the case says.
         lengths: m, mean lengths of slave and master facets.
         distance: m, between the surfaces at the start.
     """
@@ -101,9 +96,6 @@ def note_on_fit(
     """A line on a fit whose surfaces, as they are meshed, do not lie on each other; collective.
 
     Args:
-        place: of the contact in the case.
-        contact: what the case says.
-        surface: its surfaces.
         at: the slave's points on the master, undeformed.
     """
     fit = contact.interference
@@ -134,9 +126,6 @@ def note_on_radius(
     nothing is above the tool yet, all.
 
     Args:
-        place: of the contact in the case.
-        contact: what the case says.
-        surface: the pair.
         at: the slave's points on the master.
         distance: m, of the surfaces; infinite where no point is above the tool.
     """
@@ -164,8 +153,6 @@ def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
     """A line on a slave that is tied in part only.
 
     Args:
-        place: of the contact in the case.
-        contact: what the case says.
         share: of the slave's area that is tied.
     """
     if share < WHOLE:
@@ -176,13 +163,7 @@ def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
 
 
 def note_on_corners(place: str, contact: Contact, corners: Corners) -> Iterator[str]:
-    """A line on a faceted master whose corners a finer slave feels.
-
-    Args:
-        place: of the contact in the case.
-        contact: what the case says.
-        corners: of the master where the slave is near.
-    """
+    """A line on a faceted master whose corners a finer slave feels."""
     if corners.ratio > CORNERED:
         yield (
             f"{place}: corners of {contact.master}, of up to {corners.degrees:.2g} degrees, are up "
@@ -199,9 +180,6 @@ def note_on_sliding(
     """A line on a round master in space whose facets a slave slides over.
 
     Args:
-        place: of the contact in the case.
-        contact: what the case says.
-        corners: of the master where the slave is near.
         unable: why the master cannot be smooth; None: it can.
     """
     if 0.0 < corners.ratio <= CORNERED:
@@ -235,11 +213,6 @@ def notes_on_penalty(
     """Lines on a penalty that is far from what works, or that shortens explicit steps.
 
     Args:
-        index: of the contact.
-        factor: penalty over the stiffness of the elements beside it, as `penalty_factor`.
-        ratio: of the modulus that the factor multiplies to the oedometric modulus M, with which
-            the elements answer to waves.
-        explicit: whether a stage runs with explicit dynamics.
         pressure: "averaged" or "pointwise".
     """
     # Rounding may lift a penalty of just this size above it.
@@ -262,8 +235,6 @@ def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[
     or a stiffer body keeps the value it had.
 
     Args:
-        index: of the contact.
-        friction: the resolved law.
         stiffness: Pa/m, G/h of the softer body beside the contact.
     """
     # The friction map's K_T is that of its asperities, not a penalty.
@@ -280,8 +251,6 @@ def penalty_note(index: int, factor: float, pressure: PressureKind = "averaged")
     """A line on a penalty far from those that work; None for others.
 
     Args:
-        index: of the contact.
-        factor: penalty over the stiffness of the elements beside it, as `penalty_factor`.
         pressure: "averaged" or "pointwise", which compare with other moduli.
     """
     if SOFT_PENALTY <= factor <= STIFF_PENALTY:

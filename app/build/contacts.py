@@ -151,11 +151,7 @@ class ContactBuilder:
     def _start(
         self, index: int, asked: Contact, surface: ContactSurface
     ) -> tuple[Projection, Callable[[float], Floats] | None, float]:
-        """Slave points on the master at time 0, the fit, and how far they are apart, m; collective.
-
-        Raises:
-            InputError: the surfaces look the same way, or overlap.
-        """
+        """Slave points on the master at time 0, the fit, and their distance, m; collective."""
         place = f"contact.{index}"
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
@@ -170,11 +166,7 @@ class ContactBuilder:
     def _lubricated(
         self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
     ) -> ContactTerm:
-        """A contact whose film is found.
-
-        Raises:
-            InputError: where that is not built.
-        """
+        """A contact whose film is found."""
         place, film = f"contact.{index}.film.model", table.film
         assert film is not None
         if self.case.is_explicit:
@@ -196,11 +188,7 @@ class ContactBuilder:
     def _tie(
         self, index: int, asked: Contact, surface: ContactSurface, softer: Material
     ) -> BuiltContact:
-        """A contact whose surfaces are bonded; collective.
-
-        Raises:
-            InputError: nothing of the slave lies beside the master.
-        """
+        """A contact whose surfaces are bonded; collective."""
         modulus = penalty_modulus(softer, "averaged")
         length = surface.facet_length
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
@@ -217,11 +205,7 @@ class ContactBuilder:
         return BuiltContact(table, term, notes)
 
     def _law(self, index: int, table: Contact) -> FrictionLaw:
-        """The law of a resolved `[[contact]]` table at the start; collective.
-
-        Raises:
-            InputError: a law written in Python cannot be used, on some rank.
-        """
+        """The law of a resolved `[[contact]]` table at the start; collective."""
         law = self._plain_law(index, table.friction)
         if table.friction_factor == 1.0:
             return law
@@ -310,7 +294,6 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
     """A `[[contact]]` table with every default filled in.
 
     Args:
-        contact: what the case says, with its quadrature.
         softer: the softer body's material.
         length: m, mean length of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
@@ -362,7 +345,6 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
     point it is M.
 
     Args:
-        softer: material of the softer body.
         pressure: "averaged" or "pointwise".
     """
     modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
@@ -396,8 +378,6 @@ def fit_program(case: Case, contact: Contact, at: Projection) -> Callable[[float
     over: none of it at first, and at last all.
 
     Args:
-        case: what was asked for; contact: of it.
-        contact: see case.
         at: the slave's points on the master, undeformed.
     """
     fit = contact.interference
@@ -423,11 +403,6 @@ def contact_program(
     """What gives a term its friction and fit at (time, driven displacement), s and m.
 
     None where they stay the same.
-
-    Args:
-        table: of the case, resolved.
-        term: the contact.
-        fit: its offset at a time.
     """
     friction, factor = table.friction, table.friction_factor
     if not friction.changes and not isinstance(factor, TimeTable) and fit is None:
@@ -453,8 +428,6 @@ def corners_of(
     Angles of more than `SHARP` are edges that are meant, and those of less than `STRAIGHT` none.
 
     Args:
-        contact: what the case says.
-        surface: the pair.
         at: the slave's points on the master.
         distance: m, of the surfaces.
     """
@@ -480,7 +453,6 @@ def overlap(surface: ContactSurface, at: Projection) -> float:
     """Depth, m, of the deepest of the slave's points inside the master; 0 if none is; collective.
 
     Args:
-        surface: the pair.
         at: the slave's points on the master.
     """
     local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
@@ -492,16 +464,7 @@ def _checked_distance(
 ) -> float:
     """Refuse surfaces that overlap before anything has moved.
 
-    Args:
-        place: of the contact in the case.
-        contact: what the case says.
-        surface: its surfaces.
-        at: the slave's points on the master.
-        at_once: whether they feel each other from the first stage on; otherwise they may overlap
-            until they do.
-
-    Returns:
-        Their distance, m; infinite if no slave point is above the master.
+    Returns their distance, m; infinite if no slave point is above the master.
     """
     depth = overlap(surface, at)
     if at_once and depth > OVERLAP * surface.facet_length:
@@ -539,7 +502,6 @@ def faces_away(surface: ContactSurface, at: Projection) -> bool:
     They then never press on each other, unless one is turned over first. Collective.
 
     Args:
-        surface: the pair, undeformed.
         at: the slave's points on the master.
     """
     cosine = np.einsum("qi,qi->q", _outward(surface), at.normal)
@@ -562,13 +524,7 @@ def _outward(surface: ContactSurface) -> Floats:
 
 
 def facing_problem(slave: str, master: str, tool: Tool | None) -> str:
-    """What is wrong with surfaces that face the same way.
-
-    Args:
-        slave: name of the surface.
-        master: name of the other, or of the tool.
-        tool: the master, if it is one.
-    """
+    """What is wrong with surfaces that face the same way."""
     hint = "" if tool is None else f", or {master} is the wrong way round: {TURN[tool.shape]}"
     return (
         f"{slave} and {master} face the same way, so they cannot press on each other; another "

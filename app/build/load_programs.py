@@ -38,7 +38,6 @@ def turning(arm: Floats, axis: Floats, component: int, angle: TimeTable) -> Prog
     Args:
         arm: (n, 3) from the axis to the points, m.
         axis: (3,) unit vector.
-        component: of the displacement.
         angle: rad, over time.
     """
     across = np.cross(axis, arm)[:, component]
@@ -249,12 +248,7 @@ class LoadsWithForms:
     bodies: list[str] = field(default_factory=list)
 
     def of_boundary(self, boundary: Boundary, stage: Callable[[], str]) -> Iterator[Setter]:
-        """Take in the loads of a boundary; yields what sets them.
-
-        Args:
-            boundary: what is loaded, how, and in which stages.
-            stage: name of the present stage.
-        """
+        """Take in the loads of a boundary; yields what sets them."""
         dim = self.named.mesh.geometry.dim
         for load, amount in self._of_surface(boundary, dim):
             self._take(load, surface=boundary.surface)
@@ -311,9 +305,7 @@ class LoadsWithForms:
         """Take in the weight of bodies; yields what sets it.
 
         Args:
-            table: the acceleration, and in which stages it acts.
             density: kg/m³, of each body.
-            stage: name of the present stage.
         """
         dim = self.named.mesh.geometry.dim
         local = self.named.mesh.topology.index_map(dim).size_local

@@ -60,7 +60,6 @@ def load_steps_of(
     """The load steps of a stage: one for each velocity, or one for its duration.
 
     Args:
-        stage: the stage.
         film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
         before: m/s, velocity of driven boundaries at the end of the stage before.
     """

@@ -20,12 +20,6 @@ from tribox.geometry.meshes.mesh import NamedMesh, generate, read
 def make_mesh(case: Case, comm: MPI.Comm, trusted: bool = False) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
 
-    Args:
-        case: the case.
-        comm: ranks that work together.
-        trusted: whether a drawing may do more than draw; if not, such a one is refused, unless it
-            lies in a directory that the user trusts.
-
     Raises:
         InputError: no such file, body or surface, or bodies that are glued together; the message
             names the case file.

@@ -242,10 +242,6 @@ def notes_on_supports(problem: Equilibrium, touching: bool) -> Iterator[str]:
 
     A spring or a foundation is a support. A platen is one where the bodies touch from the start, as
     they are meant to then.
-
-    Args:
-        problem: the equilibrium.
-        touching: whether the bodies touch from the start.
     """
     moved = [p.dofs for p in problem.constraints.aligned if touching]
     for one in loose_directions(problem, np.concatenate([sprung_dofs(problem), *moved])):

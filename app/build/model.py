@@ -136,12 +136,6 @@ class Model:
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
     """Mesh, forms and loads of a case; collective.
 
-    Args:
-        case: what to build.
-        comm: ranks that work together.
-        runs_code: whether laws and materials written in Python are run, and drawings that may do
-            more than draw; a model without laws cannot be solved, only looked at.
-
     Raises:
         InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
             message names the case file.
@@ -193,11 +187,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
 
 
 def _loads(case: Case, named: NamedMesh, u: dolfinx.fem.Function, section: Section) -> Loads:
-    """What the boundaries of a case prescribe; collective.
-
-    Raises:
-        InputError: they contradict each other, or do not go with the mesh.
-    """
+    """What the boundaries of a case prescribe; collective."""
     loads = Loads(named, u, section, case.geometry.slab, case.stage)
     for boundary in case.boundary:
         loads.add(boundary)
@@ -247,14 +237,7 @@ def _resolved(case: Case, contacts: Sequence[BuiltContact], problem: Equilibrium
 
 
 def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: Loads) -> list[str]:
-    """All that is said of a case before it runs; collective.
-
-    Args:
-        asked: the case before its defaults were resolved.
-        model: what was made of it.
-        contacts: its contacts.
-        loads: its loads.
-    """
+    """All that is said of a case before it runs; collective."""
     named, problem, case = model.named, model.problem, model.case
     notes = [
         *notes_on(case),

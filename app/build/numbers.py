@@ -19,10 +19,6 @@ def failures_as(kind: type[TriboxError], where: str) -> Iterator[None]:
     Values of a case that are allowed one by one may overflow together. numpy's warnings of that are
     not shown: what becomes of it, forces that are no numbers, is looked for in each step.
 
-    Args:
-        kind: the error to raise instead.
-        where: what was being done, for the message.
-
     Raises:
         TriboxError: of this kind, in the place of an arithmetic error.
     """

@@ -101,11 +101,7 @@ def _surface_line(
 
 
 def _within(way: Floats, piece: tuple[float, float], least: int, at: Place) -> Bools:
-    """Nodes (n,) of a piece of a line.
-
-    Raises:
-        InputError: there are fewer than ``least``.
-    """
+    """Nodes (n,) of a piece of a line."""
     slack = EQUALLY_NEAR * way[-1]
     found: Bools = (way >= piece[0] - slack) & (way <= piece[1] + slack)
     if found.sum() < least:
@@ -164,12 +160,6 @@ def place_probes(
     case: Case, named: NamedMesh, space: dolfinx.fem.FunctionSpace, section: Section
 ) -> list[PointPlaces]:
     """The places of all probes that are points or lines; collective.
-
-    Args:
-        case: with the probes.
-        named: the mesh.
-        space: of the displacement.
-        section: what the mesh stands for.
 
     Raises:
         InputError: a probe does not go with the mesh, lies outside, or where two bodies touch.

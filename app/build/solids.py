@@ -43,13 +43,7 @@ def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
 def displacement_on(
     named: NamedMesh, bodies: Bodies, blocks: Sequence[Block] = ()
 ) -> dolfinx.fem.Function:
-    """The displacement (m) of all bodies, of the degree that formulations ask for; collective.
-
-    Args:
-        named: the mesh.
-        bodies: of the case.
-        blocks: of other unknowns, for which there is room then.
-    """
+    """The displacement (m) of all bodies, of the degree that formulations ask for; collective."""
     degree = max(DEGREE[body.formulation] for body in bodies.values() if body.formulation)
     element = ("Lagrange", degree, (named.mesh.geometry.dim,))
     space = with_blocks(dolfinx.fem.functionspace(named.mesh, element), blocks)
@@ -58,11 +52,6 @@ def displacement_on(
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
     """The materials of all bodies; collective.
-
-    Args:
-        bodies: of the case.
-        comm: ranks that work together.
-        runs_code: whether energies in Python are run; a neo-Hookean one stands for them if not.
 
     Raises:
         InputError: an energy in Python cannot be used, on some rank.
@@ -138,11 +127,7 @@ def make_solids(
     """The forms of resolved bodies.
 
     Args:
-        bodies: from :func:`resolved_bodies`.
-        named: the mesh.
         u: displacement, m.
-        section: what the mesh stands for.
-        materials: of the bodies, by name.
 
     Raises:
         InputError: an energy in Python depends on what there is not in this section.

@@ -67,9 +67,7 @@ def tool_surface(table: AnyTool, box: Floats, comm: MPI.Comm) -> RigidSurface:
     """The surface of a tool; collective.
 
     Args:
-        table: what the case says.
         box: (2, i), m, least and largest coordinates of the mesh.
-        comm: of the mesh.
 
     Raises:
         ValueError: there is no such surface, on all ranks.
@@ -120,10 +118,6 @@ def _on_first(read: Callable[[], tuple[Floats, Ints]], comm: MPI.Comm) -> tuple[
 
 def facets_of(table: MeshTool, dim: int) -> tuple[Floats, Ints]:
     """Nodes (n, i), m, and facets (f, a), in the order of a Lagrange element, of a mesh file.
-
-    Args:
-        table: what the case says.
-        dim: of space.
 
     Raises:
         ValueError: the file cannot be read, or has no such surface in this space.
@@ -199,12 +193,6 @@ def blocks_of_tools(case: Case, named: NamedMesh) -> dict[str, Block]:
 
 def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads: Loads) -> Tools:
     """The tools of a case; collective.
-
-    Args:
-        case: what was asked for.
-        named: the mesh.
-        blocks: of the tools' unknowns, which have their places.
-        loads: of its boundaries.
 
     Raises:
         InputError: a shape cannot be made.

@@ -53,7 +53,6 @@ def kinematic_problems(branches: Kinematic, shear: float, place: Place) -> Itera
     Args:
         branches: c, Pa, and b of each.
         shear: G, Pa.
-        place: of the list.
     """
     for number, (c, b) in enumerate(branches):
         if c / max(b, 1.0) > shear:
@@ -122,9 +121,6 @@ class _Body(Model):
 
     def material_of(self, runs_code: bool = True) -> Material:
         """The strain energy of the body, and what it remembers; one in Python is run.
-
-        Args:
-            runs_code: whether it is; if not, a neo-Hookean energy stands for it.
 
         Raises:
             OwnCodeError: an energy in Python cannot be used.

@@ -149,12 +149,7 @@ class Platen(Model):
             yield Problem((*place, "displacement"), reason)
 
     def stage_problems(self, solvers: Mapping[str, str], place: Place) -> Iterator[Problem]:
-        """Stages that are not there, or not implicit.
-
-        Args:
-            solvers: time integration of each stage by its name.
-            place: where this table stands in the case.
-        """
+        """Stages that are not there, or not implicit."""
         here = (*place, "displacement_stages")
         for name in self.displacement_stages:
             if name not in solvers:
@@ -476,13 +471,7 @@ def boundary_problems(
 def control_problems(
     boundaries: Sequence[Boundary], solvers: Mapping[str, str], place: Place
 ) -> Iterator[Problem]:
-    """Mistakes in the stages that boundaries name.
-
-    Args:
-        boundaries: all of them.
-        solvers: time integration of each stage by its name.
-        place: where the boundaries stand in the case.
-    """
+    """Mistakes in the stages that boundaries name."""
     for index, boundary in enumerate(boundaries):
         yield from named_stage_problems(boundary.stages, solvers, (*place, index, "stages"))
         if boundary.stages and "explicit" in solvers.values():
@@ -497,13 +486,7 @@ def control_problems(
 def named_stage_problems(
     names: Sequence[str], solvers: Mapping[str, str], place: Place
 ) -> Iterator[Problem]:
-    """Names of stages that there are not.
-
-    Args:
-        names: what `stages` of a table lists.
-        solvers: time integration of each stage by its name.
-        place: of that key.
-    """
+    """Names of stages that there are not."""
     for name in names:
         if name not in solvers:
             yield Problem(place, f"no stage has this name; there are {', '.join(solvers)}", name)

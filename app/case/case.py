@@ -127,8 +127,7 @@ class Case(Model):
     def sweep_cases(self) -> list[tuple[str, Case]]:
         """The cases of the sweep, each with a label such as "thickness=10nm".
 
-        Returns:
-            (label, case without sweep) for each value; empty without a sweep.
+        Returns (label, case without sweep) for each value; empty without a sweep.
         """
         if self.sweep is None:
             return []
@@ -140,12 +139,8 @@ class Case(Model):
     def swept_value(self, part: Case) -> float | str | None:
         """What one of the sweep's cases has at the swept key.
 
-        Args:
-            part: one of :meth:`sweep_cases`.
-
-        Returns:
-            A number in SI, also of a program that does not change with time, or a text; None where
-            it is neither.
+        Returns a number in SI, also of a program that does not change with time, or a text; None
+        where it is neither.
         """
         assert self.sweep is not None
         value = value_at(part, self.sweep.key)
@@ -159,11 +154,7 @@ class Case(Model):
         return value if isinstance(value, str) else None
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
-        """Another case, with file names seen from the same place.
-
-        Raises:
-            ValidationError: the data are wrong.
-        """
+        """Another case, with file names seen from the same place."""
         return Case.model_validate(data, context={"source": self._source, "past": self._past})
 
     def _swept_data(self, value: object) -> dict[str, Any]:
@@ -517,11 +508,6 @@ def resolved_toml(case: Case, files: Mapping[Path, str] | None = None) -> str:
 
     With a sweep, keys that were not given are written as comments: the swept key may decide them,
     so that fixing them would make another case.
-
-    Args:
-        case: what is written.
-        files: names to write instead of the paths of files that the case reads, such as those of
-            copies, relative to where the case will be.
     """
     data = case.model_dump(mode="json", exclude_none=True)
     if files:
@@ -534,11 +520,7 @@ def resolved_toml(case: Case, files: Mapping[Path, str] | None = None) -> str:
 
 
 def given_keys(case: Case) -> list[str]:
-    """Dotted keys that a case file gave, such as "contact.0.film.thickness", in its order.
-
-    Args:
-        case: as it was read; one whose defaults were resolved knows no longer.
-    """
+    """Dotted keys that a case file gave, such as "contact.0.film.thickness", in its order."""
     return list(_keys(case.model_dump(mode="json", exclude_unset=True)))
 
 

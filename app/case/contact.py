@@ -184,12 +184,7 @@ class Contact(Model):
             yield Problem((*place, "stages"), reason, list(self.stages or ()))
 
     def smoothing_problem(self, cell: str, degree: int) -> str | None:
-        """Why the master cannot be smoothed, if it is to be and cannot.
-
-        Args:
-            cell: of the mesh.
-            degree: of the displacements.
-        """
+        """Why the master cannot be smoothed, if it is to be and cannot."""
         if self.smoothing_angle is None or (degree == 1 and cell in _SMOOTHED):
             return None
         found = f"on {_PLURAL.get(cell, cell)}" if cell not in _SMOOTHED else 'with "q2"'

@@ -72,10 +72,7 @@ def table_of(
 
     Args:
         name: of the table's class.
-        kind: the class.
-        base: what the table derives from.
         tag: keys beside the class's, which come first, with annotation and field.
-        optional: parameters that need not be given here.
     """
     hints = get_type_hints(kind)
     declared = {one: parameter for one, parameter, _ in declarations(kind)}

@@ -176,12 +176,7 @@ class Film(_Flow):
         return float(self.film().at(np.array([pressure]))[0][0])
 
     def problems(self, place: Place, law: str) -> Iterator[Problem]:
-        """Keys that do not fit together.
-
-        Args:
-            place: of this table in the case.
-            law: of the friction.
-        """
+        """Keys that do not fit together."""
         if not self.is_unknown:
             if self.thickness is None:
                 reason = 'missing; the film thickness, such as "30 nm"'

@@ -81,10 +81,6 @@ class OwnLaw(NamesAClass):
     def friction_law(self, time: float = 0.0, dim: int = 2) -> FrictionLaw:
         """The law that the class makes; this runs the user's code.
 
-        Args:
-            time: nothing follows it.
-            dim: space dimensions that it is tried in.
-
         Raises:
             OwnCodeError: there is no such file or class, or it makes no friction law.
         """

@@ -119,8 +119,6 @@ def load_own_law(reference: str, parameters: Mapping[str, Any], dim: int = 2) ->
 
     Args:
         reference: "file.py:Class".
-        parameters: arguments of the class by name.
-        dim: space dimensions that the law is tried in.
 
     Raises:
         OwnCodeError: there is no such file or class, it cannot be made, or it is no friction law:
@@ -139,11 +137,7 @@ def load_own_law(reference: str, parameters: Mapping[str, Any], dim: int = 2) ->
 def _made(
     reference: str, parameters: Mapping[str, Any], methods: tuple[str, ...], what: str
 ) -> Any:
-    """An instance of a class that has some methods.
-
-    Raises:
-        OwnCodeError: there is no such file or class, or it cannot be made.
-    """
+    """An instance of a class that has some methods."""
     from tribox.forms.friction.guarded_law import user_line
 
     path, name = split_reference(reference)
@@ -290,7 +284,6 @@ def load_own_material(
 
     Args:
         reference: "file.py:Class".
-        parameters: arguments of the class by name.
         shear_modulus: Pa, and
         bulk_modulus: Pa, what the case says of the undeformed material.
 

@@ -116,13 +116,7 @@ class Probe(Model):
     def problems(
         self, place: Place, bodies: Sequence[str], pairs: Sequence[str]
     ) -> Iterator[Problem]:
-        """Keys that do not fit together, and names that nothing has.
-
-        Args:
-            place: where this table stands in the case.
-            bodies: names of all bodies.
-            pairs: names of all contact pairs.
-        """
+        """Keys that do not fit together, and names that nothing has."""
         kinds = ("point", "line", "contact", "surface")
         given = [key for key in kinds if getattr(self, key) is not None]
         if len(given) > 1:

@@ -71,11 +71,7 @@ def _registry() -> Any:
 
 @functools.cache
 def _factor(text: str, unit: str) -> Decimal:
-    """Factor that brings the unit written as `text` to the SI unit `unit`.
-
-    Raises:
-        QuantityError: `text` is no unit, or one of another dimension.
-    """
+    """Factor that brings the unit written as `text` to the SI unit `unit`."""
     if text == unit:
         return Decimal(1)
     if (common := COMMON_UNITS.get(unit, {}).get(text)) is not None:
@@ -117,12 +113,11 @@ def _expected(unit: str) -> str:
 def parse_quantity(value: object, unit: str) -> float:
     """Value of a quantity in SI.
 
+    Returns a finite float in `unit`.
+
     Args:
         value: number (taken as SI) or text "number unit".
         unit: SI unit of the result, such as "m", "Pa*s", or "" for a plain number.
-
-    Returns:
-        A finite float in `unit`.
 
     Raises:
         QuantityError: not a number, unknown unit, wrong dimension, or not finite.

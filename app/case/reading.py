@@ -18,7 +18,6 @@ def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
     """Read a case file.
 
     Args:
-        path: the file.
         overrides: "dotted.key=value" texts that replace or add values; list entries by number
             ("contact.0.film.thickness=10 nm"). The value is TOML if it can be, else text.
 
@@ -48,12 +47,7 @@ def _case_of(case: Case | list[str]) -> Case:
 
 
 def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
-    """All mistakes in a case file, one line each; empty if it can be run.
-
-    Args:
-        path: the file.
-        overrides: as for `load_case`.
-    """
+    """All mistakes in a case file, one line each; empty if it can be run."""
     case = _read(Path(path), overrides)
     return [] if isinstance(case, Case) else case
 

@@ -81,13 +81,7 @@ def _tidy(node: Any) -> None:
 
 
 def _refine(node: Any, tables: dict[str, Any], texts: dict[str, str]) -> None:
-    """Put references to patterns in the place of text with a unit, and conditions in unions.
-
-    Args:
-        node: part of the schema, changed in place.
-        tables: definitions of the schema.
-        texts: receives {definition: unit} of the patterns referred to.
-    """
+    """Put references to patterns in the place of text with a unit, and conditions in unions."""
     for item in node.values() if isinstance(node, dict) else node:
         if isinstance(item, dict | list):
             _refine(item, tables, texts)

@@ -167,11 +167,8 @@ def release_problems(
     """Releases of what holds or presses nothing, and where there are no forces.
 
     Args:
-        stages: all of them.
-        holding: what may be released, by name: "surface", "tool" or "contact pair", or two of them.
-        acts: whether a contact of a tool or pair (its name) acts in a stage (its name).
-        default: time integration of [solver].
-        place: where the stages stand in the case.
+        holding: what may be released, by name: "surface", "tool" or "contact pair", or two of
+            them.
     """
     released: dict[str, str] = {}
     for index, stage in enumerate(stages):

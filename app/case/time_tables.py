@@ -107,11 +107,7 @@ class TimeTable:
 def _parse_rows(
     rows: Sequence[object], first: Quantity, second: Quantity, rising: bool = True
 ) -> tuple[Row, ...]:
-    """The rows of a table `[[first, second], ...]`; ``rising``: the first column must increase.
-
-    Raises:
-        PydanticCustomError: with the place inside the table as context.
-    """
+    """The rows of a table `[[first, second], ...]`; ``rising``: the first column must increase."""
     if not rows:
         raise _at((), rows, "a table needs at least one row")
     if len(rows) > MOST_ROWS:

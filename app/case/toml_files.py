@@ -129,13 +129,7 @@ _CURES = (
 
 
 def likely_cure(text: str, line: int, said: str) -> str:
-    """What is probably wrong with TOML text, in a few words; "" where nothing is known.
-
-    Args:
-        text: all of it.
-        line: number of the line at which it stops being TOML, from 1.
-        said: what Python says of it.
-    """
+    """What is probably wrong with TOML text, in a few words; "" where nothing is known."""
     lines = text.splitlines()
     here = lines[line - 1] if line <= len(lines) else ""
     if found := re.match(r"Cannot declare \((.*?),?\) twice", said):
@@ -185,9 +179,7 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
     """Set the value at a dotted key in plain data; missing tables are made, list entries not.
 
     Args:
-        data: nested dicts and lists, as read from TOML; changed in place.
         key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
-        value: what to put there.
 
     Raises:
         KeyPathError: the key is malformed, or leads through something that is no table or array.
@@ -252,10 +244,6 @@ def _split(key: str) -> list[str]:
 def apply_override(data: dict[str, Any], override: str) -> None:
     """Set what one "dotted.key=value" text says.
 
-    Args:
-        data: nested dicts and lists, as read from TOML; changed in place.
-        override: the text; the value is TOML if it can be, else text.
-
     Raises:
         InputError: the text is no such thing, or its key leads nowhere.
     """
@@ -282,11 +270,7 @@ def without_effect(overrides: Sequence[str], swept: str) -> str | None:
 
 
 def _override_value(text: str) -> object:
-    """The value as TOML if it is that, else the text itself; .5 and 5. are numbers too.
-
-    Raises:
-        TomlError: it is TOML that no case may hold.
-    """
+    """The value as TOML if it is that, else the text itself; .5 and 5. are numbers too."""
     try:
         parsed = parse_toml(f"value = {text}")
     except TomlError as error:
@@ -305,12 +289,11 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 def toml_text(data: Mapping[str, Any], given: Mapping[str, Any] | None = None) -> str:
     """TOML of nested mappings, lists, text, numbers and truth values.
 
+    Returns text that `tomllib.loads` reads back to `data` (or `given`) without the None keys.
+
     Args:
         data: what to write; keys that are None are left out, as TOML has no such value.
         given: where not None, keys of `data` that are not in `given` are written as comments.
-
-    Returns:
-        Text that `tomllib.loads` reads back to `data` (or `given`) without the None keys.
     """
     return "\n".join(_table((), data, data if given is None else given)).strip("\n") + "\n"
 
@@ -377,10 +360,6 @@ LARGEST = 4 * MEGABYTE
 def read_text(path: Path, largest: int = LARGEST) -> str:
     """Text of a file, without the mark that some editors put before it.
 
-    Args:
-        path: the file.
-        largest: bytes that it may have.
-
     Raises:
         InputError: there is none, or it is no such file.
     """
@@ -422,9 +401,6 @@ def found_file(value: object, context: Mapping[str, Any], what: str) -> Path:
     """An absolute path, seen from the case file, of a file that is there.
 
     Args:
-        value: what the case says.
-        context: of the validation: ``source`` is the case file; of a run that is over (``past``)
-            the file need not be there any more.
         what: the file is, such as "a mesh file".
 
     Raises:

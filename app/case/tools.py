@@ -523,14 +523,7 @@ AnyTool = Annotated[
 def tool_problems(
     tools: Mapping[str, Tool], stages: Sequence[str], explicit: bool, section: Section | None
 ) -> Iterator[Problem]:
-    """Mistakes in the tools, each by itself and with the rest of the case.
-
-    Args:
-        tools: by name.
-        stages: names of the stages.
-        explicit: whether a stage runs with explicit dynamics.
-        section: what the mesh stands for, if it is known.
-    """
+    """Mistakes in the tools, each by itself and with the rest of the case."""
     for name, tool in tools.items():
         place: Place = ("tools", name)
         yield from tool.problems(place)

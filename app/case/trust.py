@@ -118,13 +118,7 @@ def code_files(case: Case) -> list[tuple[str, Path]]:
 def require_trust(case: Case, case_file: Path, given: bool) -> bool:
     """See that the code of a case may be run.
 
-    Args:
-        case: as it was read.
-        case_file: where it was read from.
-        given: whether the user has said so for this time.
-
-    Returns:
-        Whether the case runs code.
+    Returns whether the case runs code.
 
     Raises:
         InputError: it does, and neither that was said nor are the case file and all files of code
@@ -178,11 +172,6 @@ def require_drawing(drawing: Path) -> None:
 def require_trusted_file(path: Path, said: str, exact: bool = False) -> None:
     """See that a file lies in a directory that the user trusts, and only he can have written it.
 
-    Args:
-        path: the file.
-        said: what it is and would do, for the message.
-        exact: whether the name must lead there without links, as it will be opened by it later.
-
     Raises:
         InputError: it does not.
     """
@@ -228,12 +217,7 @@ def _others_who_write(about: os.stat_result) -> str:
 
 
 def _see_that_it_is_ours(path: Path) -> None:
-    """Refuse a list, or its directory, that somebody else could write.
-
-    Raises:
-        InputError: it could.
-        OSError: it is not there.
-    """
+    """Refuse a list, or its directory, that somebody else could write."""
     found = path.stat()
     if found.st_uid not in (os.geteuid(), 0):
         raise InputError(f"{path}: belongs to somebody else, so nothing in it is trusted")

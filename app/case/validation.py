@@ -60,8 +60,6 @@ def problems_of(error: ValidationError, model: type[Model], data: object) -> lis
     """The problems behind a validation error, unknown keys first.
 
     Args:
-        error: what pydantic raised.
-        model: the model that was validated.
         data: what it was given; tells keys from the tags of unions in pydantic's locations.
     """
     details = error.errors(include_url=False)
@@ -85,7 +83,7 @@ def _is_consequence(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bo
 def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iterator[Problem]:
     kind, context, found = detail["type"], detail.get("ctx", {}), detail["input"]
     loc = detail["loc"]
-    place = _place(loc, data)
+    place = _place(model, loc, data)
     if kind == "problems":
         yield from (Problem((*place, *p.place), p.reason, p.found) for p in context["problems"])
     elif kind == "extra_forbidden":
@@ -113,11 +111,17 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
         yield Problem((*place, *context.get("at", ())), reason, context.get("found", found))
 
 
-def _place(loc: Sequence[str | int], data: object) -> Place:
-    """Pydantic's location without the tags of unions, which no user has written."""
+def _place(model: type[Model], loc: Sequence[str | int], data: object) -> Place:
+    """Pydantic's location without the tags of unions, which no user has written.
+
+    A table may have a key that is called like its tag: kind = "blocks" has `blocks`.
+    """
     place: list[str | int] = []
     here: Any = data
     for number, part in enumerate(loc, start=1):
+        members = _type_at(model, loc[: number - 1])
+        if isinstance(members, tuple) and any(part in _own_tags(one) for one in members):
+            continue
         if isinstance(here, Mapping) and part in here:
             here = here[part]
         elif isinstance(here, Sequence) and isinstance(part, int) and part < len(here):

@@ -58,8 +58,7 @@ class Checkpoint:
 def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path:
     """Write a checkpoint of a results directory, and drop all but the last ``keep``.
 
-    Returns:
-        Its directory.
+    Returns its directory.
 
     Raises:
         OSError: it cannot be written; those before it are untouched.
@@ -125,8 +124,7 @@ def _fingerprint(path: Path) -> dict[str, Any]:
 def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
     """The last checkpoint of a results directory that is whole.
 
-    Returns:
-        None if there is none; and a line for each later one that is damaged.
+    Returns None if there is none; and a line for each later one that is damaged.
 
     Raises:
         InputError: the last one is of another format.
@@ -192,14 +190,6 @@ class Checkpointer(Observer):
     def __init__(
         self, simulation: Simulation, recorder: Recorder, probes: ProbeRecorder, directory: Path
     ) -> None:
-        """Write nothing yet.
-
-        Args:
-            simulation: the run.
-            recorder: of its results, whose state belongs to a checkpoint too.
-            probes: whose tables are to be as long as the run.
-            directory: of the results.
-        """
         self._simulation, self._recorder, self._directory = simulation, recorder, directory
         self._probes = probes
         self._comm = simulation.model.problem.comm
@@ -225,9 +215,6 @@ class Checkpointer(Observer):
 
         Where an explicit run fails it is in the middle of a step: what is written is the last
         snapshot kept in memory.
-
-        Args:
-            status: done, interrupted or failed.
         """
         simulation = self._simulation
         if not self._output.checkpoints_kept or not self._has_begun:
@@ -272,11 +259,7 @@ class Checkpointer(Observer):
         return snapshot, about
 
     def _write(self, snapshot: Snapshot, about: dict[str, Any]) -> None:
-        """Write a snapshot; collective.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write a snapshot; collective."""
         with self._simulation.model.problem.timer("checkpoints"):
             if self._layout is None:
                 self._layout = Layout(self._simulation.model)
@@ -289,11 +272,7 @@ class Checkpointer(Observer):
         self._remembered, self._memory = self._written, None
 
     def _put(self, checkpoint: Checkpoint) -> None:
-        """Put a checkpoint on the disk, with the rows that belong to it; for the first rank.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Put a checkpoint on the disk, with the rows that belong to it; for the first rank."""
         try:
             self._recorder.sync()
             self._probes.sync()

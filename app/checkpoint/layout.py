@@ -151,9 +151,8 @@ class Layout:
     def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
         """A snapshot as plain data and arrays, on the first rank; collective.
 
-        Returns:
-            Dictionaries, lists and values as JSON knows them, with ``{"$": [kind, name]}`` for an
-            array; the arrays by name.
+        Returns dictionaries, lists and values as JSON knows them, with ``{"$": [kind, name]}`` for
+        an array; the arrays by name.
         """
         arrays: dict[str, Array] = {}
 
@@ -199,12 +198,6 @@ class Layout:
 
         On the first rank: what :meth:`scatter` fails at there, the others would wait for.
 
-        Args:
-            tree: as :meth:`gather` made it once.
-            arrays: likewise.
-            like: what :meth:`gather` makes of a run that has not begun. What a run gets only later
-                is not in it.
-
         Raises:
             ValueError: one has not.
             LookupError: one is missing.
@@ -241,13 +234,7 @@ class Layout:
         return len(self._points[rest[0]].order) if kind == "points" else None
 
     def scatter(self, tree: Any, arrays: dict[str, Array], ranks: str) -> Any:
-        """The tree on every rank with this rank's arrays in it; collective.
-
-        Args:
-            tree: as :meth:`gather` made it, on the first rank.
-            arrays: likewise.
-            ranks: the distribution that it was made on.
-        """
+        """The tree on every rank with this rank's arrays in it; collective."""
         tree = self.comm.bcast(tree)
         alike = self.comm.bcast(ranks == self.ranks)
 

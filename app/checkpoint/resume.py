@@ -67,11 +67,7 @@ def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
 
 
 def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
-    """The last whole checkpoint, and notes; on the first rank.
-
-    Raises:
-        InputError: as of :func:`find_checkpoint`, or its manifest is not that of a run.
-    """
+    """The last whole checkpoint, and notes; on the first rank."""
     if is_beginning(directory):  # what is there is what was to be cleared
         return None, []
     found, notes = latest(directory)
@@ -96,15 +92,10 @@ def go_on(
 ) -> Snapshot:
     """Put a run that has not begun where the checkpoint was taken; collective.
 
-    Args:
-        simulation: of the case as it is now.
-        found: the checkpoint.
-        directory: of the results; its tables must hold the rows so far.
-        extend: whether to go on past the end of a run that is done.
-        inputs: SHA-256 of the files that the case reads, by name, on the first rank.
+    Returns what the recorder of the results has seen.
 
-    Returns:
-        What the recorder of the results has seen.
+    Args:
+        inputs: SHA-256 of the files that the case reads, by name, on the first rank.
 
     Raises:
         InputError: case, mesh or tables are not those that the run began with.
@@ -211,11 +202,7 @@ def _past_case(text: str, directory: Path) -> Case:
 
 
 def _open_again(simulation: Simulation, recorder: Snapshot, extend: bool) -> None:
-    """Let a run that is done go on with further stages, or with more of the last one.
-
-    Raises:
-        InputError: there is nothing further.
-    """
+    """Let a run that is done go on with further stages, or with more of the last one."""
     at = simulation.state.position
     load_steps = all_load_steps(simulation.model.case)
     last = load_steps[at.load_step - 1]
@@ -274,17 +261,7 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
 
 
 def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict[str, Any]]:
-    """Rows up to a step.
-
-    Args:
-        path: of the table.
-        last: number of the step.
-        columns: of the table.
-        each: number of rows of a step.
-
-    Raises:
-        InputError: the table is not there, or is not as it was written.
-    """
+    """Rows up to a step."""
     if last == 0 or each == 0:  # the tables may not have begun, or are not written
         return []
     try:
@@ -312,11 +289,7 @@ def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict
 
 
 def _check_steps(path: Path) -> None:
-    """See that each row of a table, which need not be there, begins with the number of a step.
-
-    Raises:
-        InputError: one does not.
-    """
+    """See that each row of a table, which need not be there, begins with the number of a step."""
     try:
         for row in path.read_bytes().splitlines(keepends=True)[1:]:
             if row.endswith(b"\n"):

@@ -33,10 +33,6 @@ EQUAL = 1e-12  # relative difference of step lengths that are one
 def is_whole(directory: Path, now: Case) -> bool:
     """Whether a run that is done has come to the end of a case as it is now.
 
-    Args:
-        directory: of its results.
-        now: the case as it was read; what is filled in when a run begins is not compared.
-
     Raises:
         InputError: the case is not the one of the run, or the run's cannot be read.
     """
@@ -50,10 +46,6 @@ def is_whole(directory: Path, now: Case) -> bool:
 
 def refuse(found: Iterator[str], directory: Path) -> None:
     """Refuse a case that differs.
-
-    Args:
-        found: in what, as :func:`changes` says it.
-        directory: of the results.
 
     Raises:
         InputError: there are differences.
@@ -75,9 +67,6 @@ def changes(
     """Differences that a run cannot go on with, one line each.
 
     Args:
-        began: the resolved case that the run began with.
-        now: the resolved case that it is to go on with.
-        stage: number of the stage that the run is in, from 0.
         given: keys that are compared; None: all.
         time: s, to which the run has come: what follows in a boundary's tables may be added to.
     """

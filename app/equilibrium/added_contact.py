@@ -46,13 +46,7 @@ class AddedContact:
         terms: Sequence[ContactTerm],
         bcs: Sequence[dolfinx.fem.DirichletBC] = (),
     ) -> None:
-        """Take contacts between surfaces that move by ``u`` (m); collective.
-
-        Args:
-            u: displacement, of a blocked vector Lagrange space of degree 1 or 2.
-            terms: pairs, each made by :meth:`ContactTerm.between`.
-            bcs: supports; rows and columns of their unknowns are left as they are.
-        """
+        """Take contacts between surfaces that move by ``u`` (m); collective."""
         self.terms = list(terms)
         self.trials: list[ContactTrial] = []
         self._unknowns = Unknowns(u.function_space)
@@ -68,12 +62,11 @@ class AddedContact:
     def evaluate(self, x: PETSc.Vec, dt: float) -> list[ContactTrial]:
         """Find the contact at displacements after a step; nothing is committed; collective.
 
+        Returns gap, pressure, traction and more at the points of each pair.
+
         Args:
             x: (n,), m, such as ``u.x.petsc_vec`` or what SNES hands in.
             dt: s, length of the step, which laws with a velocity need.
-
-        Returns:
-            Gap, pressure, traction and more at the points of each pair.
         """
         self.trials = [term.evaluate(x, dt, AS_IS) for term in self.terms]
         return self.trials

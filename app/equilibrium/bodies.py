@@ -57,10 +57,7 @@ class CellPlaces:
         """Look the places up; not collective.
 
         Args:
-            A: an assembled matrix, with the local to global map to be used; one that not
-                :func:`is_direct` has no cells inside.
             nodes: (c, a) local nodes of the cells, ghosts included.
-            dim: unknowns per node.
         """
         unknowns = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
         numbers = A.getLGMap()[0].indices[unknowns].astype(np.int64)
@@ -115,10 +112,6 @@ def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools, i
     """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i); cells that have them all.
 
     And the number of values there are.
-
-    Args:
-        A: the matrix.
-        unknowns: (c, a, i) rows of :func:`own_block`, which are the columns too.
     """
     pattern = [np.ascontiguousarray(part, dtype=np.int32) for part in own_block(A).getRowIJ()]
     starts = np.empty((*unknowns.shape, unknowns.shape[1]), dtype=np.int32)
@@ -185,7 +178,6 @@ class Bodies:
 
         Args:
             u: displacement, m, that the forms read.
-            solids: the bodies.
             compiled: False for the forms throughout.
         """
         self.solids = list(solids)
@@ -220,15 +212,7 @@ class Bodies:
     def add_tangent(
         self, A: PETSc.Mat, index: int, pattern: object, carried: bool, unrolled: bool
     ) -> None:
-        """Add the tangent of one solid; nothing is communicated.
-
-        Args:
-            A: the matrix, with its local to global map.
-            index: which of `solids`.
-            pattern: what changes with the pattern of ``A`` or with that map.
-            carried: whether the volumetric part takes the pressure carried to it last.
-            unrolled: whether forms are added by single rows, see :func:`add_matrix`.
-        """
+        """Add the tangent of one solid; nothing is communicated."""
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
         points = solid.point_cells if isinstance(solid, MemorySolid) else None
@@ -253,15 +237,7 @@ class Bodies:
         pattern: object,
         points: PointCells | None = None,
     ) -> _Placed:
-        """Cells with their places for a pattern: those found before, if any.
-
-        Args:
-            A: the matrix.
-            which: number of the body, and whether it is the loop over its points.
-            cells: that loop.
-            pattern: of the matrix.
-            points: that of the points beside it, to go with it if it has its cells in this order.
-        """
+        """Cells with their places for a pattern: those found before, if any."""
         known = self._placed.get(which)
         if known is None or known.pattern != pattern:
             places = CellPlaces(A, cells.nodes, self._dim)

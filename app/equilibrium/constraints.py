@@ -141,7 +141,6 @@ class Constraints:
         """Global unknowns with those of each platen replaced by its leading one.
 
         Args:
-            dofs: global unknowns.
             platens: along an axis; None: those that act at present.
         """
         platens = self.acting if platens is None else platens
@@ -172,7 +171,6 @@ class Constraints:
         """Add rows u_i − u_leader = 0 of the unknowns that follow a platen, and its spring.
 
         Args:
-            A: the matrix.
             platens: along an axis; None: those that act at present.
         """
         first, owned = self.unknowns.first, self.unknowns.owned

@@ -100,7 +100,6 @@ def reference_force(
         unbalanced: (n,), N, out-of-balance forces of the owned unknowns, reactions included.
         loads: (n,), N, forces of the loads on the owned unknowns.
         contact_squared: norm of this rank's contact forces, squared.
-        constraints: where the reactions are.
     """
     reactions = float(np.sum(unbalanced[constraints.dofs] ** 2))
     given = [p for p in constraints.slanted if p.acts and p.displacement is not None]
@@ -307,11 +306,7 @@ class Equilibrium:
     def dissipated(self, flows: bool) -> tuple[float, float]:
         """What bodies dissipated in all committed steps, and its numerical part; collective.
 
-        Args:
-            flows: of those that yield, or of those that remember without yielding.
-
-        Returns:
-            J (J/m in plane strain), since the start.
+        Returns J (J/m in plane strain), since the start.
         """
         kind = [solid.dissipated for solid in self.solids if solid.flows == flows]
         total = self.comm.allreduce(np.sum(kind, axis=0) + np.zeros(2), op=MPI.SUM)
@@ -423,11 +418,7 @@ class Equilibrium:
         return squared
 
     def pair_forces(self, pair: int) -> Floats:
-        """Forces (n,), N/m, of a contact on the owned unknowns at the converged state; collective.
-
-        Args:
-            pair: its number; that it acts no longer does not matter.
-        """
+        """Forces (n,), N/m, of a contact on the owned unknowns when converged; collective."""
         f = self.new_vector()
         if self.committed:
             self._add_forces_of(self.contacts[pair], self.committed[pair], f)
@@ -452,8 +443,7 @@ class Equilibrium:
     def reaction(self, part: Prescribed | Platen) -> float:
         """Force of a support or platen on the bodies at the last evaluation; collective.
 
-        Returns:
-            N (in plane strain per unit thickness), along the direction of the part.
+        Returns N (in plane strain per unit thickness), along the direction of the part.
         """
         return float(self.comm.allreduce(part.total(self.unbalanced), op=MPI.SUM))
 
@@ -479,8 +469,6 @@ class Equilibrium:
 
         Args:
             x: displacement, m.
-            A: the matrix.
-            step: duration and contact modes.
             before: displacement, m, that the pressure in nearly incompressible cells is carried
                 from (:mod:`tribox.forms.bodies.solid`); None: the exact tangent.
         """
@@ -546,12 +534,10 @@ class Equilibrium:
 def load_residuals(problem: Equilibrium, out: Sequence[Floats] = ()) -> list[Floats]:
     """Residuals of the loads with forms, then of those at nodes, at the present displacement.
 
-    Args:
-        problem: the equilibrium.
-        out: of an earlier call, overwritten; empty: new arrays.
+    Returns (n,), N per unit thickness, of each load: this rank's part at its local unknowns.
 
-    Returns:
-        Of each load (n,), N per unit thickness, this rank's part at its local unknowns.
+    Args:
+        out: of an earlier call, overwritten; empty: new arrays.
     """
     number = len(problem.loads) + len(problem.nodal_loads)
     arrays = list(out) or [np.zeros(len(problem.u.x.array)) for _ in range(number)]

@@ -32,12 +32,7 @@ _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 
 
 def petsc_library(signatures: Mapping[str, Sequence[Any]]) -> ctypes.CDLL | None:
-    """The library that petsc4py has loaded; None where a function wanted is not found in it.
-
-    Args:
-        signatures: kinds of the arguments (of ctypes) by the functions' names; all return an error
-            code, 0 where there was none.
-    """
+    """The library that petsc4py has loaded; None where a function wanted is not found in it."""
     try:
         found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
         for name, kinds in signatures.items():
@@ -67,11 +62,7 @@ def own_block(A: PETSc.Mat) -> PETSc.Mat:
 
 @contextmanager
 def values_in_place(A: PETSc.Mat) -> Iterator[Floats]:
-    """Within a ``with`` block the values of :func:`own_block`, in the order of its rows.
-
-    Args:
-        A: a matrix that :func:`is_direct`, assembled since its pattern was made.
-    """
+    """Within a ``with`` block the values of :func:`own_block`, in the order of its rows."""
     petsc, block, first = _petsc(), own_block(A), ctypes.POINTER(ctypes.c_double)()
     assert petsc is not None
     if petsc.MatSeqAIJGetArray(block.handle, ctypes.byref(first)):
@@ -85,11 +76,7 @@ def values_in_place(A: PETSc.Mat) -> Iterator[Floats]:
 
 @contextmanager
 def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
-    """Within a ``with`` block the pattern of :func:`own_block`: ends of rows, and columns.
-
-    Args:
-        A: as in :func:`values_in_place`, with numbers of 32 bits.
-    """
+    """Within a ``with`` block the pattern of :func:`own_block`: ends of rows, and columns."""
     with _pattern(own_block(A), _PLAIN) as found:
         yield found
 

@@ -102,13 +102,7 @@ def holding_of_idle_tools(
 ) -> HoldingSprings | None:
     """Springs, without force at the last converged state, on the angles that no moment drives.
 
-    Args:
-        tools: all of them.
-        solids: the bodies.
-        owned: number of unknowns on this rank.
-
-    Returns:
-        None if no tool is idle; the same kind on all ranks.
+    Returns None if no tool is idle; the same kind on all ranks.
     """
     idle = [tool for tool in tools if tool.idle]
     if not idle or not solids:
@@ -134,8 +128,6 @@ def hold_what_slips(A: PETSc.Mat, springs: HoldingSprings, first: int) -> None:
     and round. The residual is as it is, so that the solution does not change.
 
     Args:
-        A: the tangent, assembled.
-        springs: on the idle angles.
         first: global number of this rank's first unknown.
     """
     fast = held_fast(springs).stiffness

@@ -110,11 +110,6 @@ class NodeGroup:
 def node_groups(platens: Sequence[SlantedPlaten], held: Ints, dim: int) -> list[NodeGroup]:
     """All nodes of platens, those together that are alike.
 
-    Args:
-        platens: the platens.
-        held: owned local unknowns with a prescribed displacement.
-        dim: components of a node.
-
     Raises:
         ValueError: at a node there is nothing left that a platen could move.
     """
@@ -135,11 +130,7 @@ def node_groups(platens: Sequence[SlantedPlaten], held: Ints, dim: int) -> list[
 
 
 def _pivots(normals: Floats) -> Longs:
-    """Components (p,) to eliminate for normals (p, i), which are 0 where they must not be.
-
-    Raises:
-        ValueError: there are not as many.
-    """
+    """Components (p,) to eliminate for normals (p, i), which are 0 where they must not be."""
     chosen: list[int] = []
     left = normals.copy()
     for row in range(len(left)):
@@ -158,11 +149,6 @@ class SlantedRows:
 
     def __init__(self, unknowns: Unknowns, platens: Sequence[SlantedPlaten], held: Ints) -> None:
         """Choose what is eliminated; collective.
-
-        Args:
-            unknowns: numbering.
-            platens: those that act.
-            held: owned local unknowns with a prescribed displacement.
 
         Raises:
             ValueError: see :func:`node_groups`.
@@ -301,8 +287,6 @@ def room_of(unknowns: Unknowns, platens: Sequence[SlantedPlaten], raw: PETSc.Mat
     """A matrix of zeros wherever L K + C can have any, whatever acts; collective.
 
     Args:
-        unknowns: numbering.
-        platens: all of them.
         raw: K.
     """
     dim, first = unknowns.dim, unknowns.first

@@ -69,13 +69,7 @@ class StepMode:
     def with_penalty_scale(
         self, contacts: Sequence[ContactTerm], penalty_scale: float, adhesive_facets: float = 0.0
     ) -> StepMode:
-        """The same with another penalty scale and adhesive gap.
-
-        Args:
-            contacts: the pairs.
-            penalty_scale: factor of all penalties.
-            adhesive_facets: adhesive gap, in mean lengths of a slave facet.
-        """
+        """The same with another penalty scale and adhesive gap."""
         changed = [
             replace(
                 mode,

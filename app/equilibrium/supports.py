@@ -26,8 +26,7 @@ from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:
     """All bodies, those together that are connected by shared nodes; collective.
 
-    Returns:
-        In the order of the problem's bodies, by the first of each group; the same on all ranks.
+    They are in the order of the problem's bodies; the same on all ranks.
     """
     solids = problem.solids
     number = list(range(len(solids)))
@@ -114,8 +113,6 @@ class Grip:
         """What is left of motions (n, i, r) of the nodes when the tool has followed; collective.
 
         Args:
-            problem: the equilibrium.
-            moved: see above.
             free: (k,) slots of the tool that nothing holds.
         """
         place = problem.space.tabulate_dof_coordinates()[self.nodes, : problem.dim]
@@ -162,7 +159,6 @@ def joined_bodies(problem: Equilibrium, tied: Sequence[bool] | None = None) -> l
     """All bodies, in the order of the first of each; the same on all ranks; collective.
 
     Args:
-        problem: the equilibrium.
         tied: of each contact, whether it is a tie that counts; None: those that act at present.
     """
     if tied is None:
@@ -245,7 +241,6 @@ def loose_directions(problem: Equilibrium, supports: Ints | None = None) -> list
     A body of revolution cannot move away from its axis: it has to widen for that.
 
     Args:
-        problem: the equilibrium.
         supports: owned local unknowns that count as supported; None: those with a prescribed
             displacement.
     """
@@ -394,13 +389,10 @@ def motions_of(
 ) -> tuple[Floats, float]:
     """Rigid motions of a body in the measure of its extent; collective.
 
-    Args:
-        problem: the equilibrium.
-        nodes: (n,) local ones of the body that this rank owns.
-        axisymmetric: whether it is a body of revolution.
+    Returns the motions (n, r, i), and the body's largest extent along an axis, m.
 
-    Returns:
-        The motions (n, r, i), and the body's largest extent along an axis, m.
+    Args:
+        nodes: (n,) local ones of the body that this rank owns.
     """
     at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
     ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
@@ -413,9 +405,7 @@ def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:
     """Whether supports leave no motion of a body free; collective.
 
     Args:
-        problem: the equilibrium.
         gram: (r, r), what the supports do to the motions, summed over all ranks.
-        nodes: local ones of the body that this rank owns.
     """
     values = np.linalg.eigvalsh(gram)
     count = problem.comm.allreduce(len(nodes))

@@ -23,9 +23,7 @@ from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, va
 from tribox.app.equilibrium.slanted import room_of
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
-from tribox.app.equilibrium.undeformed_tangent import UndeformedTangent
 from tribox.forms.bodies.loads import Load
-from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.compiled_tangent import Entries
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
@@ -52,7 +50,6 @@ class Tangent:
         pattern_changes: how often the pattern was widened, when it was made included.
         windows: of each contact, what the pattern has room for; None before it is made.
         platen_sets: which of the aligned platens have acted together, of all there is room for.
-        undeformed: the tangents of stiff bodies that hardly move.
 
     With slanted platens what is assembled is a matrix of its own, which their equations make the
     tangent from.
@@ -65,10 +62,8 @@ class Tangent:
         contacts: Sequence[ContactTerm],
         loads: Sequence[Load],
     ) -> None:
-        """Begin without a matrix."""
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
-        self.undeformed = UndeformedTangent(bodies, contacts)
         self.pattern_changes = 0
         self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
@@ -106,21 +101,13 @@ class Tangent:
         """Fill ``A`` at the displacements spread last; collective.
 
         All rows are free but those that follow a platen.
-
-        Args:
-            A: the matrix.
-            trials: contacts at these displacements.
-            timer: seconds by part.
-            holding: springs that hold bodies and tools.
-            carried: whether the volumetric parts take the pressures carried to them last.
         """
         raw = A if self._raw is None else self._raw
         with timer("contact"):
             self._keep_pattern(raw, trials, timer)
             self._renumber(raw)
         with timer("assembly"):
-            self.undeformed.decide()
-            self.undeformed.begin(raw, (self.pattern_changes, self._mapped), self._add_solids)
+            raw.zeroEntries()
             self._assemble_forms(raw, carried)
         with timer("contact"):
             for term, trial in zip(self.contacts, trials, strict=True):
@@ -165,19 +152,13 @@ class Tangent:
             self._mapped = acting
 
     def _assemble_forms(self, A: PETSc.Mat, carried: bool) -> None:
-        """Add all but what is kept."""
-        solids = self.undeformed.others
-        self._add_solids(A, solids, carried)
+        """Add solids and loads at the displacement at hand."""
+        pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
+        for index in range(len(self.bodies.solids)):
+            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
         for load in self.loads:
             if load.tangent is not None and load.acts:
-                add_matrix(A, load.tangent, unrolled=bool(self.constraints.aligned))
-
-    def _add_solids(self, A: PETSc.Mat, solids: Sequence[Solid], carried: bool = False) -> None:
-        """Add the tangents of solids at the displacement at hand."""
-        pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
-        for solid in solids:
-            index = self.bodies.solids.index(solid)
-            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
+                add_matrix(A, load.tangent, unrolled=unrolled)
 
     def _add_contact(self, A: PETSc.Mat, term: ContactTerm, trial: ContactTrial) -> None:
         """Add the tangent of one pair, in place where that can be; collective."""
@@ -269,7 +250,6 @@ class Tangent:
         What it has been given before is not looked up again.
         """
         self.pattern_changes += 1
-        self.undeformed.forget()
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
         beside = self.constraints.unknowns.beside_nodes

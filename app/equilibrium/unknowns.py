@@ -211,7 +211,6 @@ def place_of_largest(values: Floats, space: dolfinx.fem.FunctionSpace) -> tuple[
 
     Args:
         values: (n,) one number for each owned unknown, >= 0.
-        space: blocked space of the displacement.
     """
     dim = space.dofmap.index_map_bs
     mine: tuple[float, tuple[float, ...]] = (-1.0, ())

@@ -28,7 +28,6 @@ class ExplicitError(Exception):
     """
 
     def __init__(self, reason: str, place: tuple[float, ...], time: float) -> None:
-        """Say what happened, where and when."""
         super().__init__(f"{reason} at {place_text(place)}, undeformed")
         self.reason, self.place, self.time = reason, place, time
 
@@ -73,8 +72,6 @@ class EnergyWatch:
         """Begin with the energy that is stored at the start.
 
         Args:
-            problem: names the place where the energy grows.
-            limit: stored over supplied energy above which the motion counts as unstable.
             stored: J/m, of all ranks.
         """
         self._problem, self._limit = problem, limit
@@ -156,11 +153,7 @@ class Energies:
         """Begin at a state.
 
         Args:
-            problem: bodies, contacts and loads.
-            state: where the bodies are.
             mass: (n,), kg per unit thickness, lumped.
-            internal: the bodies' strain energy.
-            forces: from outside, at the state.
         """
         self.work = self.damped = 0.0
         self._problem, self._state, self._mass, self._internal = problem, state, mass, internal
@@ -184,8 +177,6 @@ class Energies:
         Supports also move the mass of the unknowns they constrain.
 
         Args:
-            forces: from outside, at the end of the step.
-            motion: what made the step.
             damped: J/m, what damping and dashpots took in it.
         """
         state, last = self._state, self._forces
@@ -217,8 +208,7 @@ class Energies:
     def restore(self, kept: Snapshot) -> LoadForces:
         """Go on from what :meth:`snapshot` has seen, at the state that there was.
 
-        Returns:
-            The forces from outside; those of loads are the present ones.
+        Returns the forces from outside; those of loads are the present ones.
         """
         self.work, self.damped = map(float, kept["sums"])
         self._constrained_energy = self._of_constrained()
@@ -238,11 +228,7 @@ class Energies:
         return float(self._problem.comm.allreduce(local, op=MPI.SUM))
 
     def stored(self, trials: Sequence[ContactTrial]) -> float:
-        """Strain, interface and kinetic energy, J/m; collective.
-
-        Args:
-            trials: the contacts at the state.
-        """
+        """Strain, interface and kinetic energy, J/m; collective."""
         problem = self._problem
         local = self._internal.energy(self._state.u.array)
         pairs = zip(problem.contacts, trials, strict=True)

@@ -40,7 +40,6 @@ class ExplicitState:
         """Take over a state; collective.
 
         Args:
-            u: displacement.
             displacement: (n,), m, of the owned unknowns; None: what ``u`` holds.
             velocity: (n,), m/s, of the owned unknowns; None: rest.
         """
@@ -84,11 +83,6 @@ class LumpedDynamics:
 
         Args:
             mass: (n,) lumped mass of the owned unknowns.
-            constrained: owned unknowns that follow a program.
-            platens: rigid edges.
-            first: global number of the first owned unknown.
-            dim: unknowns per node.
-            comm: of the mesh.
         """
         self.mass, self.first, self.dim = mass.copy(), first, dim
         self.platens, self.comm = list(platens), comm
@@ -125,15 +119,12 @@ class LumpedDynamics:
     ) -> tuple[Floats, bool]:
         """Accelerations −r/m (n,) into ``out``, m/s²; collective.
 
+        Returns the platens' accelerations (p,), m/s², the same on all ranks; whether the forces of
+        all ranks are valid.
+
         Args:
             residual: (n,), N, internal and contact forces less the loads'.
             pull: (p,), N, force on each platen.
-            out: accelerations.
-            valid: whether the forces of this rank are valid.
-
-        Returns:
-            The platens' accelerations (p,), m/s², the same on all ranks; whether the forces of all
-            ranks are valid.
         """
         np.multiply(residual, self._negative, out=out)
         if not self.platens and self.comm.size == 1:
@@ -150,12 +141,7 @@ class LumpedDynamics:
         out[dofs] = residual[dofs] * self._negative[dofs]
 
     def touched(self, pairs: Iterable[SurfaceExchange], scratch: NodalVector) -> Ints | None:
-        """Owned unknowns that the pairs' loads can reach; None if one is a platen's; collective.
-
-        Args:
-            pairs: nodes of the contact pairs.
-            scratch: overwritten.
-        """
+        """Owned unknowns that the pairs' loads can reach; None if one is a platen's; collective."""
         scratch.owned[:] = 0.0
         for pair in pairs:
             pair.add(np.ones((len(pair.nodes), self.dim)), scratch)
@@ -206,9 +192,6 @@ class LeapFrog:
         """Find the platens' motion; collective.
 
         Args:
-            problem: its prescribed displacements and platens.
-            state: what is moved.
-            dynamics: lumped masses.
             damping: 1/s, c of the damping force c m v.
         """
         self._state, self._damping, self._mass = state, damping, dynamics.mass
@@ -229,11 +212,10 @@ class LeapFrog:
     def move(self, dt: float) -> float:
         """Velocities of the next half step, displacements of the next whole one; collective.
 
+        Returns what the damping took, J/m, this rank's part.
+
         Args:
             dt: s, length of the step.
-
-        Returns:
-            What the damping took, J/m, this rank's part.
         """
         state, damped = self._state, 0.0
         mean, u = 0.5 * (state.last_dt + dt), state.u.owned

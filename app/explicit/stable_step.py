@@ -61,9 +61,7 @@ def scaled_mass(
     """Lumped masses with what the scaling adds; collective.
 
     Args:
-        problem: bodies and supports.
         scaling: its settings; None: no scaling.
-        pairs: stiffness of the contacts, which limits the elements at their nodes too.
 
     Raises:
         ValueError: a body has no density.
@@ -194,15 +192,7 @@ class Stiffness:
         space: dolfinx.fem.FunctionSpace,
         pairs: Sequence[PairStiffness],
     ) -> None:
-        """Allocate vectors and find the smallest cell; collective.
-
-        Args:
-            dynamics: masses and supports.
-            internal: the bodies' forces.
-            u: displacements at the last whole step.
-            space: of the displacement.
-            pairs: the contacts' stiffness and viscosity.
-        """
+        """Allocate vectors and find the smallest cell; collective."""
         self.dynamics, self._internal, self._u, self.pairs = dynamics, internal, u, pairs
         self._moved, self._force = NodalVector(space), NodalVector(space)
         mesh = space.mesh
@@ -243,10 +233,7 @@ def largest(
     """Largest eigenvalue of M⁻¹A by Lanczos' iteration; collective.
 
     Args:
-        dynamics: masses; constrained unknowns do not move, platens move as one.
-        apply: w to A w, A symmetric, on the owned unknowns.
         start: (n,) start vector, of any size.
-        iterations: most steps of the iteration.
     """
     q = dynamics.project(start)
     norm = np.sqrt(dynamics.dot(q, q))
@@ -287,8 +274,6 @@ class StableSteps:
 
         Args:
             stiffness: K and C.
-            space: of the displacement.
-            film: whether viscous stresses are explicit, and so in the bound.
         """
         self._stiffness, self._space, self._film = stiffness, space, film
         self._bodies: Mode | None = None
@@ -387,12 +372,6 @@ class StepEstimate:
     """The stable step, estimated again after a number of steps."""
 
     def __init__(self, stable_steps: StableSteps, every: int) -> None:
-        """Estimate nothing yet.
-
-        Args:
-            stable_steps: makes the estimates.
-            every: steps between two of them.
-        """
         self._stable_steps, self._every = stable_steps, every
         self._made_at = 0
         self._last: StableStep | None = None

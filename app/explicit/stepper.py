@@ -81,11 +81,8 @@ class ExplicitStepper:
         """Lump the masses and take over a state; collective.
 
         Args:
-            problem: what is solved; its contacts hold the history of the state.
-            options: settings.
             displacement: (n,), m, of the owned unknowns; None: what ``problem.u`` holds.
             velocity: (n,), m/s, of the owned unknowns; None: rest.
-            rate_dependent: whether rates count in the contacts' laws at the start.
             masses: of a run that is resumed; None: scaled for the state taken over.
 
         Raises:
@@ -260,8 +257,7 @@ class ExplicitStepper:
     def _forces(self, dt: float) -> tuple[list[ContactTrial], bool]:
         """Forces and accelerations at the present displacements; collective.
 
-        Returns:
-            The contacts; whether no element is turned inside out, and no law has failed.
+        Returns the contacts; whether no element is turned inside out, and no law has failed.
         """
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
@@ -458,9 +454,6 @@ class FilmCorrection:
         """Find the unknowns that the films' forces can reach; collective.
 
         Args:
-            contacts: those with a film.
-            dynamics: lumped masses.
-            space: of the displacement.
             damping: 1/s, c of the damping force c m v.
         """
         self.contacts = list(contacts)
@@ -483,8 +476,6 @@ class FilmCorrection:
         """Correct the films' tractions for the velocities of the next half step; collective.
 
         Args:
-            state: velocities, and accelerations with the tractions that were held.
-            residual: forces; the change of the films' is added.
             dt: s, length of the step.
         """
         if any(c.exchange is not e for c, e in zip(self.contacts, self._exchanges, strict=True)):
@@ -500,16 +491,13 @@ class FilmCorrection:
     def accelerate(self, residual: Floats, pull: Floats, platens: Floats, out: Floats) -> Floats:
         """Renew the accelerations ``out`` (n,) where the films' forces may have changed them.
 
-        Collective where a film touches a platen.
+        Collective where a film touches a platen. Returns the platens' accelerations (p,), m/s².
 
         Args:
             residual: (n,), N, with the corrected tractions.
             pull: (p,), N, on the platens.
             platens: (p,), m/s², the platens' accelerations before.
             out: (n,), m/s².
-
-        Returns:
-            The platens' accelerations (p,), m/s².
         """
         if self._touched is None:
             return self._dynamics.accelerate(residual, pull, out)[0]

@@ -72,11 +72,7 @@ class GifWriter(PillowWriter):
 
 
 def common_palette(frames: list[Image.Image]) -> Image.Image:
-    """An image with a palette that serves all frames: colours far apart, and white.
-
-    Args:
-        frames: RGB, of one size.
-    """
+    """An image with a palette that serves all frames: colours far apart, and white."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, LOOKED_AT).round().astype(int))
     width, height = frames[0].size
     sheet = Image.new("RGB", (width, height * len(chosen)))
@@ -90,11 +86,6 @@ def common_palette(frames: list[Image.Image]) -> Image.Image:
 
 def animate(results: Results, path: Path, field: str) -> int:
     """Write an animation of the field outputs of a run: fixed colours, fixed frame.
-
-    Args:
-        results: of a run.
-        path: the file, ``.gif`` or ``.mp4``.
-        field: array of the field files that bodies are coloured by.
 
     Returns:
         Number of its frames.

@@ -45,12 +45,7 @@ class CellField:
 
 
 def named_after(stem: str, field: str) -> str:
-    """Name of a picture in the colours of a field; of the default field it stays as it is.
-
-    Args:
-        stem: name without ending, such as "deformed-1-press".
-        field: array of the field files.
-    """
+    """Name of a picture in the colours of a field; of the default field it stays as it is."""
     if field == DEFAULT_FIELD:
         return stem
     first, dash, rest = stem.partition("-")
@@ -137,9 +132,7 @@ def common_scale(fields: Sequence[CellField]) -> ColourScale:
 def colour_scale(values: Floats, unit: str) -> ColourScale:
     """Colours for values of one or several states: from 0 where all have one sign.
 
-    Args:
-        values: (n,), SI; NaN is passed over.
-        unit: SI.
+    Values (n,) in SI; NaN is passed over.
     """
     found = values[np.isfinite(values)]
     if not len(found):
@@ -219,10 +212,8 @@ class Bodies:
 def read_bodies(mesh: Grid, names: Sequence[str], field: str) -> Bodies:
     """Polygons of a mesh of a field file.
 
-    Args:
-        mesh: with point data ``displacement`` and cell data ``body``.
-        names: of the bodies, in the order of their numbers.
-        field: what to colour by, as :func:`cell_field` says.
+    The mesh has point data ``displacement`` and cell data ``body``; ``field`` as of
+    :func:`cell_field`.
 
     Raises:
         InputError: there is no such array.
@@ -287,12 +278,7 @@ def _padded(cells: Sequence[Ints]) -> Ints:
 
 
 def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Ints]:
-    """Sides (f, a) of one cell only, and the cell (f,) that each is of.
-
-    Args:
-        kinds: of the blocks.
-        cells: their corners, or the nodes round curved ones.
-    """
+    """Sides (f, a) of one cell only, and the cell (f,) that each is of."""
     sides, owner, first = [], [], 0
     for kind, corners in zip(kinds, cells, strict=True):
         table = np.array(_SIDES[kind])

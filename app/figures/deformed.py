@@ -57,15 +57,6 @@ def draw_deformed(
 ) -> list[Path]:
     """Draw the last state, the end of each stage and the highest load.
 
-    Args:
-        results: of a run.
-        figures: directory that exists.
-        field: array of the field files that bodies are coloured by.
-        only_last: the last state alone.
-
-    Returns:
-        The files; none where no field has been written.
-
     Raises:
         InputError: there is no such array.
     """
@@ -89,11 +80,7 @@ def draw_deformed(
 
 
 def draw_mesh(results: Results, figures: Path) -> list[Path]:
-    """Draw ``mesh.png``: the bodies before anything moved, with their cells and slave surfaces.
-
-    Returns:
-        The file; none where no field has been written.
-    """
+    """Draw ``mesh.png``: the bodies before anything moved, with their cells and slave surfaces."""
     if not len(results.steps):
         return []
     first = int(results.steps[0])

@@ -44,14 +44,7 @@ MOST_PAIRS = 4
 def draw_states_in_space(
     results: Results, states: Sequence[State], drawn: Sequence[Bodies], figures: Path
 ) -> list[Path]:
-    """Draw states in space, each into a file of its name.
-
-    Args:
-        results: of a run.
-        states: what to draw.
-        drawn: the bodies of each.
-        figures: directory that exists.
-    """
+    """Draw states in space, each into a file of its name."""
     scale = common_scale([one.field for one in drawn])
     tools = [tool_triangles(results, state.step) for state in states]
     frames = [
@@ -225,10 +218,8 @@ def draw_pressure(
 def touching(nodes: Grid, facets: Ints, place: Floats) -> Outline:
     """Outline of where half or more of a node's surroundings touches.
 
-    Args:
-        nodes: contact file; where it lacks ``cover``, pressed nodes count as covered.
-        facets: (f, a).
-        place: (v, 2), of the nodes, in the unit of the outline.
+    Where the contact file lacks ``cover``, pressed nodes count as covered. ``place``: (v, 2), of
+    the nodes, in the unit of the outline.
     """
     data = nodes.point_data
     cover = np.asarray(data["cover"] if "cover" in data else data["pressure"] > 0.0, np.float64)

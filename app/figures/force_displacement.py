@@ -68,12 +68,7 @@ def moved_parts(results: Results) -> Table:
 
 
 def curves_of(results: Results, table: Table) -> list[Curve]:
-    """What moves, each in the directions that it moves in; moments of what is turned.
-
-    Args:
-        results: of a run.
-        table: of :func:`moved_parts`.
-    """
+    """What moves, each in the directions that it moves in; moments of what is turned."""
     if not len(table):
         return []
     letters = [i for i in "xyz" if f"displacement_{i}" in table]
@@ -158,9 +153,6 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
     """A phase plot of each sprung surface, ``phase.png`` or, of several, ``phase-NAME.png``.
 
     Only explicit stages are shown: in the others nothing swings.
-
-    Returns:
-        The files.
     """
     case, table = results.case, results.table("surfaces")
     sprung = [(b.surface, b.spring.direction) for b in case.boundary if b.spring is not None]
@@ -182,13 +174,7 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
 
 
 def phase_figure(rows: Table, surface: str, axis: str) -> Figure:
-    """The force on a sprung surface over time, and its velocity against that force.
-
-    Args:
-        rows: of ``surfaces.csv``, of one surface.
-        surface: its name.
-        axis: direction of the spring.
-    """
+    """The force on a sprung surface over time, and its velocity against that force."""
     time, force, speed = (rows[name] for name in ("time", f"force_{axis}", f"velocity_{axis}"))
     times, forces, speeds = fitting(np.ptp(time), "s"), fitting(force, "N"), fitting(speed, "m/s")
     figure = Figure(figsize=(10, 4), layout="constrained")

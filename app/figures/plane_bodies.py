@@ -39,10 +39,7 @@ EDGE = 0.3  # points, a line round each cell: or the page would shine through be
 def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathCollection:
     """Filled polygons.
 
-    Args:
-        corners: (f, a, 2) of the polygons, in the unit of the axes.
-        values: (f,) SI.
-        scale: of the colours.
+    ``corners``: (f, a, 2), in the unit of the axes; ``values``: (f,), SI.
 
     Returns:
         A path for each colour, its number the first of the values that have it.
@@ -89,12 +86,7 @@ class Frame:
 
 
 def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
-    """A frame round all states, and round what they were before.
-
-    Args:
-        states: of one run.
-        names: of the two axes, such as ("x", "y").
-    """
+    """A frame round all states, and round what they were before."""
     places = [p[:, :2] for one in states for p in (one.position, one.reference)]
     low = np.min([p.min(axis=0) for p in places], axis=0)
     high = np.max([p.max(axis=0) for p in places], axis=0)
@@ -104,12 +96,7 @@ def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
 
 
 def close_up(frame: Frame, nodes: Grid) -> Frame | None:
-    """A frame round what is pressed, where it would hardly be seen among the bodies; else None.
-
-    Args:
-        frame: round the bodies.
-        nodes: contact file.
-    """
+    """A frame round what is pressed, where it would hardly be seen among the bodies; else None."""
     pressed = np.asarray(nodes.point_data["pressure"]) > 0.0
     if frame.stretched or not pressed.any():
         return None
@@ -127,13 +114,6 @@ def draw_bodies(
     axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame, *, named: bool = True
 ) -> PathCollection:
     """Draw all bodies of a state.
-
-    Args:
-        axes: to draw in.
-        bodies: what to draw.
-        scale: of the colours.
-        frame: what is seen of them.
-        named: whether to write their names.
 
     Returns:
         The cells, which a colour bar can be made of.
@@ -220,12 +200,6 @@ def draw_slaves(
     axes: Axes, nodes: Grid, pairs: Mapping[int, str], unit: Unit
 ) -> list[LineCollection]:
     """Mark where each pair is pressed, and with a dot where its arc length begins.
-
-    Args:
-        axes: to draw in.
-        nodes: contact file.
-        pairs: their names by number.
-        unit: of the axes.
 
     Returns:
         The pressed facets, one collection for each pair.

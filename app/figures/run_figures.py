@@ -30,12 +30,7 @@ if TYPE_CHECKING:
 def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
     """Draw every figure that a results directory has the files for, into its ``figures``.
 
-    Args:
-        results: of a run or of a sweep, also of one that has failed.
-        field: array of the field files that bodies are coloured by; of a sweep without use.
-
-    Returns:
-        The files.
+    Bodies are coloured by ``field``, an array of the field files.
 
     Raises:
         InputError: a file is cut off, there is no such array, or the files are not of one run.
@@ -130,10 +125,7 @@ def _series_label(case: Case, label: str) -> str:
 def redraw(directory: Path, field: str, animate: str | None) -> None:
     """Draw the figures of a run from its files, or those of a sweep and of its runs.
 
-    Args:
-        directory: of the results.
-        field: array of the field files that bodies are coloured by.
-        animate: kind of the animation that is written too, gif or mp4; None: none.
+    ``animate``: kind of the animation that is written too, gif or mp4; None: none.
 
     Raises:
         InputError: the files cannot be used, or there is no such array.

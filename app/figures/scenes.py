@@ -104,12 +104,7 @@ def facets_seen(scene: Scene) -> NDArray[np.int64]:
 
 
 def _depths(places: Floats, depth: Floats) -> tuple[Floats, Floats]:
-    """Depth (t,) at the middle of pixel 0, 0, and its growth (t, 2) from pixel to pixel.
-
-    Args:
-        places: (t, 3, 2) corners of triangles, in pixels.
-        depth: (t, 3) there.
-    """
+    """Depth (t,) at the middle of pixel 0, 0, and its growth (t, 2) from pixel to pixel."""
     sides, rise = places[:, 1:] - places[:, :1], depth[:, 1:] - depth[:, :1]
     twice = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     over = np.divide(1.0, twice, out=np.zeros_like(twice), where=twice != 0.0)
@@ -122,13 +117,7 @@ def _depths(places: Floats, depth: Floats) -> tuple[Floats, Floats]:
 def _spans(
     places: Floats, width: int, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """The pixels in triangles, row by row: triangle, row, first column and number of columns (r,).
-
-    Args:
-        places: (t, 3, 2) corners, in pixels.
-        width: of the picture.
-        height: likewise.
-    """
+    """The pixels in triangles (t, 3, 2): triangle, row, first column and number of columns (r,)."""
     y = places[:, :, 1]
     lowest = np.maximum(np.ceil(y.min(axis=1) - 0.5), 0.0).astype(np.int64)
     highest = np.minimum(np.floor(y.max(axis=1) - 0.5), height - 1.0).astype(np.int64)
@@ -245,14 +234,7 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
 
 
 def _draw_scale(axes: Axes, width: int, height: int, pixel: float) -> None:
-    """A bar of a round length, and arrows along the axes, below the picture.
-
-    Args:
-        axes: of the picture, in pixels.
-        width: of the picture, in pixels.
-        height: likewise.
-        pixel: width of one, m.
-    """
+    """A bar of a round length, and arrows along the axes, below the picture."""
     room = 0.25 * width * pixel
     decade = 10.0 ** float(np.floor(np.log10(room)))
     length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= room)

@@ -64,10 +64,7 @@ class Series:
 def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str = "") -> Series:
     """The steady points of a run of the friction map.
 
-    Args:
-        case: the run's; its first contact has a film.
-        load_steps: last rows of the load steps that ran until steady.
-        label: what to call them; by default after the film thickness.
+    ``load_steps``: the last rows of those that ran until steady.
     """
     contact = case.contact[0]
     assert contact.map is not None and contact.given_film is not None
@@ -101,9 +98,7 @@ def film_numbers(films: Iterable[float], law: FrictionMapParameters) -> dict[flo
     A film of the usual ones has its own number, another one of those behind them, by whether it is
     below a quarter of the way to D_max; where these are taken, the next that is free.
 
-    Args:
-        films: m, thicknesses above D_min.
-        law: knows D_min and D_max.
+    ``films``: m, thicknesses above D_min.
     """
     shares = {film: (film - law.D_min) / (law.D_max - law.D_min) for film in films}
     usual, further = range(len(USUAL_SHARES)), range(len(USUAL_SHARES), len(COLOURS))
@@ -120,13 +115,7 @@ def film_numbers(films: Iterable[float], law: FrictionMapParameters) -> dict[flo
 
 
 def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Path]:
-    """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``.
-
-    Args:
-        series: of one run, or of those of a sweep.
-        figures: directory that exists.
-        case: title of it.
-    """
+    """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``."""
     wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
     drawn = {"effective_viscosity.png": _viscosity_figure(wet, case)} if wet else {}
     drawn["friction_map.png"] = _map_figure(series, case)
@@ -215,15 +204,7 @@ def _numbers(series: list[Series]) -> list[int]:
 def _viscosity_curve(
     axes: Axes, one: Series, numbers: tuple[int, int], speed: Floats, scale: float
 ) -> None:
-    """Points and closed form of one series, over the speed times ``scale``.
-
-    Args:
-        axes: to draw on.
-        one: the series.
-        numbers: of its colour, and of its place among all.
-        speed: (n,), m/s, of the curve.
-        scale: of the axis, per m/s.
-    """
+    """Points and closed form of one series, over the speed times ``scale``."""
     number, place = numbers
     colour = colour_of(number)
     star = float(threshold_speed(one.thickness, one.parameters))

@@ -58,12 +58,7 @@ class StribeckSeries:
 
 
 def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
-    """The Stribeck points of a run: of each pair where there are several.
-
-    Args:
-        results: of a run.
-        label: of the run, before the name of the pair.
-    """
+    """The Stribeck points of a run: of each pair where there are several."""
     found = [one for pair in _unknown_films(results) for one in _film_series(results, label, pair)]
     if found:
         return found
@@ -188,12 +183,7 @@ def _series(
 
 
 def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | None:
-    """Friction over velocity and, with a film, over the Hersey length; None without velocities.
-
-    Args:
-        series: of one run, or of those of a sweep.
-        case: title of it.
-    """
+    """Friction over velocity and, with a film, over the Hersey length; None without velocities."""
     if not series:
         return None
     film = any(np.isfinite(one.hersey).any() for one in series)

@@ -54,10 +54,7 @@ CASE_STYLE = STYLE | {"text.parse_math": False}
 def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
     """Write a PNG under a temporary name and rename it.
 
-    Args:
-        figure: what to write.
-        path: the file.
-        tight: cut or widen the page to what is drawn and a margin.
+    ``tight``: the page is cut or widened to what is drawn and a margin.
     """
     part = path.with_suffix(".part.png")
     create(part)

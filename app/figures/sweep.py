@@ -62,13 +62,7 @@ class SweptValues:
 
 
 def swept_values(key: str, labels: Sequence[str], values: Sequence[object]) -> SweptValues:
-    """Values of a sweep as numbers in one unit, where they are; else one place after the other.
-
-    Args:
-        key: that is swept.
-        labels: of the runs.
-        values: as they stand in the case file.
-    """
+    """Values of a sweep as numbers in one unit, where they are; else one place after the other."""
     try:
         split = [split_quantity(value) for value in values]
         unit = next((u for _, u in split if u), "")
@@ -83,11 +77,7 @@ def swept_values(key: str, labels: Sequence[str], values: Sequence[object]) -> S
 
 
 def _in_unit(number: float, given: str, unit: str) -> float:
-    """A number in another unit; plain numbers among quantities are SI, which is no one unit.
-
-    Raises:
-        QuantityError: the units are not of one kind, or only some values have one.
-    """
+    """A number in another unit; plain numbers among quantities are SI, which is no one unit."""
     from tribox.app.case.quantities import parse_quantity
 
     if given == unit:

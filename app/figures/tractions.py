@@ -110,10 +110,7 @@ def _middle_of_gap(pressed: NDArray[np.bool_]) -> int:
 def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
     """Arc length (q,), m, of points that lie on the undeformed line.
 
-    Args:
-        line: the slave surface.
-        nodes: (n, i), m, undeformed, of the contact file.
-        points: (q, i), m, undeformed.
+    All places undeformed, m: ``nodes`` (n, i) of the contact file, ``points`` (q, i).
     """
     from scipy.spatial import cKDTree
 
@@ -142,13 +139,7 @@ def facets_of(mesh: Grid, pair: int) -> Ints:
 
 
 def pairs_shown(nodes: Grid, count: int, most: int) -> list[int]:
-    """Numbers of the pairs to show: all, or those that carry most; in their order.
-
-    Args:
-        nodes: the contact file of the state.
-        count: of pairs in the case.
-        most: how many to show.
-    """
+    """Numbers of the pairs to show: all, or those that carry most; in their order."""
     data = nodes.point_data
     force = np.bincount(
         np.rint(data["pair"]).astype(np.int64), data["pressure"] * data["area"], minlength=count
@@ -169,9 +160,7 @@ def roundoff_of(results: Results) -> float:
 def without_roundoff(nodes: Grid, roundoff: float) -> Grid:
     """The contact file with no traction at all at nodes whose pressure is round-off.
 
-    Args:
-        nodes: contact file; it is changed.
-        roundoff: Pa, of :func:`roundoff_of`.
+    The contact file is changed.
     """
     data = nodes.point_data
     none = np.asarray(data["pressure"], dtype=np.float64) < roundoff
@@ -199,14 +188,6 @@ def draw_tractions(
     """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
 
     Of a pair that is pressed nowhere the panel says so.
-
-    Args:
-        axes: to draw in.
-        nodes: contact file.
-        points: contact points, or None.
-        pair: number of the pair.
-        length: unit of the arc length.
-        stress: unit of the tractions.
     """
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)

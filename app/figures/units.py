@@ -84,8 +84,7 @@ def fitting(values: ArrayLike, unit: str) -> Unit:
 def velocity_unit(speeds: ArrayLike) -> Unit:
     """The one unit of a run's velocities: with a prefix, unless they span too many decades.
 
-    Args:
-        speeds: m/s; zeros and those that are not finite do not count.
+    Zeros, and what is not finite, do not count.
     """
     found = np.abs(np.asarray(speeds, dtype=np.float64))
     found = found[np.isfinite(found) & (found > 0.0)]
@@ -115,11 +114,7 @@ class Quantity:
     unit: str
 
     def label(self, unit: str | None = None) -> str:
-        """Text of an axis.
-
-        Args:
-            unit: that the axis is in; by default the SI unit.
-        """
+        """Text of an axis."""
         shown = self.unit if unit is None else unit
         words = f"{self.name} {self.symbol}".rstrip()
         return f"{words} ({shown or '-'})"

@@ -73,11 +73,7 @@ class Calibration:
     ) -> None:
         """Set up the search.
 
-        Args:
-            data: Measured friction.
-            base: Everything that is not fitted.
-            coordinates: What is.
-            starts: Values to start from, by key, SI.
+        ``starts``: values to start from, by key, SI.
 
         Raises:
             InputError: There are not more rows than parameters.
@@ -144,11 +140,7 @@ class Calibration:
         return np.asarray(np.sqrt(self.data.weight) * np.log(ratio))
 
     def _see_finite(self, x: Floats) -> None:
-        """See that the law says something of every row at these search coordinates.
-
-        Raises:
-            InputError: it overflows, by a value that is fixed or one of the data.
-        """
+        """See that the law says something of every row at these search coordinates."""
         with np.errstate(over="ignore", invalid="ignore"):
             wrong = ~np.isfinite(self._residual(x))
         if wrong.any():
@@ -515,11 +507,8 @@ def star_warning(
 ) -> str | None:
     """Why the data do not determine the threshold speed; None if they do.
 
-    Args:
-        name: Of the parameter.
-        low: Logarithm of the lower end of V*'s interval; None: open.
-        high: Upper end.
-        width: Of the transition that is assumed, where V* rests on one or two rows in it.
+    ``low``, ``high``: logarithms of the ends of V*'s interval, None: open; ``width``: of the
+    transition that is assumed, where V* rests on one or two rows in it.
     """
     if low is None and high is None:
         reason, rows = "they fit with every threshold speed", CURES["V_star"]

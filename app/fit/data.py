@@ -169,11 +169,7 @@ def _values(
     known: Mapping[str, Quantity],
     may_be_empty: Sequence[str],
 ) -> dict[str, Floats]:
-    """The columns, each (n,), SI.
-
-    Raises:
-        InputError: rows are wrong; a line for each of the first ``MOST_TOLD``.
-    """
+    """The columns, each (n,), SI."""
     table: dict[str, Floats] = {name: np.zeros(len(rows)) for name, _ in columns.values()}
     wrong = []
     for k, (line, row) in enumerate(rows):
@@ -243,11 +239,7 @@ def _column(
 
 
 def _value(text: str, unit: str, quantity: Quantity) -> float:
-    """A cell's value in SI.
-
-    Raises:
-        QuantityError: It is none; the message begins with the cell.
-    """
+    """A cell's value in SI."""
     try:
         float(text)
     except ValueError:
@@ -416,11 +408,7 @@ def _assembled(
 def _see_pressure(
     path: Path, table: Mapping[str, Floats], observed: str, needed: bool, otherwise: str
 ) -> None:
-    """See that there is a pressure, once, and an area where forces are to be divided by one.
-
-    Raises:
-        InputError: otherwise.
-    """
+    """See that there is a pressure, once, and an area where forces are to be divided by one."""
     both = {"pressure", "load"} <= table.keys()
     if both or (needed and not {"pressure", "load"} & table.keys()):
         found = "both" if both else "neither"

@@ -142,10 +142,6 @@ class MaterialResult:
 def fit_material(data_file: Path, options: MaterialOptions | None = None) -> MaterialResult:
     """Fit a material to a test.
 
-    Args:
-        data_file: CSV file.
-        options: What is asked for.
-
     Raises:
         InputError: Data or options are not usable.
     """

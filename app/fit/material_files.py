@@ -246,11 +246,7 @@ def run_material(
 ) -> MaterialResult:
     """Fit, and write numbers, figure and a section for case files.
 
-    Args:
-        data_file: CSV file.
-        options: What is asked for.
-        out: Results directory; None: ``results/DATA-fit``.
-        force: Whether to replace results.
+    ``out``: None: ``results/DATA-fit``.
 
     Raises:
         InputError: Data, options or directory are not usable; nothing is changed then.

@@ -89,10 +89,7 @@ def paths(strain: Floats) -> list[slice]:
 def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floats, Floats]:
     """True stress, Pa, and equivalent plastic strain of a path of logarithmic strain, each (n,).
 
-    Args:
-        metal: What is strained.
-        strain: (n,).
-        along: Its :func:`paths`.
+    ``strain``: (n,); ``along``: its :func:`paths`.
     """
     stress, alphas = np.empty(len(strain)), np.empty(len(strain))
     rows = np.array(metal.kinematic, dtype=np.float64).reshape(-1, 2)

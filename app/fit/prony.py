@@ -444,10 +444,7 @@ def fit_prony(
 ) -> tuple[PronyFit, dict[int, float]]:
     """The series of a test.
 
-    Args:
-        data: The test.
-        branches: Their number; None: that of the least information criterion.
-        shift: Of its temperatures.
+    ``branches``: their number; None: that of the least information criterion.
 
     Returns:
         The series, and the criterion by number of branches of all that were tried.

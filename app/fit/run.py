@@ -352,14 +352,7 @@ class _Group:
 
 
 def draw_fit(data: TribometerData, result: FitResult, figures: Path, name: str) -> None:
-    """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals.
-
-    Args:
-        data: measured friction.
-        result: the law fitted to them.
-        figures: directory of the figure.
-        name: of the data, for the title.
-    """
+    """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals."""
     kinds = [over for over in (True, False) if (data.steady == over).any()]
     with rc_context(CASE_STYLE):
         figure = Figure(figsize=(7.2 * len(kinds), 6.4))

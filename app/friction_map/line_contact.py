@@ -327,11 +327,7 @@ def _notes(film: Film, name: str, body: Body) -> Iterator[str]:
 
 
 def _load(case: Case, tool: CircleTool) -> float:
-    """The largest force that presses a tool, N.
-
-    Raises:
-        InputError: none does.
-    """
+    """The largest force that presses a tool, N."""
     force = tool.force.y if tool.force is not None else None
     largest = max((abs(value) for value in force.values), default=0.0) if force is not None else 0.0
     if largest == 0.0:
@@ -349,11 +345,7 @@ def _coefficient(friction: Any) -> float:
 
 
 def _body_of(case: Case, slave: str) -> str:
-    """The body that a surface is named after, or the only one.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The body that a surface is named after, or the only one."""
     names = [name for name in case.bodies if slave.startswith(name)] or list(case.bodies)
     if len(names) > 1 and len(case.bodies) == len(names):
         known = ", ".join(names)
@@ -362,11 +354,7 @@ def _body_of(case: Case, slave: str) -> str:
 
 
 def _modulus(name: str, body: Body) -> float:
-    """E*, Pa, of a body.
-
-    Raises:
-        InputError: it is not elastic, or has no moduli of its own.
-    """
+    """E*, Pa, of a body."""
     shear, bulk = getattr(body, "shear_modulus", None), getattr(body, "bulk_modulus", None)
     if isinstance(body, ElastoPlasticBody) or shear is None or bulk is None:
         raise InputError(

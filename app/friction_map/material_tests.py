@@ -120,9 +120,7 @@ def follow_all(law: Any, programs: Sequence[Program]) -> tuple[Track, ...]:
     Programs with steps of different length need a law that takes a ``dt`` (q,), as the friction
     map does. A program that ends before the others has its last step repeated, which nobody sees.
 
-    Args:
-        law: The law.
-        programs: Each from a state without history; all phases alike in ``rate_dependent``.
+    Each program is from a state without history; all phases are alike in ``rate_dependent``.
 
     Raises:
         ValueError: An array of a phase does not fit its points, or the phases are not alike.

@@ -25,14 +25,7 @@ def run_map(
 ) -> Path:
     """Map a law and write tables and figures.
 
-    Args:
-        case_file: The case; None: built-in parameters.
-        overrides: "key=value" texts.
-        out: Results directory; None: the default, ``results/CASE-map``.
-        force: Whether to replace results.
-
-    Returns:
-        The results directory.
+    ``case_file``: None: built-in parameters; ``out``: None: ``results/CASE-map``.
 
     Raises:
         InputError: The case or the directory is not usable; nothing is changed then.

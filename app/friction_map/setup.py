@@ -84,9 +84,7 @@ class MapSetup:
 def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup:
     """The setup of a case, or the built-in one.
 
-    Args:
-        case_file: The case; None: the built-in parameters.
-        overrides: "key=value" texts, as for a run; without a case only keys of contact.0.
+    Overrides are "key=value" texts, as for a run; without a case only of contact.0.
 
     Raises:
         InputError: The case is wrong, or has no friction-map law.

@@ -57,12 +57,8 @@ class BodyBlocks:
         """Solve by ``ksp``, which leaves all to this object; collective.
 
         Args:
-            ksp: PETSc's solver; where it is not of type "preonly", what is large is solved for by
-                iterations.
-            matrix: the tangent.
-            problem: that it is the tangent of.
-            stiff: bodies that may be kept.
-            count: is told the iterations of each solve.
+            ksp: PETSc's solver; where it is not of type "preonly", what is large is solved for
+                by iterations.
         """
         self._ksp, self._matrix, self._problem, self._stiff = ksp, matrix, problem, stiff
         self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
@@ -129,8 +125,7 @@ class BodyBlocks:
     def _make_bodies(self, widened: bool) -> tuple[bool, bool]:
         """Factorise by bodies; in turn from where the bulk is not symmetric: pressure that follows.
 
-        Returns:
-            Whether that worked, and whether nothing of earlier tangents is in use.
+        Returns whether that worked, and whether nothing of earlier tangents is in use.
         """
         assert self._bodies is not None
         works, anew = self._bodies.make(self._matrix, widened)
@@ -172,8 +167,7 @@ class BodyBlocks:
     def _make_whole(self, widened: bool) -> bool:
         """Make ready to solve with the whole tangent.
 
-        Returns:
-            Whether nothing of earlier tangents is in use.
+        Returns whether nothing of earlier tangents is in use.
         """
         anew = self._whole is None or (widened and self.direct)
         if anew:
@@ -344,9 +338,6 @@ class BodyByBody:
         """Factorise the stiff bodies; collective.
 
         Args:
-            problem: the equilibrium.
-            bodies: which are stiff.
-            prefix: of the options for MUMPS.
             count: is told iterations; None: all bodies are factorised.
         """
         self._prefix, self._count, self._problem = prefix, count, problem
@@ -380,12 +371,7 @@ class BodyByBody:
     def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
         """Factorise the other bodies' block of the tangent; collective.
 
-        Args:
-            matrix: the tangent.
-            widened: whether its pattern is another than that of the last one.
-
-        Returns:
-            Whether that worked, and whether the block has another pattern.
+        Returns whether that worked, and whether the block has another pattern.
         """
         self._matrix = matrix
         anew = self._extract(matrix, widened)
@@ -448,10 +434,7 @@ class BodyByBody:
         """Solve with the tangent for ``x`` (m) until a share of the forces ``b`` (N) is left.
 
         Collective. Where all bodies are factorised no more than :data:`MOST` is left, whatever the
-        share.
-
-        Returns:
-            Whether it got there.
+        share. Returns whether it got there.
         """
         exact = isinstance(self.own, Factor)
         share = min(share, MOST) if exact else share

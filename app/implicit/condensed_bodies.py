@@ -91,13 +91,7 @@ class CondensedBodies:
     """
 
     def __init__(self, problem: Equilibrium, bodies: KeptBodies, prefix: str) -> None:
-        """Factorise the stiff bodies.
-
-        Args:
-            problem: the equilibrium, on one rank.
-            bodies: which are stiff.
-            prefix: of the options for MUMPS.
-        """
+        """Factorise the stiff bodies."""
         self._kept, self._others = bodies.dofs, bodies.others
         touched = _of_contact(problem)
         self._c = np.nonzero(touched[self._kept])[0].astype(np.int32)
@@ -121,12 +115,7 @@ class CondensedBodies:
     def make(self, matrix: PETSc.Mat, widened: bool) -> tuple[bool, bool]:
         """Take the tangent up, and factorise its bulk where the last one is worn out.
 
-        Args:
-            matrix: the tangent.
-            widened: whether its pattern is another than that of the last one.
-
-        Returns:
-            Whether that worked, and whether nothing of an earlier tangent is in use.
+        Returns whether that worked, and whether nothing of an earlier tangent is in use.
         """
         self._tangent, self.renewed = matrix, False
         self._extract(matrix, widened)
@@ -184,8 +173,7 @@ class CondensedBodies:
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
         """Solve with the tangent for ``x`` (m) until a share of the forces ``b`` (N) is left.
 
-        Returns:
-            Whether it got there.
+        Returns whether it got there.
         """
         if self._solve(b, x, share):
             return True
@@ -222,12 +210,7 @@ class CondensedBodies:
         return False
 
     def _pass(self, most: float, thorough: bool) -> int:
-        """A step for all bodies, from the forces left; returns GMRES's iterations.
-
-        Args:
-            most: N, forces that may be left on the others.
-            thorough: whether forces inside the kept bodies count however small they are.
-        """
+        """A step for all bodies, from the forces left; returns GMRES's iterations."""
         forces, compliance = self._left.array_r, self._compliance
         on_kept, touched = forces[self._kept], compliance.touched
         # The solve that ends the pass has those inside in any case.
@@ -322,8 +305,6 @@ class KeptCompliance:
 
         Args:
             K: (k, k), N/m, their stiffness without contact, on one rank.
-            surface: their unknowns c that contact may touch.
-            prefix: of the options for MUMPS.
         """
         self._surface = surface
         self._factor = Factor(K, prefix, symmetric=True, solver=positive_solver(K.comm))
@@ -344,18 +325,12 @@ class KeptCompliance:
 
         Args:
             of_others: A_sc, N/m.
-            on_kept: A_cs.
             among: K + N, (c, c).
         """
         return ContactCompliance.of(self._F, of_others, on_kept, among - self._own)
 
     def alone(self, forces: Floats, whole: bool) -> Floats:
-        """Displacements (c,), m, under forces (k,), N, without contact.
-
-        Args:
-            forces: on all unknowns.
-            whole: whether those inside the bodies count, which takes a solve.
-        """
+        """Displacements (c,), m, under forces (k,), N, without contact."""
         if whole:
             return np.asarray(self.solve(forces)[self._surface])
         return np.asarray(self._F @ forces[self._surface])
@@ -485,8 +460,6 @@ class KeptBulk:
 
         Args:
             surface: unknowns s that contact may couple.
-            followers: of platens.
-            prefix: of the options for MUMPS.
         """
         self._surface, self._followers, self._prefix = surface, followers, prefix
         self._matrix: PETSc.Mat | None = None
@@ -509,11 +482,7 @@ class KeptBulk:
         return not self.worn
 
     def complete(self, contact: Floats) -> bool:
-        """Put in what couples the surface's unknowns (s, s), N/m; returns whether that is regular.
-
-        Args:
-            contact: the bodies' own part included.
-        """
+        """Put in what couples the surface's unknowns (s, s), N/m; returns whether it is regular."""
         assert self._factor is not None
         dense = self._factor.complement + contact
         return bool(np.isfinite(dense).all()) and self._factor.exchange(dense)

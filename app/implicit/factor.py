@@ -52,9 +52,6 @@ class Factor:
         """Prepare to factorise ``matrix``; collective.
 
         Args:
-            matrix: square.
-            prefix: of the options for MUMPS.
-            symmetric: whether it is symmetric and positive.
             solver: PETSc's name of the solver.
         """
         self._matrix, self._solver = matrix, solver

@@ -47,6 +47,7 @@ class PredictedStart:
         if strays(attempt):
             return started, failed
         newton, eager = attempt.newton, False
+        started += hold_closed(attempt) if started == 0 else 0
         if self.if_near:
             left = newton.residual_of(attempt.step)
             eager = left > FAR
@@ -60,6 +61,42 @@ class PredictedStart:
             eager=eager,
         )
         return started + more, reason
+
+
+def hold_closed(attempt: Attempt) -> int:
+    """Hold together what only a near prediction has opened, for some iterations; collective.
+
+    The continued path of a contact that begins to slide opens vertices at its rim. Open ones have
+    no stiffness, so that Newton's method closes but a few in each iteration; where the contacts
+    pull as well, all close at once that are to. What is pulled in the end opens afterwards.
+
+    Returns:
+        The number of iterations.
+    """
+    newton, problem = attempt.newton, attempt.newton.problem
+    if problem.flows or newton.is_bounded or not attempt.predictor.rubbing():
+        return 0
+    if newton.residual_of(attempt.step) > RIM:
+        return 0
+    opened, last = _opened(problem), np.inf
+    for number in range(HOLDS):
+        if not 0 < opened <= FEWER * last:
+            return number
+        pulling = attempt.step.with_penalty_scale(problem.contacts, 1.0, HELD)
+        newton.step(pulling, falling=False)
+        newton.residual_of(attempt.step)
+        opened, last = _opened(problem), opened
+    return HOLDS
+
+
+def _opened(problem: Equilibrium) -> int:
+    """Vertices or points that were closed at the last step and are not now; collective."""
+    count = 0
+    for now, before in zip(problem.trials, problem.committed, strict=False):
+        found = [one.normal_contact for one in (now, before)]
+        closed = [one.closed if one.active is None else one.active for one in found]
+        count += int(np.count_nonzero(closed[1] & ~closed[0]))
+    return int(problem.comm.allreduce(count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +198,9 @@ class SoftContact:
 # Of the oil's viscosity: where it begins, what it grows by, and the least of that.
 THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
 
+HELD = 0.05  # gap, in lengths of a slave facet, up to which what was closed is held together
+HOLDS, FEWER = 3, 0.95  # such iterations at most, and open ones left over those before
+RIM = 0.05  # relative residual of a prediction up to which it errs only at the rim of a contact
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
 

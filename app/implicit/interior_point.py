@@ -131,10 +131,6 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
 
     Bodies that flow would yield wherever points that want to open still hold them: there pressures
     change in each iteration, and the energy of bodies and contacts limits it.
-
-    Args:
-        attempt: its trial holds the last converged state, and in the end what was found.
-        opening: how it begins.
     """
     newton, problem, trial = attempt.newton, attempt.newton.problem, attempt.trial
     least = SHRINKS_FLOWING if problem.flows else SHRINKS
@@ -168,10 +164,6 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     It begins where the prediction is, and with a barrier so low that the prediction is nearly on
     the path. The laws are smooth, and a step that gains little is the sign of a kink that has
     become too sharp: then the barrier waits.
-
-    Args:
-        attempt: its trial is in the end what was found.
-        opening: how it begins.
     """
     newton, problem = attempt.newton, attempt.newton.problem
     found = starting_points(attempt, opening.barrier)
@@ -242,15 +234,7 @@ def _starting_point(
 def _starting_slip(
     term: ContactTerm, trial: ContactTrial, at: InteriorPoint, mean: float, way: float
 ) -> InteriorSlip | None:
-    """Slips of one pair's points; None without friction.
-
-    Args:
-        term: the pair.
-        trial: of the last converged state.
-        at: pressures to begin with.
-        mean: Pa, of the pair.
-        way: m, a small part of that of what moves.
-    """
+    """Slips of one pair's points; None without friction."""
     typical = presliding_length(term.law, term.state.friction, np.full(len(trial.pressure), mean))
     if not typical.any():
         return None

@@ -24,7 +24,6 @@ from tribox.app.equilibrium.supports import (
     motions_of,
 )
 from tribox.app.equilibrium.tangent import pattern_form
-from tribox.app.equilibrium.undeformed_tangent import undeformed
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
@@ -65,10 +64,13 @@ class KeptBodies:
         whole = dolfinx.fem.petsc.assemble_matrix(pattern_form(unknowns.space))
         whole.assemble()
         whole.zeroEntries()
-        with undeformed(problem.u):
-            for solid in self.solids:
-                for part in solid.forms:
-                    add_matrix(whole, part.tangent, unrolled=False)
+        u = problem.u.x.array
+        present = u.copy()
+        u[:] = 0.0
+        for solid in self.solids:
+            for part in solid.forms:
+                add_matrix(whole, part.tangent, unrolled=False)
+        u[:] = present
         whole.assemble()
         held = problem.constrained_dofs()
         whole.zeroRowsColumns(held[self.kept[held]] + unknowns.first, 1.0)
@@ -112,12 +114,7 @@ def young_modulus(material: Material) -> float:
 def kept_bodies(problem: Equilibrium, stiff: Sequence[Solid]) -> KeptBodies | None:
     """Those of the stiff bodies that the supports at hand hold by themselves; collective.
 
-    Args:
-        problem: the equilibrium.
-        stiff: what :func:`stiff_solids` has found.
-
-    Returns:
-        None: there are none, or all bodies are.
+    Returns None where there are none, or all bodies are.
     """
     found = [one for one in joined_bodies(problem) if _is_kept(problem, one, stiff)]
     solids = tuple(solid for one in found for solid in one.solids)

@@ -94,7 +94,6 @@ class LinearSolver:
 
         Args:
             ksp: PETSc's solver.
-            as_it_is: whether the user has chosen how it solves.
         """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
@@ -119,7 +118,6 @@ class LinearSolver:
         Args:
             x: state, m.
             prefix: of the solver's options.
-            names: options without it that must be of use.
 
         Raises:
             ValueError: PETSc refuses one of the options, or has no use for it.
@@ -162,7 +160,6 @@ class LinearSolver:
 
         Args:
             x: state, m.
-            step: duration and contact modes.
             before: state that pressures are carried from; None: the exact tangent.
         """
         self.problem.jacobian(None, x, self.matrix, self.matrix, step, before)
@@ -178,14 +175,10 @@ class LinearSolver:
     ) -> bool:
         """Solve with the tangent at ``x`` for an increment that meets prescribed values.
 
+        Returns whether the solution is to be trusted.
+
         Args:
             x: state, m.
-            rhs: out-of-balance forces with the sign of loads; changed.
-            increment: holds the prescribed values at the constrained unknowns; the rest is found.
-            step: duration and contact modes.
-
-        Returns:
-            Whether the solution is to be trusted.
         """
         problem = self.problem
         problem.assemble_tangent(x, self.matrix, step)
@@ -217,8 +210,7 @@ class LinearSolver:
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.
 
-        Returns:
-            False if the last solve failed.
+        Returns False if the last solve failed.
         """
         if self.ksp.getConvergedReason() >= 0:
             return True

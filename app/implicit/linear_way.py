@@ -40,22 +40,12 @@ class LinearWay(Protocol):
     def set_up(self, widened: bool) -> bool:
         """Factorise the matrix, or make its preconditioner; collective.
 
-        Args:
-            widened: whether its pattern is another than that of the last one.
-
-        Returns:
-            Whether nothing of what was made for earlier matrices is in use.
+        Returns whether nothing of what was made for earlier matrices is in use.
         """
         ...
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """Let the next solves leave at most this share of the forces, if they are iterative.
-
-        Args:
-            share: of the forces.
-            on_path: whether the start continues the path of the last steps. Where solves are dear
-                only then less may be left than otherwise: it is most of what the iteration leaves.
-        """
+        """Let the next solves leave at most this share of the forces, if they are iterative."""
         ...
 
     def snapshot(self) -> Snapshot:
@@ -63,12 +53,7 @@ class LinearWay(Protocol):
         ...
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """Go on from what :meth:`snapshot` has seen; collective.
-
-        Args:
-            kept: what was seen.
-            set_up: sets up the first matrix since all was made anew, and the last one, again.
-        """
+        """Go on from what :meth:`snapshot` has seen; collective."""
         ...
 
 

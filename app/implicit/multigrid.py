@@ -155,15 +155,7 @@ class MultigridSolver:
         options: Mapping[str, str | float | bool],
         count: Callable[[int], None],
     ) -> None:
-        """Prepare to solve with ``matrix``; collective.
-
-        Args:
-            matrix: square, its block size that of a node.
-            near: its near-nullspace.
-            prefix: of its options.
-            options: without prefix.
-            count: is told the iterations of each solve.
-        """
+        """Prepare to solve with ``matrix``; collective."""
         at_hand = PETSc.Options(prefix)
         for key, value in options.items():
             at_hand[key] = value
@@ -182,11 +174,7 @@ class MultigridSolver:
     def make(self, widened: bool = False) -> bool:
         """Make the preconditioner, if there is none that serves, for the matrix as it is now.
 
-        Args:
-            widened: whether the matrix has another pattern than before.
-
-        Returns:
-            That it could be done; collective.
+        Returns True: it can be done; collective.
         """
         self.anew = self.multigrid.set_up(widened)
         if widened and self._blocks is not None:
@@ -243,7 +231,6 @@ class BlockSweeps:
     """
 
     def __init__(self) -> None:
-        """Begin without a matrix."""
         self._code = library(SOURCE)
         self._code.tribox_split_blocks.restype = ctypes.c_int64
         self._arrays: tuple[NDArray[Any], ...] = ()
@@ -288,7 +275,6 @@ def rigid_motions_of(problem: Equilibrium, dofs: Ints | None = None) -> PETSc.Nu
     aggregates, which lie within a body.
 
     Args:
-        problem: the equilibrium.
         dofs: owned local unknowns, of whole nodes, that alone move; None: all.
     """
     dim, position = problem.dim, problem.unknowns.node_places().reshape(-1)

@@ -198,13 +198,7 @@ class Newton:
     def search(self, step: StepMode, tolerance: float, limit: int) -> tuple[int, int]:
         """Make whole Newton steps only; collective.
 
-        Args:
-            step: duration and contact modes.
-            tolerance: relative residual that is enough, instead of that of the options.
-            limit: iterations at most.
-
-        Returns:
-            Newton iterations, and PETSc's converged reason.
+        Returns Newton iterations, and PETSc's converged reason.
         """
         self._patience = replace(self._patience, hasty=False, eager=False)
         self._tolerance, self._limit = tolerance, min(limit, self.options.max_iterations)
@@ -218,16 +212,7 @@ class Newton:
     ) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
-        Args:
-            step: duration and contact modes.
-            patient: whether a phase that stalls far from the solution uses all its iterations: for
-                where nothing else can be tried.
-            hasty: whether a phase that is slow after a few iterations ends: for where something
-                better can be tried.
-            eager: whether a phase ends as soon as an iteration gains little.
-
-        Returns:
-            Newton iterations, and PETSc's converged reason.
+        Returns Newton iterations, and PETSc's converged reason.
         """
         self._patience = Patience(patient, hasty, eager)
         iterations, reason = 0, 0
@@ -300,12 +285,7 @@ class Newton:
         return norm / scale if scale > 0.0 else norm
 
     def step(self, step: StepMode, falling: bool) -> None:
-        """Make one Newton step, shorter where it leads to no numbers; collective.
-
-        Args:
-            step: duration and contact modes.
-            falling: whether the residual must fall; from a step that bends bodies it first rises.
-        """
+        """Make one Newton step, shorter where it leads to no numbers; collective."""
         x, f = self.trial, self._residual
         start, increment = self._increment(step)
         most = f.norm() if falling else np.inf
@@ -322,15 +302,11 @@ class Newton:
 
         Where the tangent has lost its stiffness along the step, that leads uphill: the step is made
         the other way, and becomes longer until the forces turn round. Near a solution it is
-        friction that makes the work negative, and the step is made as it is.
+        friction that makes the work negative, and the step is made as it is. Returns the relative
+        residual before the step.
 
         Args:
-            step: duration and contact modes.
             first: m, how far the unknowns go at most in the first trial the other way.
-            near: relative residual below which no step is turned round.
-
-        Returns:
-            The relative residual before the step.
         """
         x, f = self.trial, self._residual
         start, increment = self._increment(step)
@@ -524,11 +500,6 @@ def length_to_least_energy(work: Callable[[float], float], first: float) -> floa
     A step that is too long shows forces that pull back: bodies that flow yield in directions in
     which they will not, and Newton's method then goes to and fro between lengths too long and too
     short (H. Matthies, G. Strang, The solution of nonlinear finite element equations, 1979).
-
-    Args:
-        work: of the forces along the step at a length, over that at its start; −inf where there
-            are no numbers.
-        first: length to try; negative: the other way, and longer until the forces turn round.
     """
     near, at_near = 0.0, 1.0
     length, left = first, work(first)

@@ -21,11 +21,6 @@ def sets_solver(names: Iterable[str]) -> bool:
 def unused(comm: MPI.Comm, prefix: str, names: Iterable[str]) -> list[str]:
     """The options that no object of PETSc has asked for so far, on any rank; collective.
 
-    Args:
-        comm: ranks that must agree.
-        prefix: of the options.
-        names: without it.
-
     Raises:
         RuntimeError: PETSc does not tell.
     """

@@ -61,10 +61,8 @@ class Predictor:
     def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
-        The path is not continued where contacts forget it.
-
-        Returns:
-            The number of factorisations it took.
+        The path is not continued where contacts forget it. Returns the number of factorisations it
+        took.
         """
         x.copy(trial)
         drive = self._driving(x)
@@ -117,20 +115,12 @@ class Predictor:
     def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
         """Put the step without friction's stiffness into ``trial``, if that is far off.
 
-        The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much
-        more than its contact holds is sheared by all of it, down to elements that turn inside
-        out, and Newton's method takes many damped iterations to undo that, the more the finer the
-        mesh. With the friction of ``x`` as a load the body slides along as a whole, and only the
-        change of that friction is left. The start that leaves less is kept.
-
-        Args:
-            x: last converged state.
-            constrained: increments of the prescribed displacements, m.
-            trial: the linear step with all of the tangent.
-            step: duration and contact modes.
-
-        Returns:
-            The number of factorisations it took.
+        The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much more
+        than its contact holds is sheared by all of it, down to elements that turn inside out, and
+        Newton's method takes many damped iterations to undo that, the more the finer the mesh. With
+        the friction of ``x`` as a load the body slides along as a whole, and only the change of
+        that friction is left. The start that leaves less is kept. Returns the number of
+        factorisations it took.
         """
         if not self.rubbing():
             return 0
@@ -149,16 +139,8 @@ class Predictor:
         """Put the step of bodies that do not flow on into ``trial``, if that is far off.
 
         The tangent at ``x`` is that of flow. Where a load is taken back the bodies answer
-        elastically, a hundred times as stiffly. The start that leaves less is kept.
-
-        Args:
-            x: last converged state.
-            constrained: increments of the prescribed displacements, m.
-            trial: the linear step with the tangent of flow.
-            step: duration and contact modes.
-
-        Returns:
-            The number of factorisations it took.
+        elastically, a hundred times as stiffly. The start that leaves less is kept. Returns the
+        number of factorisations it took.
         """
         solids = [solid for solid in self.problem.solids if solid.flows]
         if not solids:
@@ -266,14 +248,7 @@ class Predictor:
         return norm
 
     def _correct(self, trial: PETSc.Vec, norm: float, times: int, step: StepMode) -> float:
-        """Correct with the tangent factorised last while it pays; returns the residual's norm.
-
-        Args:
-            trial: the start; its residual is the one kept last.
-            norm: of that residual.
-            times: corrections at most.
-            step: duration and contact modes.
-        """
+        """Correct with the tangent factorised last while it pays; returns the residual's norm."""
         for _ in range(times):
             if not np.isfinite(norm) or norm == 0.0:
                 break

@@ -65,13 +65,7 @@ class SchurFactor(Factor):
     complement: Floats
 
     def __init__(self, matrix: PETSc.Mat, left: Ints, prefix: str) -> None:
-        """Prepare to factorise ``matrix`` but for the unknowns ``left`` (s,).
-
-        Args:
-            matrix: symmetric, on one rank.
-            left: unknowns, rising.
-            prefix: of the options for MUMPS.
-        """
+        """Prepare to factorise ``matrix`` but for the unknowns ``left`` (s,)."""
         super().__init__(matrix, prefix, symmetric=True)
         self._prefix, self._left = prefix, left.astype(PETSc.IntType)
         self._inner: PETSc.Mat | None = None  # PETSc's factorisation

@@ -168,10 +168,8 @@ class ImplicitStepper:
         """Solve a step, with weak springs if a body floats; collective.
 
         An attempt that fails while contacts press on all bodies fails for another reason, which no
-        springs as weak as these would change.
-
-        Returns:
-            Iterations, PETSc's converged reason, force of the springs over the largest of the run.
+        springs as weak as these would change. Returns iterations, PETSc's converged reason, force
+        of the springs over the largest of the run.
         """
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()

@@ -49,11 +49,7 @@ def write_starter(kind: str, target: Path | None = None) -> list[Path]:
 
 
 def _case_file(kind: str, target: Path | None) -> Path:
-    """Where the case file goes.
-
-    Raises:
-        InputError: the name is that of a file of another kind.
-    """
+    """Where the case file goes."""
     if target is None:
         return Path(f"{kind}.toml")
     if target.suffix == ".toml" and not target.is_dir():

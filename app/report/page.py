@@ -84,9 +84,7 @@ class Picture:
 def pictures_of(directory: Path, subject: str) -> list[Picture]:
     """All figures of a results directory, those that tell most first.
 
-    Args:
-        directory: of the results.
-        subject: title of the run, for the alternative texts.
+    ``subject``: title of the run, for the alternative texts.
 
     Raises:
         InputError: one is no picture.
@@ -167,12 +165,7 @@ class RunPart:
 def write_report(directory: Path, out: Path | None = None) -> Path:
     """Write the report of a results directory.
 
-    Args:
-        directory: of a run or a sweep.
-        out: the file; default: ``report.html`` in the directory.
-
-    Returns:
-        The file.
+    ``out``: the file; default ``report.html`` in the directory.
 
     Raises:
         InputError: it is no results directory, or the file cannot be written.
@@ -324,9 +317,7 @@ class InputTable:
 def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
     """The tables of a case, in the order of a case file.
 
-    Args:
-        case: resolved, as it was run.
-        given: dotted keys of what the case file gave; None: not known, all count as given.
+    ``given``: dotted keys of what the case file gave; None: not known, all count as given.
     """
     known = None if given is None else frozenset(given)
     data = case.model_dump(mode="json", exclude_none=True, exclude={"title"})

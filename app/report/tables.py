@@ -92,12 +92,7 @@ class Table:
 
 
 def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
-    """The last step of each load step; None without any.
-
-    Args:
-        load_steps: from the summary.
-        pairs: number of contacts.
-    """
+    """The last step of each load step; None without any."""
     caption = "At the end of each load step"
     return frame_table(load_steps, _of_pairs(_OF_A_LOAD_STEP, pairs), caption + _words(pairs))
 
@@ -110,12 +105,7 @@ def end_table(history: DataFrame, pairs: int = 1) -> Table | None:
 
 
 def sweep_table(sweep: DataFrame, pairs: int = 1) -> Table | None:
-    """All values and load steps of a sweep in one table; None without any.
-
-    Args:
-        sweep: from its file.
-        pairs: number of contacts.
-    """
+    """All values and load steps of a sweep in one table; None without any."""
     caption = "All values at the end of each load step" + _words(pairs)
     return frame_table(sweep, _of_pairs(_OF_A_SWEEP, pairs), caption, "value")
 
@@ -135,13 +125,7 @@ _BESIDE = {
 
 
 def comparison_tables(sweep: DataFrame, details: DataFrame, labels: Sequence[str]) -> list[Table]:
-    """The runs of a sweep beside each other at the end of each stage: a column for each value.
-
-    Args:
-        sweep: rows of the runs.
-        details: rows of their pairs, tools and probes.
-        labels: of the runs that there are.
-    """
+    """The runs of a sweep beside each other at the end of each stage: a column for each value."""
     if sweep.empty or len(labels) < 2:
         return []
     tables = []
@@ -382,11 +366,7 @@ _KINDS = {
 
 
 def column(name: str) -> Column:
-    """The column of this name; of an unknown one the name itself, without a unit.
-
-    Args:
-        name: in the file, such as "force_x".
-    """
+    """The column of this name; of an unknown one the name itself, without a unit."""
     if (known := DECLARED.get(name)) is not None:
         return Column(name, known.title, known.unit.replace("text", ""))
     if name in _KNOWN:
@@ -429,12 +409,7 @@ class Verdict:
 
 
 def status_verdict(summary: Mapping[str, Any], unfinished: str | None = None) -> Verdict:
-    """How a run ended.
-
-    Args:
-        summary: of the run; empty where it did not write any.
-        unfinished: why it does not say how it ended, as ``Results.unfinished``.
-    """
+    """How a run ended."""
     status = summary.get("status")
     if status == "done":
         unsteady = [one["label"] for one in summary["load_steps"] if one["steady"] is False]

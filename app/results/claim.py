@@ -43,11 +43,7 @@ class DirectoryLock:
     """
 
     def __init__(self, directory: Path) -> None:
-        """Nothing is locked yet.
-
-        Args:
-            directory: of the results.
-        """
+        """Nothing is locked yet."""
         self._directory, self._path = directory, directory / LOCK
         self._descriptor: int | None = None
         self._made: list[Path] = []
@@ -190,11 +186,7 @@ def _same(descriptor: int, path: Path) -> bool:
 
 
 def sweep_labels(directory: Path) -> tuple[str, ...]:
-    """Their names, from the case file beside them; none without a sweep.
-
-    Args:
-        directory: results directory, which need not exist.
-    """
+    """Their names, from the case file beside them; none without a sweep."""
     if not (directory / "case.toml").is_file():
         return ()
     # Not before: most directories are new, and the tables of a case take a while to import.
@@ -216,9 +208,7 @@ class Claim:
     def __init__(self, directory: Path, force: bool) -> None:
         """Nothing is done yet.
 
-        Args:
-            directory: of the results.
-            force: whether results that are there may be cleared.
+        ``force``: results that are there may be cleared.
         """
         self.directory, self._force = directory, force
         self._lock = DirectoryLock(directory)
@@ -226,8 +216,7 @@ class Claim:
     def take(self, goes_on: bool = False) -> None:
         """See that results may be written, and lock the directory; nothing is cleared yet.
 
-        Args:
-            goes_on: whether it is for a run that goes on, so that there are results.
+        ``goes_on``: it is for a run that goes on, so that there are results.
 
         Raises:
             InputError: it holds results and ``force`` is not given, or other files, or links, or
@@ -243,9 +232,6 @@ class Claim:
 
     def clear(self, begins: bool = False) -> None:
         """Look again, and clear old results.
-
-        Args:
-            begins: whether a run begins here, as of :func:`~tribox.app.results.directory.prepare`.
 
         Raises:
             InputError: as of :meth:`take`, if somebody has come between.

@@ -200,10 +200,6 @@ def slave_facets(model: Model) -> SlaveFacets:
 def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNodes | None:
     """Nodal values of all pairs after the last converged step; collective.
 
-    Args:
-        model: what is solved.
-        facets: those of :func:`slave_facets`, which do not change; None: found anew.
-
     Returns:
         On the first rank, by name: ``position`` and ``reference`` (v, i), m; ``pair``; ``area``,
         m_A: m² (m in the plane); ``normal`` (v, i), out of the master; ``gap``, m, mean; 0 and

@@ -215,12 +215,7 @@ def checkpoint_numbers(directory: Path) -> list[int]:
 
 
 def unwritable(directory: Path, error: OSError) -> OutputError:
-    """What to raise where results cannot be written.
-
-    Args:
-        directory: of the results.
-        error: of the system.
-    """
+    """What to raise where results cannot be written."""
     why = error.strerror or str(error)
     where = Path(error.filename) if isinstance(error.filename, str) else directory
     if where.is_relative_to(directory) and where != directory:
@@ -240,9 +235,6 @@ def create(path: Path) -> None:
 
 def open_own(path: Path, flags: int, mode: int = 0o666) -> int:
     """Open a file of a results directory: no link to another file, nor a pipe.
-
-    Returns:
-        Its descriptor.
 
     Raises:
         OSError: it cannot be opened, or is none.
@@ -339,10 +331,6 @@ class Place:
     def __init__(self, path: Path, flags: int = os.O_RDONLY) -> None:
         """Open it: as long as it is open the system gives its number to no other.
 
-        Args:
-            path: of the file or directory.
-            flags: with which it is opened.
-
         Raises:
             OSError: it cannot be opened.
         """
@@ -367,10 +355,7 @@ class GrowingFile:
     def __init__(self, path: Path, text: str = "", keep: int = 0) -> None:
         """Begin the file, with a text, or go on with one that is there.
 
-        Args:
-            path: of the file.
-            text: to begin or go on with.
-            keep: bytes of a file that is there which are kept.
+        ``keep``: bytes of a file that is there which are kept.
 
         Raises:
             OSError: it cannot be written.

@@ -78,8 +78,7 @@ class GatheredMesh:
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
         """Gather cells and reference places; collective.
 
-        Args:
-            space: of the displacement, blocked Lagrange of degree 1 or 2.
+        The space is that of the displacement, blocked Lagrange of degree 1 or 2.
         """
         mesh = space.mesh
         self._comm: MPI.Comm = mesh.comm
@@ -133,9 +132,6 @@ def gathered(comm: MPI.Comm, values: NDArray[Number]) -> NDArray[Number]:
 def _numbered(rows: Longs) -> tuple[Longs, Longs]:
     """Nodes numbered as the cells name them.
 
-    Args:
-        rows: (c, a) nodes of each cell.
-
     Returns:
         (c, a) the same cells in new numbers, and (n,) the old number of each node.
     """
@@ -173,12 +169,7 @@ class CellStrain:
     """Evaluates the deformation gradient F at the centres of this rank's own cells."""
 
     def __init__(self, u: dolfinx.fem.Function, section: Section) -> None:
-        """Tabulate the shape functions.
-
-        Args:
-            u: displacement, m.
-            section: what the mesh stands for.
-        """
+        """Tabulate the shape functions."""
         space, topology = u.function_space, u.function_space.mesh.topology
         owned = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         self._rows = rows_at(space, section, owned, centre(topology.cell_name()))

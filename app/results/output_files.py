@@ -55,11 +55,7 @@ class Series:
     ) -> None:
         """Nothing is written yet; the index comes with the first of the files.
 
-        Args:
-            directory: of the results.
-            name: of the series.
-            times: s, by the number of the step, of the files that are kept of a run that goes on;
-                the others are removed. None: there are none.
+        ``times``: s, by step, of the files that are kept of a run that goes on; others are removed.
         """
         self._directory, self._name = directory, name
         self._place = Place(directory)
@@ -85,12 +81,7 @@ class Series:
         return self._directory / self._name / f"{step:06d}.vtu"
 
     def add(self, step: int, when: float) -> None:
-        """List the file of a step, which has been written.
-
-        Args:
-            step: number of the step.
-            when: s, its time.
-        """
+        """List the file of a step, which has been written."""
         self._lines.append(self._line(step, when))
         if time.monotonic() >= self._next:
             self.write_index()
@@ -134,10 +125,7 @@ class ToolSeries:
     ) -> None:
         """Make the outlines; collective.
 
-        Args:
-            model: what is solved; it must have tools.
-            directory: where the files go.
-            times: s, by step, of the files that are there and kept.
+        The model must have tools. ``times``: s, by step, of the files that are there and kept.
         """
         self._problem = model.problem
         box = extent(model.named)
@@ -154,12 +142,7 @@ class ToolSeries:
         self._number = pack(number, lasting=True)
 
     def write(self, step: int, time: float) -> None:
-        """Write the tools at the displacement spread last.
-
-        Args:
-            step: number of the step.
-            time: s.
-        """
+        """Write the tools at the displacement spread last."""
         problem = self._problem
         moved = []
         for tool, outline in zip(problem.tools, self._outlines, strict=True):
@@ -198,12 +181,7 @@ class ContactSeries:
             self._pair = pack(self._facets.pair, lasting=True)
 
     def write(self, step: int, time: float) -> None:
-        """Write the last converged state.
-
-        Args:
-            step: number of the step.
-            time: s.
-        """
+        """Write the last converged state."""
         points = self._points.arrays(self._model)
         nodes = contact_nodes(self._model, self._facets)
         if points is None or nodes is None:
@@ -245,11 +223,7 @@ class OutputFiles:
     ) -> None:
         """Open the files; collective.
 
-        Args:
-            model: what is solved.
-            directory: of the results.
-            saving: keeps errors of writing.
-            times: s, by the number of the step, of what a run that goes on has written and keeps.
+        ``times``: s, by step, of what a run that goes on has written and keeps.
         """
         problem, formats = model.problem, model.case.output.formats
         surfaces = [term.surface for term in problem.contacts]
@@ -262,12 +236,7 @@ class OutputFiles:
         self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
-        """Write the displacement and the last converged state of the contacts; collective.
-
-        Args:
-            step: number of the step.
-            time: s.
-        """
+        """Write the displacement and the last converged state of the contacts; collective."""
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
         pressures = [nodal_pressure(*pair) for pair in pairs]
@@ -331,12 +300,7 @@ class FieldSeries:
     ) -> None:
         """Gather what does not change.
 
-        Args:
-            u: displacement, m.
-            solids: the bodies; cells carry their numbers.
-            directory: where the files go.
-            surfaces: of the contact pairs.
-            times: s, by step, of the files that are there and kept.
+        Cells carry the numbers of their bodies. ``times``: s, by step, of the files that are kept.
         """
         space = u.function_space
         self._u, self._comm, self._dim = u, space.mesh.comm, space.mesh.geometry.dim
@@ -355,10 +319,7 @@ class FieldSeries:
     def write(self, step: int, time: float, pressures: Sequence[Floats] = ()) -> None:
         """Write the present state.
 
-        Args:
-            step: number of the step.
-            time: s.
-            pressures: Pa, (v,) at the vertices of each slave surface.
+        ``pressures``: Pa, (v,) at the vertices of each slave surface.
         """
         nodes = self._mesh.nodal(self._at_nodes(pressures))
         cells = {name: self._mesh.cellwise(own) for name, own in self._in_cells().items()}
@@ -445,13 +406,8 @@ class BpWriter:
     ) -> None:
         """Open the files.
 
-        Args:
-            u: displacement, m.
-            solids: the bodies.
-            directory: where the files go.
-            surfaces: of the contact pairs.
-            times: s, by step, of what is there and kept, of a run that goes on. These files cannot
-                be added to: others follow, named after the step.
+        ``times``: s, by step, of what is there and kept, of a run that goes on. These files cannot
+        be added to: others follow, named after the step.
         """
         ending = "" if times is None else f"_after_{max(times, default=0):06d}"
         self._stress = StressField(u, solids)
@@ -477,9 +433,7 @@ class BpWriter:
     def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:
         """Write the present state at ``time`` (s).
 
-        Args:
-            time: s.
-            pressures: Pa, (v,) at the vertices of each slave surface.
+        ``pressures``: Pa, (v,) at the vertices of each slave surface.
 
         Raises:
             OSError: the files cannot be written.
@@ -494,11 +448,7 @@ class BpWriter:
                 writer.write(time)
 
     def _see_room(self) -> None:
-        """See that there is room, for a rank that fails in ADIOS2 leaves the others waiting there.
-
-        Raises:
-            OSError: there is not, on all ranks.
-        """
+        """See that there is room: a rank that fails in ADIOS2 leaves the others waiting there."""
         local = sum(array.nbytes for array in self._arrays)
         needed = SHARE * self._comm.allreduce(local, op=MPI.SUM) + MARGIN
         try:

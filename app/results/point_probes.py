@@ -71,12 +71,7 @@ class PointProbes:
     """
 
     def __init__(self, model: Model, probes: Sequence[PointPlaces]) -> None:
-        """Tabulate the shape functions at the points.
-
-        Args:
-            model: what is solved.
-            probes: one at least.
-        """
+        """Tabulate the shape functions at the points."""
         self._problem, self._probes = model.problem, probes
         self._components = components(model.problem.dim)
         self._flows = model.problem.flows
@@ -206,9 +201,7 @@ class ContactProbes:
     def __init__(self, model: Model, probes: Sequence[tuple[str, str, int | None]]) -> None:
         """Find the points on the surfaces; collective.
 
-        Args:
-            model: what is solved, before its first step too.
-            probes: name, contact pair, and number of points or None for the vertices.
+        ``probes``: name, contact pair, and number of points or None for the vertices.
         """
         self._model = model
         labels = [contact.label for contact in model.case.contact]

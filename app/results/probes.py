@@ -60,11 +60,7 @@ class ProbeRecorder(Observer):
     ) -> None:
         """Make the tables that the case has probes for; collective.
 
-        Args:
-            model: what is solved.
-            directory: of the results.
-            saving: keeps errors of writing; None: nobody asks for them.
-            after: step that a run goes on after; rows of later ones are dropped.
+        ``after``: step that a run goes on after; rows of later ones are dropped.
         """
         self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
@@ -140,10 +136,6 @@ def final_shapes(directory: Path, ends: Sequence[int]) -> dict[str, dict[str, fl
     """The last row of each probe of a surface by its name, with its springback, rad.
 
     That is the bend angle at the end of the load step in which it was largest, less the last one.
-
-    Args:
-        directory: of the results.
-        ends: numbers of the steps that load steps ended with.
     """
     path, found = directory / PROBE_TABLES[3], {}
     if not has_rows(path):
@@ -186,9 +178,7 @@ class BodyProbes:
     def __init__(self, model: Model, probes: Sequence[tuple[str, str]]) -> None:
         """Tabulate the shape functions at the quadrature points.
 
-        Args:
-            model: what is solved.
-            probes: names of the probes, each with its body's.
+        ``probes``: names of the probes, each with its body's.
         """
         solids = {solid.name: solid for solid in model.problem.solids}
         self._model = model

@@ -62,11 +62,20 @@ SUMMARY_KINDS: dict[str, type] = {"load_steps": list, "parts": dict, "bodies": l
 STEADY = {True: 1.0, False: 0.0, None: -1.0}
 
 
+def _frame_of(name: str, words: str) -> cached_property[DataFrame]:
+    """A table of :class:`Results` as a data frame; ``words``: what its rows are."""
+
+    def frame(results: Results) -> DataFrame:
+        import pandas as pd
+
+        return pd.DataFrame(results.table(name).columns)
+
+    frame.__doc__ = words
+    return cached_property(frame)
+
+
 def read(directory: str | Path) -> Results:
     """Read a results directory of ``tribox run``, also one of a run that goes on.
-
-    Args:
-        directory: of a case, or of a sweep.
 
     Raises:
         InputError: it is no such directory.
@@ -145,78 +154,24 @@ class Results:
 
     # -- tables -------------------------------------------------------------------------------
 
-    @cached_property
-    def history(self) -> DataFrame:
-        """One row a step: the contact of all pairs together, energies, iterations."""
-        return _frame(self.table("history"))
-
-    @cached_property
-    def contacts(self) -> DataFrame:
-        """One row a step and pair."""
-        return _frame(self.table("contacts"))
-
-    @cached_property
-    def surfaces(self) -> DataFrame:
-        """One row a step and surface with a boundary: motion, force and moment."""
-        return _frame(self.table("surfaces"))
-
-    @cached_property
-    def bodies(self) -> DataFrame:
-        """One row a step and body: motion and contact force."""
-        return _frame(self.table("bodies"))
-
-    @cached_property
-    def tools(self) -> DataFrame:
-        """One row a step and rigid tool: motion, forces and moments."""
-        return _frame(self.table("tools"))
-
-    @cached_property
-    def progress(self) -> DataFrame:
-        """One row for each attempt at an implicit step, whether it converged or not."""
-        return _frame(self.table("progress"))
-
-    @cached_property
-    def probes(self) -> DataFrame:
-        """One row a step and point of the probes that are points or lines."""
-        return _frame(self.table("probes"))
-
-    @cached_property
-    def body_probes(self) -> DataFrame:
-        """One row a step and probe that is a body."""
-        return _frame(self.table("body_probes"))
-
-    @cached_property
-    def contact_probes(self) -> DataFrame:
-        """One row a step and point of the probes along slave surfaces."""
-        return _frame(self.table("contact_probes"))
-
-    @cached_property
-    def shape_probes(self) -> DataFrame:
-        """One row a step and probe of a surface: angle, radius, thickness."""
-        return _frame(self.table("shape_probes"))
-
-    @cached_property
-    def surface_probes(self) -> DataFrame:
-        """One row a step and node of the probes of surfaces."""
-        return _frame(self.table("surface_probes"))
-
-    @cached_property
-    def load_steps(self) -> DataFrame:
-        """One row for each stage or velocity: ``label``, ``steady``, and the history at its end.
-
-        ``steady`` is 1 if the velocity was held until steady, 0 if not, −1 where nobody asked.
-        """
-        return _frame(self.table("load_steps"))
-
-    @cached_property
-    def sweep(self) -> DataFrame:
-        """One row for each stage or velocity of each run of a sweep, all pairs together."""
-        return _frame(self.table("sweep"))
-
-    @cached_property
-    def sweep_details(self) -> DataFrame:
-        """Below them in the file: a row for each pair, tool and probe of a surface, by its name."""
-        return _frame(self.table("sweep_details"))
+    history = _frame_of("history", "One row a step: contact of all pairs, energies, iterations.")
+    contacts = _frame_of("contacts", "One row a step and pair.")
+    surfaces = _frame_of("surfaces", "One row a step and surface with a boundary: motion, force.")
+    bodies = _frame_of("bodies", "One row a step and body: motion and contact force.")
+    tools = _frame_of("tools", "One row a step and rigid tool: motion, forces and moments.")
+    progress = _frame_of("progress", "One row for each attempt at an implicit step.")
+    probes = _frame_of("probes", "One row a step and point of the probes that are points or lines.")
+    body_probes = _frame_of("body_probes", "One row a step and probe that is a body.")
+    contact_probes = _frame_of("contact_probes", "One row a step and point of slave surfaces.")
+    shape_probes = _frame_of("shape_probes", "One row a step and probe of a surface: its shape.")
+    surface_probes = _frame_of("surface_probes", "One row a step and node of probes of surfaces.")
+    load_steps = _frame_of(
+        "load_steps",
+        "One row for each stage or velocity: label, steady, and the history at its end. steady is "
+        "1 if the velocity was held until steady, 0 if not, −1 where nobody asked.",
+    )
+    sweep = _frame_of("sweep", "One row for each stage or velocity of each run of a sweep.")
+    sweep_details = _frame_of("sweep_details", "A row for each of their pairs, tools and probes.")
 
     @cached_property
     def parts(self) -> dict[str, Results]:
@@ -237,9 +192,6 @@ class Results:
 
     def table(self, name: str) -> Table:
         """A table as plain columns, which need no pandas.
-
-        Args:
-            name: of one of the data frames above, such as "history".
 
         Raises:
             InputError: the file is cut off or not a table.
@@ -370,11 +322,7 @@ class Results:
                 return _read_by_meshio(path)
 
     def _file(self, name: str, step: int) -> Path:
-        """The file of a step.
-
-        Raises:
-            InputError: there is none.
-        """
+        """The file of a step."""
         if self.directory.joinpath("contact_nodes").is_dir():
             name = EARLIER_NAMES.get(name, name)
         files = self._files(name)
@@ -404,11 +352,7 @@ class Results:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[None]:
-    """Read a grid inside.
-
-    Raises:
-        InputError: it is none, or cut off.
-    """
+    """Read a grid inside."""
     try:
         _see_file(path)
         yield
@@ -444,11 +388,7 @@ def files_of_one_run(results: Results) -> Iterator[None]:
 
 
 def _text(path: Path, what: str) -> str:
-    """Text of a file.
-
-    Raises:
-        InputError: it cannot be read, or is no text in UTF-8.
-    """
+    """Text of a file."""
     try:
         _see_file(path)
         return path.read_text(encoding="utf-8")
@@ -459,11 +399,7 @@ def _text(path: Path, what: str) -> str:
 
 
 def _see_file(path: Path) -> None:
-    """See that something is a file: to read a pipe may take for ever, a device has no end.
-
-    Raises:
-        OSError: it is none, or not there.
-    """
+    """See that something is a file: to read a pipe may take for ever, a device has no end."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -472,11 +408,7 @@ def _see_file(path: Path) -> None:
 
 
 def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Numbers (n,) and times (n,), s, of the steps that an index lists.
-
-    Raises:
-        InputError: it cannot be read, or is none.
-    """
+    """Numbers (n,) and times (n,), s, of the steps that an index lists."""
     text = _text(path, "an index")
     try:
         sets = list(ElementTree.fromstring(text).iter("DataSet"))
@@ -488,18 +420,7 @@ def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def _check_columns(table: Table, names: Iterable[str], path: Path) -> None:
-    """See that a table has columns.
-
-    Raises:
-        InputError: it lacks one, so that it is some other table.
-    """
+    """See that a table has columns."""
     missing = next((name for name in names if name not in table), None)
     if missing is not None:
         raise InputError(f"{path}: is no table of tribox (it has no column {missing})")
-
-
-def _frame(table: Table) -> DataFrame:
-    """A table as a data frame."""
-    import pandas as pd
-
-    return pd.DataFrame(table.columns)

@@ -105,9 +105,7 @@ class Recorder(Observer):
     def mark(self, status: str, failure: str | None = None) -> None:
         """Write a summary of what is known without the other ranks, on the first; not collective.
 
-        Args:
-            status: running, interrupted or failed.
-            failure: why it failed.
+        ``status``: running, interrupted or failed, and why it failed.
         """
         path = self.directory / "summary.json"
         self.saving.place.check()
@@ -176,10 +174,7 @@ class Recorder(Observer):
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
 
-        Args:
-            simulation: at its last converged step.
-            status: done, interrupted or failed.
-            failure: why it failed.
+        ``status``: done, interrupted or failed, and why it failed.
 
         Raises:
             OutputError: something could not be written, and nothing else had failed.
@@ -250,10 +245,7 @@ class Recorder(Observer):
     def rescue(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write the history after an error of this rank alone; not collective.
 
-        Args:
-            simulation: in whatever state it is.
-            status: interrupted or failed.
-            failure: why it failed.
+        ``status``: interrupted or failed, and why it failed.
         """
         with self.saving:
             if self._reserve is not None:
@@ -387,11 +379,7 @@ def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm:
     By the work of a step, so that what does not slide does not count. 0 where the friction misses
     less than `LOST_FILM` by it, as that of a dry contact or of asperities that carry nearly all.
 
-    Args:
-        term: the contact.
-        trial: at the end of a step.
-        onset: Pa, pressure from which its film is whole.
-        comm: of all ranks.
+    ``onset``: Pa, pressure from which the film is whole.
     """
     if onset <= 0.0:
         return 0.0

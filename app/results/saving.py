@@ -56,11 +56,7 @@ class Saving:
     """
 
     def __init__(self, directory: Path) -> None:
-        """Begin without an error.
-
-        Args:
-            directory: of the results, which must exist.
-        """
+        """Begin without an error."""
         self._directory = directory
         self.place = Place(directory)
         self.problem: str | None = None

@@ -73,8 +73,7 @@ class Table:
     def rows(self, which: Column | slice) -> Table:
         """Some of the rows.
 
-        Args:
-            which: their numbers (k,), or (n,) whether a row is one of them.
+        ``which``: their numbers (k,), or (n,) whether a row is one of them.
         """
         return Table({name: values[which] for name, values in self.columns.items()})
 

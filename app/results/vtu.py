@@ -50,9 +50,7 @@ class Packed:
 def pack(values: Array | Packed, *, lasting: bool = False) -> Packed:
     """Put an array (n,) or (n, i) into blocks; one that is packed already stays as it is.
 
-    Args:
-        values: the array.
-        lasting: whether it is written to many files, so that it is worth its compression.
+    ``lasting``: it is written to many files, so that it is worth its compression.
     """
     if isinstance(values, Packed):
         return values
@@ -86,9 +84,7 @@ class Cells:
     def of_one_kind(cls, nodes: Array, kind: int) -> Cells:
         """Cells that are all alike.
 
-        Args:
-            nodes: (c, a) points of each cell, in VTK's order.
-            kind: VTK's number of the cell.
+        ``nodes``: (c, a) points of each cell, in VTK's order; ``kind``: VTK's number of the cell.
         """
         count, width = nodes.shape
         return cls(

@@ -19,49 +19,38 @@ class Watches:
     """The watches of a run, told of every step.
 
     Attributes:
-        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            left: points that run past the end of their master; late: films of points that come
-            under pressure in too long a step; floating: bodies that nothing holds;
-            flow: how far bodies flow; films: those that are found.
+        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution.
         told: warnings that are given once only and have been, by a word for each.
     """
 
     def __init__(self, model: Model, kept: Snapshot | None = None) -> None:
-        """Begin before the first step, or go on; collective.
-
-        Args:
-            model: that is run.
-            kept: what :meth:`snapshot` has seen, of a run that goes on.
-        """
-        self.roundoff = RoundOffWatch(model.problem, model.case.solver.tolerance)
-        self.contacts = ContactWarnings(model.problem, None if kept is None else kept["contacts"])
-        self.left, self.ends = LeftMaster(model), PressedEnds(model)
-        self.late = LateFilm(model)
-        self.floating = FloatingWatch()
-        self.flow = FlowWatch(model.problem)
-        self.films = FilmWatch(model.problem)
-        self.told: set[str] = set()
+        """Begin before the first step, or go on with what :meth:`snapshot` has seen; collective."""
+        problem = model.problem
         self._thickness = model.thickness
-        if kept is not None:
-            self.told = set(kept["told"])
-            self.left.restore(kept["left"])
-            self.ends.restore(kept["ends"])
-            self.late.restore(kept["late"])
-            self.floating.restore(kept["floating"])
-            self.flow.restore(kept["flow"])
-            self.films.restore(kept["films"])
-            self.roundoff.restore(kept["roundoff"])
+        self.roundoff = RoundOffWatch(problem, model.case.solver.tolerance)
+        self.contacts = ContactWarnings(problem, None if kept is None else kept["contacts"])
+        # Points that run past the end of their master, films of points that come under pressure in
+        # too long a step, bodies that nothing holds, how far bodies flow, films that are found.
+        self._of_rows = {
+            "left": LeftMaster(model),
+            "ends": PressedEnds(model),
+            "flow": FlowWatch(problem),
+            "films": FilmWatch(problem),
+        }
+        self._of_results = {"late": LateFilm(model), "floating": FloatingWatch()}
+        self._named = {**self._of_rows, **self._of_results, "roundoff": self.roundoff}
+        self.told: set[str] = set() if kept is None else set(kept["told"])
+        for name, watch in self._named.items() if kept is not None else ():
+            watch.restore(kept[name])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
         self.roundoff.step(row, result)
         self.contacts.step(row, self._thickness)
-        self.left.step(row)
-        self.ends.step(row)
-        self.late.step(row, result)
-        self.floating.step(row, result)
-        self.flow.step(row)
-        self.films.step(row)
+        for watch in self._of_rows.values():
+            watch.step(row)
+        for other in self._of_results.values():
+            other.step(row, result)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
@@ -71,25 +60,14 @@ class Watches:
 
     def warnings(self, stage: str) -> Iterator[str]:
         """What there is to say at the end, in stage ``stage``; collective."""
-        yield from self.left.warnings()
-        yield from self.ends.warnings()
-        yield from self.late.warnings()
+        for name in ("left", "ends", "late"):
+            yield from self._named[name].warnings()
         yield from self.contacts.warnings()
-        yield from self.floating.warnings()
-        yield from self.flow.warnings()
-        yield from self.films.warnings()
+        for name in ("floating", "flow", "films"):
+            yield from self._named[name].warnings()
         self.roundoff.end(stage)
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
-        return {
-            "told": sorted(self.told),
-            "left": self.left.snapshot(),
-            "ends": self.ends.snapshot(),
-            "late": self.late.snapshot(),
-            "floating": self.floating.snapshot(),
-            "flow": self.flow.snapshot(),
-            "films": self.films.snapshot(),
-            "roundoff": self.roundoff.snapshot(),
-            "contacts": self.contacts.snapshot(),
-        }
+        seen = {name: watch.snapshot() for name, watch in self._named.items()}
+        return {"told": sorted(self.told), **seen, "contacts": self.contacts.snapshot()}

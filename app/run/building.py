@@ -29,12 +29,7 @@ MOST_BUILT = 20
 def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list[str]]:
     """Notes on a case, or on the values of its sweep, and what is wrong with them.
 
-    Args:
-        case: with or without a sweep.
-        runs_code: as of :func:`notes_on_building`.
-
-    Returns:
-        The notes and the problems, a line each, in their order and without repeats.
+    Returns the notes and the problems, a line each, in their order and without repeats.
     """
     parts = [part for _, part in case.sweep_cases()] or [case]
     every = -(-len(parts) // MOST_BUILT)
@@ -53,10 +48,6 @@ def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list
 
 def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
     """The notes on a case whose mesh, forms and contacts are made and dropped again.
-
-    Args:
-        case: without a sweep.
-        runs_code: whether laws and materials written in Python are run; if not, a note says so.
 
     Raises:
         InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
@@ -103,9 +94,6 @@ PRESSURE = 0.1  # of the softest body's shear modulus, where the case prescribes
 
 def check_laws(cases: Sequence[Case]) -> None:
     """Print a table for each friction law; laws in Python are run.
-
-    Args:
-        cases: a case, or the values of its sweep; a contact that was there before is left out.
 
     Raises:
         InputError: a law does not keep what it promises, or fails.
@@ -165,11 +153,7 @@ def conditions(case: Case, contact: Contact) -> Conditions:
 
 
 def _findings(case: Case, index: int, term: ContactTerm) -> list[Finding]:
-    """What came of one law.
-
-    Raises:
-        InputError: it fails.
-    """
+    """What came of one law."""
     findings = check_law(term.law, conditions(case, case.contact[index]))
     if fault := law_fault([term]):
         raise InputError(f"contact.{index}.friction: {fault}")

@@ -15,14 +15,7 @@ from tribox.app.errors import InputError, SaidOnce, tell
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
     """Check a case file and print what is found.
 
-    Args:
-        case_file: the case.
-        overrides: keys that are changed.
-        law: try the friction laws too, also those in Python.
-        trust: run the Python that the case names.
-
-    Returns:
-        The exit code.
+    Returns the exit code.
     """
     if problems := check_case(case_file, overrides):
         return _refused(problems)

@@ -55,12 +55,7 @@ class RunOptions:
 def run_command(case_file: Path, options: RunOptions) -> int:
     """Run a case, or every value of its sweep, and write results and figures.
 
-    Args:
-        case_file: the case.
-        options: of the command line.
-
-    Returns:
-        The exit code.
+    Returns the exit code.
 
     Raises:
         TriboxError: as of :func:`tribox.app.run.run_case`; or the options do not go together.

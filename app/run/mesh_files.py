@@ -38,11 +38,7 @@ def write_case_mesh(
     """Write a picture of a case's mesh, and the mesh where it is not a file already.
 
     Args:
-        case_file: The case.
-        overrides: Keys that are changed.
         out: Directory; None: beside the results.
-        force: Whether files that are there are replaced.
-        trust: Whether a drawing may do more than draw.
 
     Raises:
         InputError: The case or its mesh cannot be used, or a file is there.
@@ -72,10 +68,6 @@ def write_case_mesh(
 
 def marks_of(case: Case, named: NamedMesh) -> Marks:
     """What a picture of a case shows beside its mesh: tools, pairs, and what is done to surfaces.
-
-    Args:
-        case: With or without a sweep, of which nothing is shown.
-        named: Its mesh.
 
     Raises:
         InputError: A tool has no shape.
@@ -111,12 +103,7 @@ def law_of(contact: Contact) -> str:
 
 
 def _deeds(table: Boundary | AnyTool, dim: int) -> Iterator[tuple[str, Arrow | None]]:
-    """What a table does, in words and as an arrow.
-
-    Args:
-        table: Of a boundary or a tool.
-        dim: Of space.
-    """
+    """What a table does, in words and as an arrow."""
     done: dict[str, list[str]] = {}
     for key in ("displacement", "velocity", "force", "traction"):
         part = getattr(table, key, None)
@@ -158,10 +145,7 @@ def write_drawing_mesh(drawing: Path, out: Path | None, force: bool, trust: bool
     """Write the mesh of a drawing; of a STEP file with a name for each part, and a picture.
 
     Args:
-        drawing: The drawing.
         out: The mesh file; None: beside the drawing.
-        force: Whether files that are there are replaced.
-        trust: Whether it may do more than draw.
 
     Raises:
         InputError: The drawing cannot be meshed, or a file is there or cannot be written.
@@ -223,9 +207,7 @@ def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]
     the context the mesh is a file, which may be copied.
 
     Args:
-        case: What is run; whether its drawing may do more than draw is for the caller to see to.
         directory: Of the results of a run that goes on; None: the drawing is meshed.
-        comm: Ranks that work together.
 
     Raises:
         InputError: The drawing cannot be meshed.

@@ -124,10 +124,6 @@ def tribox_command(*words: str, before: Sequence[str] = ()) -> list[str]:
     """The command line of another process of tribox.
 
     Python looks for no module in the working directory, which may be that of anyone's case.
-
-    Args:
-        words: of the command line of tribox.
-        before: of that of Python, ahead of the program.
     """
     return [sys.executable, "-P", *before, "-m", "tribox", *words]
 

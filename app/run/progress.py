@@ -47,17 +47,6 @@ class Reporter(Observer):
         console: Console | None = None,
         resumed: bool = False,
     ) -> None:
-        """Open the log.
-
-        Args:
-            log: file that receives every line.
-            case: that is run.
-            saving: keeps errors of writing the log.
-            quiet: print warnings and results only.
-            console: where lines are printed; default: standard output, plainly where that is no
-                terminal.
-            resumed: whether the log goes on with one that is there.
-        """
         self.saving = saving
         self._log = Log(log, saving, resumed)
         self._console = console or _terminal()
@@ -77,9 +66,7 @@ class Reporter(Observer):
         """A run goes on that had come somewhere.
 
         Args:
-            state: to which it had come.
             ends: s, time and last step of each load step that had ended.
-            steps: explicit time steps that it had made.
         """
         dt = state.rows[-1].dt if state.rows else state.time
         self._progress.go_on(ends, state.time, dt)
@@ -306,13 +293,6 @@ class Log:
     """``log.txt``; lines that could not be written wait for the next that can."""
 
     def __init__(self, path: Path, saving: Saving, resumed: bool = False) -> None:
-        """Begin the file.
-
-        Args:
-            path: of the file.
-            saving: keeps errors of writing.
-            resumed: whether it goes on with one that is there.
-        """
         self._keep = path.stat().st_size if resumed and path.is_file() else 0
         self._path, self._saving = path, saving
         self._file: GrowingFile | None = None
@@ -427,7 +407,6 @@ class StagesProgress:
         """Begin with the first stage.
 
         Args:
-            case: that is run.
             now: the clock, s.
         """
         self._stages = case.stage
@@ -467,7 +446,6 @@ class StagesProgress:
         Args:
             ends: s, time and last step of each load step that had ended.
             time: s, to which it had come; dt: s, its last step.
-            dt: see time.
         """
         for end in ends:
             self.at(*end)
@@ -506,12 +484,6 @@ class StageBars:
     """
 
     def __init__(self, progress: StagesProgress, console: Console) -> None:
-        """Show the bars.
-
-        Args:
-            progress: of the stages, kept up to date by somebody else.
-            console: the terminal, on which other lines are printed too.
-        """
         from rich.live import Live  # takes long to load, and no other run has a use for it
 
         self._progress = progress

@@ -89,12 +89,7 @@ class Forwarding:
     """
 
     def __init__(self, first: signal.Signals, further: signal.Signals) -> None:
-        """Nothing is passed on before the context is entered.
-
-        Args:
-            first: what children are sent at the first signal to stop, to finish their step.
-            further: what they are sent at any further one, to stop at once.
-        """
+        """Nothing is passed on before the context is entered."""
         self.asked = 0
         self._first: int | None = None
         self._sent = (first, further)
@@ -164,15 +159,9 @@ INTERRUPTED = 130
 def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
     """Run tribox on ranks and wait for them.
 
-    mpirun, told to end, gives its ranks a quarter of a second and kills them. So signals to stop
-    go to the ranks themselves, by SIGUSR1, which mpirun passes on; these finish their step.
-
-    Args:
-        count: number of ranks.
-        arguments: of the command line of each.
-
-    Returns:
-        The exit code.
+    mpirun, told to end, gives its ranks a quarter of a second and kills them. So signals to stop go
+    to the ranks themselves, by SIGUSR1, which mpirun passes on; these finish their step. Returns
+    the exit code.
 
     Raises:
         InputError: there is no mpirun.
@@ -193,8 +182,7 @@ def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
 def tell_exit_code(code: int) -> bool:
     """Tell the process that waits for these ranks what to end with.
 
-    Returns:
-        Whether there is one; the ranks themselves are then to end with 0.
+    Returns whether there is one; the ranks themselves are then to end with 0.
     """
     if EXIT_CODE not in os.environ:
         return False
@@ -309,11 +297,7 @@ def _of_a_kernel(error: RuntimeError) -> str:
 
 
 def end_interrupted(together: bool) -> NoReturn:
-    """End the program after a signal.
-
-    Args:
-        together: whether all ranks are here, their state saved.
-    """
+    """End the program after a signal."""
     if together:
         _leave(["interrupted; the results so far are saved"], INTERRUPTED, True)
     _say_once("interrupted")

@@ -59,12 +59,7 @@ class Interruption(Observer):
     """
 
     def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
-        """No signal is taken before the context is entered.
-
-        Args:
-            comm: ranks that stop together.
-            saving: that the run writes its files in.
-        """
+        """No signal is taken before the context is entered."""
         self._comm, self._saving = comm, saving
         self.noted: Callable[[], None] | None = None
         self.asked = False
@@ -143,18 +138,7 @@ def run_case(
 ) -> Simulation:
     """Run one case (without its sweep) and write its results; collective.
 
-    Args:
-        case: what to run; friction laws in Python are run, as the caller is code itself.
-        directory: results directory; made if missing.
-        force: replace results that are there.
-        quiet: print warnings and errors only.
-        comm: ranks that work together.
-        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
-        resume: go on from the last checkpoint in the directory; from the start if there is none.
-        extend: the same, and past the end if the case has further stages.
-
-    Returns:
-        The finished simulation: ``rows`` is the history, ``model`` what was solved.
+    Returns the finished simulation: ``rows`` is the history, ``model`` what was solved.
 
     Raises:
         InputError: the case, the mesh or the directory cannot be used; nothing has been changed.
@@ -175,11 +159,7 @@ def run_case(
 
 
 def _to_go_on(directory: Path, extend: bool, comm: MPI.Comm) -> Found | None:
-    """The checkpoint to go on from, or None if the run may begin anew; collective.
-
-    Raises:
-        InputError: there is no checkpoint, and results that are not to be lost.
-    """
+    """The checkpoint to go on from, or None if the run may begin anew; collective."""
     found = find_checkpoint(directory, comm)
     if found is None:
         if extend:
@@ -249,11 +229,7 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
 
 
 def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Saving) -> Recorder:
-    """Make the directory ready and begin its files, or go on with them; collective.
-
-    Raises:
-        InputError: case, mesh or tables are not those that the run began with.
-    """
+    """Make the directory ready and begin its files, or go on with them; collective."""
     model, directory, found = simulation.model, opening.claim.directory, opening.found
     kept, seen = NOTHING, None  # but on the first rank, which writes
 
@@ -472,11 +448,7 @@ ROUND_OFF = 1e-10  # of the largest force of the run, or its moment on the size 
 
 
 def tool_lines(state: RunState) -> Iterator[str]:
-    """A line on each tool: how far it has come, and the force and moment of the bodies on it.
-
-    Args:
-        state: of a run with at least one step.
-    """
+    """A line on each tool: how far it has come, and the force and moment of the bodies on it."""
     columns, rows = state.tools.columns, state.tools.rows
     if not rows:
         return

@@ -67,7 +67,6 @@ class SweepLines(AbstractContextManager["SweepLines"]):
     """Prints the lines of every value, labelled; a note that several values have is said once."""
 
     def __init__(self) -> None:
-        """Make ready."""
         self._once = SaidOnce()
 
     def begin(self, label: str) -> None:
@@ -98,12 +97,6 @@ class SweepScreen(SweepLines):
     """
 
     def __init__(self, count: int, console: Console) -> None:
-        """Make ready.
-
-        Args:
-            count: number of values.
-            console: the terminal.
-        """
         from rich.live import Live
 
         super().__init__()
@@ -218,14 +211,6 @@ def run_sweep(
 ) -> None:
     """Run all values of a sweep, collate what they give and draw it.
 
-    Args:
-        case: with the sweep.
-        case_file: where it was read from.
-        directory: of the results.
-        options: of the sweep.
-        around: ranks that this process was started with; with more than one, all of them take the
-            values one after the other.
-
     Raises:
         InputError: the case or the directory cannot be used; nothing has been changed.
         SolutionError: a run failed; the others have been made.
@@ -290,12 +275,7 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
 
 
 def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[int, str]]:
-    """Number and label of the values that are not done, or to be done again or for longer.
-
-    Raises:
-        InputError: a value that is done is that of another case, or is to be extended first; or
-            there is nothing to extend.
-    """
+    """Number and label of the values that are not done, or to be done again or for longer."""
     out = []
     goes_on = options.goes_on and not is_beginning(directory)
     for index, (label, single) in enumerate(case.sweep_cases()):
@@ -518,18 +498,15 @@ def collate(
 ) -> None:
     """Write ``sweep.csv``, with rows for each load step of each part, and ``summary.json``.
 
-    Args:
-        case: with the sweep.
-        directory: of the results.
-        status: of the sweep: running, done, interrupted or failed.
-        inputs: SHA-256 of the files that the case reads, by their names.
-
     Columns are those of the history, with the part's ``label``, the swept ``value`` (in SI, where
     it is a number), ``steady``, ``kind`` and ``name`` before them, and behind them those of pairs,
     tools and probes. The first row of a load step is of the ``run``, all pairs together; below it
     stand each ``pair``, where there are several, each ``tool`` and each ``probe`` of a surface.
     Parts that were not run, or not to their end, give what they have; ``summary.json`` tells, and
     holds the SHA-256 of the ``inputs``, by their names.
+
+    Args:
+        inputs: SHA-256 of the files that the case reads, by their names.
     """
     rows: list[dict[str, Any]] = []
     parts: dict[str, Any] = {}

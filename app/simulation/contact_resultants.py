@@ -91,14 +91,7 @@ def measure_contact(
     comm: MPI.Comm,
     driven: Sequence[float] | None = None,
 ) -> ContactResultants:
-    """Resultants of one pair; collective.
-
-    Args:
-        term: the pair, before the trial is committed.
-        trial: a converged step.
-        comm: of all ranks.
-        driven: in space, direction in which boundaries are driven.
-    """
+    """Resultants of one pair; collective."""
     scalars = _summed(comm, {n: np.array([v]) for n, v in _scalars(term, trial).items()})
     total = {name: float(value[0]) for name, value in scalars.items()}
     area, force = total["closed"], total["load"]
@@ -223,13 +216,7 @@ def vector_integrals(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats
 def resultants(
     vectors: dict[str, Floats], driven: Sequence[float] | None, axisymmetric: bool
 ) -> dict[str, Any]:
-    """Forces of a :class:`ContactResultants`, by name.
-
-    Args:
-        vectors: :func:`vector_integrals`, summed over all ranks, or their means over time.
-        driven: in space, direction in which boundaries are driven.
-        axisymmetric: whether radial parts cancel round the ring.
-    """
+    """Forces of a :class:`ContactResultants`, by name."""
     if axisymmetric:
         axial = np.array([0.0, 1.0])
         vectors = {n: v * axial if n in _CANCELLING else v for n, v in vectors.items()}
@@ -352,9 +339,7 @@ def contact_columns(
     have a film.
 
     Args:
-        pairs: resultants of each pair.
         velocity: m/s, of the driven boundaries; 0 without.
-        rate_dependent: whether time counts, so that there is a slip speed.
         thickness: m, of the slab that the results are for.
         noise: N/m, force up to which there is nothing but rounding, and no ratio.
     """
@@ -416,14 +401,11 @@ def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dic
 def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> Floats:
     """Let the loads and contacts be those of a stage; collective.
 
-    Args:
-        model: what is solved.
-        stage: its name.
-        x: displacement, m, at its beginning.
+    Returns (n,), N per unit thickness, forces on the owned unknowns of contacts that are released
+    from now on: loads take their place.
 
-    Returns:
-        (n,), N per unit thickness, forces on the owned unknowns of contacts that are released from
-        now on: loads take their place.
+    Args:
+        x: displacement, m, at its beginning.
 
     Raises:
         SolutionError: the surfaces of a contact that acts from now on overlap.
@@ -466,9 +448,7 @@ def with_released_energy(
     The friction of contacts that are released is that of loads, whose work is counted there.
 
     Args:
-        resultants: of all contacts after a step.
         before: those of the step before; empty: there was none.
-        model: what is solved.
     """
     out, stage = list(resultants), "" if model.loads is None else model.loads.stage
     tables, terms = model.case.contact, model.problem.contacts

@@ -107,7 +107,6 @@ class PairProbe:
     """Measures one contact."""
 
     def __init__(self, term: ContactTerm) -> None:
-        """Sort the points by facet."""
         self.term, self.surface = term, term.surface
         self._comm = term.surface.vertices.comm
         facet = term.surface.slave.facet
@@ -239,10 +238,6 @@ class PairProbe:
         The rim crosses the facets between a vertex that presses and one that does not; point by
         point a vertex presses if something does on all facets around. It is taken in the middle of
         such facets, and the half-width from the vertex or point that is furthest from it.
-
-        Args:
-            trial: the contact.
-            patch: (q,) points of the facets that press.
         """
         surface, vertices = self.surface, self.surface.vertices
         weight, length = surface.slave.weight, surface.slave.facet_length
@@ -308,7 +303,6 @@ class ContactWarnings:
         """Make ready; collective.
 
         Args:
-            problem: whose contacts are looked at.
             resumed: what :meth:`snapshot` has seen, of a run that goes on; None: nothing has
                 pressed yet.
         """
@@ -334,7 +328,6 @@ class ContactWarnings:
         """Look at a converged step; collective.
 
         Args:
-            row: of it.
             thickness: m, of the slab that the row is for; 1 otherwise.
         """
         trials = self._problem.committed
@@ -600,7 +593,6 @@ def waves(surface: ContactSurface, pressure: Floats, inside: Bools, spacing: flo
     single peaks, as at corners of the slave, do not count.
 
     Args:
-        surface: the pair.
         pressure: (v,), Pa, of the vertices.
         inside: (q,) points of this rank on facets that are amid pressed ones.
         spacing: m, of the master's corners.
@@ -646,8 +638,6 @@ def waves_text(index: int, share: float, spacing: float) -> str:
     """The warning of pressures that are off a smooth curve over corners of the master.
 
     Args:
-        index: of the contact.
-        share: as :func:`waves` gives it.
         spacing: m, of the corners.
     """
     return (
@@ -664,10 +654,8 @@ def softer_factor(factor: float, mean: float, sagitta: float, cost: float) -> fl
     The penetration goes as 1/K. One digit is kept.
 
     Args:
-        factor: the present `penalty_factor`.
         mean: m, penetration weighted by the pressure.
         sagitta: m, of the facets.
-        cost: share of the approach of the bodies that is penetration, over what is allowed.
     """
     if sagitta <= 0.0 or mean <= 0.0:
         return None

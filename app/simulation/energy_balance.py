@@ -100,9 +100,7 @@ def kinks(term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats,
     Forces from outside have the same kink.
 
     Args:
-        term: the pair.
         before: gaps, m, and pressures, Pa, at the start of a step; after: at its end.
-        after: see before.
     """
     if term.tied or not term.active or isinstance(term, LubricatedTerm):
         return 0.0  # a film presses across its gap
@@ -133,11 +131,6 @@ def fit_work(
 
     The energy of the contact is a function of the gap g + o: whoever changes the offset o does the
     work −p do per area, as a body that warms up in a bore does.
-
-    Args:
-        term: the pair.
-        before: gaps, pressures and offsets at the start of a step; after: at its end.
-        after: see before.
     """
     density = -0.5 * (before[1] + after[1]) * (after[2] - before[2])
     if _by_vertices(term):
@@ -196,12 +189,7 @@ class EnergyBalance:
         self.kinetic = self._initial_kinetic = kinetic
 
     def add_interval(self, resultants: Sequence[ContactResultants], flow: EnergyFlow) -> None:
-        """Enter a stretch of explicit steps that ends at the displacement spread last; collective.
-
-        Args:
-            resultants: of the contacts, with what they dissipated over the stretch.
-            flow: what else happened to the energy.
-        """
+        """Enter a stretch of explicit steps that ends at what was spread last; collective."""
         self.work += flow.work
         self.damping += flow.damping
         self.kinetic = flow.kinetic
@@ -319,13 +307,7 @@ class Inertia:
 
 
 def notes_on_inertia(case: Case, load_step: LoadStep, inertia: Inertia) -> Iterator[str]:
-    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest.
-
-    Args:
-        case: what was run; load_step: the part that has ended.
-        load_step: see case.
-        inertia: kinetic against strain energy over it.
-    """
+    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest."""
     limit = case.solver.kinetic_limit
     if case.solver.mass_scaling is not None and inertia.ratio > limit:
         yield (

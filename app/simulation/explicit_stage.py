@@ -109,12 +109,7 @@ def notes_on_steps(model: Model) -> list[str]:
 
 
 def notes_on_bouncing(state: RunState, load_step: LoadStep) -> Iterator[str]:
-    """Warnings after an explicit load step: contact that flickers while its load stays.
-
-    Args:
-        state: of the run, whose last rows are those of the load step.
-        load_step: the part that has ended.
-    """
+    """Warnings after an explicit load step: contact that flickers while its load stays."""
     columns = ("stage", "contact_area", "normal_force")
     at = [state.pair_columns.index(name) for name in columns]
     pairs, count = len(state.resultants), state.position.count
@@ -157,9 +152,7 @@ class ExplicitStage:
         """Take over from the state that the run is in; collective.
 
         Args:
-            state: of the run; its contacts hold the history.
             displacement: (n,), m, of the owned unknowns.
-            rate_dependent: whether rates count in the contacts' laws at the start.
             masses: of a run that is resumed; None: scaled for the state taken over.
 
         Raises:
@@ -240,11 +233,7 @@ class ExplicitStage:
         observer.load_step(state, load_step, state.rows[-1], steady)
 
     def _interval(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row.
-
-        Raises:
-            SolutionError: a step has failed; the observer has been told.
-        """
+        """The steps up to the next row of the load step, and that row."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
@@ -333,11 +322,7 @@ class ExplicitStage:
         self._peak = energy
 
     def _row(self, load_step: LoadStep, dt: float, steps: int, observer: Observer) -> None:
-        """Take the contacts' resultants, enter the energies and add a row; collective.
-
-        Raises:
-            SolutionError: a friction law of the user's fails.
-        """
+        """Take the contacts' resultants, enter the energies and add a row; collective."""
         state, problem = self.state, self.model.problem
         if fault := law_fault(problem.contacts, problem.committed):
             when = time_text(state.time, dt)
@@ -457,13 +442,8 @@ class IntervalAverages:
     ) -> tuple[list[ContactResultants], EnergyFlow, OutsideForces]:
         """End the interval; collective.
 
-        Args:
-            ends: the contacts as they are at its end.
-            driven: in space, direction in which boundaries are driven.
-
-        Returns:
-            The contacts with mean forces and with what they dissipated; what else happened to the
-            energy; mean forces of the surroundings.
+        Returns the contacts with mean forces and with what they dissipated; what else happened to
+        the energy; mean forces of the surroundings.
         """
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
@@ -485,15 +465,7 @@ class IntervalAverages:
 def _tally_step(
     term: ContactTerm, trial: ContactTrial, before: Floats, tally: _Tally, dt: float
 ) -> None:
-    """Add one step of one pair.
-
-    Args:
-        term: the pair; trial: the step, committed.
-        trial: see term.
-        before: (q, i), Pa, friction traction at the start of the step.
-        tally: what it is added to.
-        dt: s, length of the step.
-    """
+    """Add one step of one pair."""
     weight, parts = term.surface.slave.weight, trial.response.dissipation
     lost = parts.total
     tally.time += dt

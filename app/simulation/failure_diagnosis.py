@@ -100,9 +100,7 @@ def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
     to zero on both sides. Below zero, the bodies have passed a limit and snap.
 
     Args:
-        solver: with the tangent.
         x: unknowns, m.
-        step: duration and contact modes.
     """
     problem = solver.problem
     if not np.isfinite(x.norm()):
@@ -147,10 +145,7 @@ def body_adrift(
     linear solver found some place for it, which is as good as any other. Collective.
 
     Args:
-        problem: the equilibrium.
-        loose: the directions, from :func:`tribox.app.equilibrium.supports.loose_directions`.
         before: owned unknowns, m, at the start of the step.
-        now: at its end.
     """
     largest = problem.comm.allreduce(float(np.max(np.abs(now), initial=0.0)), op=MPI.MAX)
     for one in loose:
@@ -241,13 +236,7 @@ def explain(
     off, the state evaluated last says nothing of supports and ends.
 
     Args:
-        problem: the equilibrium; holds the last state that was evaluated, afterwards the converged.
-        result: of the last attempt.
-        converged: unknowns of the last converged state.
-        loose: the directions in which contact alone holds a body.
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
-        contacts: of the case, for the names of their surfaces.
-        unstable: what :func:`is_unstable` says; asked where nothing else is found.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (

@@ -51,7 +51,6 @@ class FilmWatch:
     """The worst of each pair whose film is found."""
 
     def __init__(self, problem: Equilibrium) -> None:
-        """Find these pairs."""
         self._problem = problem
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
@@ -83,7 +82,6 @@ class FilmWatch:
             self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
             self._look_at_roughness(place, term, film, when)
             self._look_at_facets(place, term, trial, film, when)
-            self._look_at_grading(place, term, trial, film, history.length, when)
             self._look_at_oil(place, term, film, when)
             self._look_at_flow(place, film, faces, term.places.per_facet, when)
 
@@ -226,55 +224,6 @@ class FilmWatch:
                 f"({when}): film and friction ripple with them; a circle, a plane or fillets as "
                 f"tool, a smoothing_angle, or facets of {fine:.2g} m",
             )
-
-    def _look_at_grading(
-        self,
-        place: str,
-        term: LubricatedTerm,
-        trial: ContactTrial,
-        film: Lubrication,
-        length: Floats,
-        when: str,
-    ) -> None:
-        """Hold the step that the film gets where facets change under a curved tool against it.
-
-        Along a facet of length l the gap to a tool of curvature κ is a parabola. The gap of a
-        vertex, averaged with the dual functions, is too small by κ l²/12, and between facets of l_1
-        and l_2 by κ (l_1³ + l_2³)/(12 (l_1 + l_2)): one number where facets are alike.
-        """
-        at, faces, loaded = trial.projection, term.faces, self._loaded(film)
-        of = term.asperities.facet_of
-        facet, first = np.unique(of, return_index=True)
-        last = len(of) - 1 - np.unique(of[::-1], return_index=True)[1]
-        turn = np.linalg.norm(at.normal[last] - at.normal[first], axis=1)
-        way = np.linalg.norm(at.foot[last] - at.foot[first], axis=1)
-        round_ = at.on_surface[first] & at.on_surface[last] & (turn < EDGE) & (way > 0.0)
-        curvature = np.zeros(len(faces))
-        curvature[facet[round_]] = turn[round_] / way[round_]
-        both, count = faces.reshape(-1), term.surface.vertices.count
-        cubes = np.bincount(both, np.repeat(curvature * length**3, 2), count)
-        off = cubes / (12.0 * np.bincount(both, np.repeat(length, 2), count))
-        here = np.nonzero(film.members[faces].all(axis=1) & loaded[faces].any(axis=1))[0]
-        if not len(here):
-            return
-        step = np.abs(np.diff(off[faces[here]], axis=1)[:, 0])
-        share = step / film.film[faces[here]].min(axis=1)
-        worst = int(np.argmax(share))
-        if share[worst] > SAGITTA:
-            self._keep(
-                f"grading {place}",
-                float(share[worst]),
-                f"{place}: the slave's facets, here {length[here[worst]]:.2g} m long, change in "
-                f"length under a curved tool, which gives the film a step of {step[worst]:.2g} m, "
-                f"{100.0 * share[worst]:.0f} % of it ({when}): facets that are alike over the "
-                "contact, or shorter ones",
-            )
-
-    @staticmethod
-    def _loaded(film: Lubrication) -> Bools:
-        """Vertices (v,) that carry."""
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        return carried > LOADED * carried.max()
 
     def _look_at_oil(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
         """See whether more oil is given than passes."""
@@ -426,10 +375,6 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
     """How far the cells reach in (f,), m, below the slave's facets, over the elements' degree.
 
     On one rank, as films that are found are.
-
-    Args:
-        term: of the pair.
-        space: of the displacement.
     """
     dim, surface = term.surface.dim, term.surface
     assert isinstance(term.rule, AsperityPressure)

@@ -124,16 +124,7 @@ class ImplicitStage:
                 at.piece = 2.0 * at.piece
 
     def _take_resultants(self, load_step: LoadStep, held: bool) -> None:
-        """Contact resultants of a solved step, before it is committed; collective.
-
-        Args:
-            load_step: the load step at hand.
-            held: whether bodies that float are held by weak springs.
-
-        Raises:
-            SolutionError: a law fails, a number is not finite, or a body has been moved that
-                nothing holds.
-        """
+        """Contact resultants of a solved step, before it is committed; collective."""
         state, problem = self.state, self.model.problem
         self._heed_laws(load_step, problem.trials)
         resultants = state.resultants_of(problem.trials)
@@ -150,15 +141,7 @@ class ImplicitStage:
         state.resultants = resultants
 
     def _heed_laws(self, load_step: LoadStep, trials: Sequence[ContactTrial] = ()) -> None:
-        """End the run where a law of the user's has failed on any rank; collective.
-
-        Args:
-            load_step: the load step at hand.
-            trials: of the contacts, if the step is about to be accepted.
-
-        Raises:
-            SolutionError: one has.
-        """
+        """End the run where a law of the user's has failed on any rank; collective."""
         if fault := law_fault(self.model.problem.contacts, trials):
             when = time_text(self.state.time, load_step.dt)
             raise SolutionError(f"stage {load_step.label}, time {when}: {fault}")

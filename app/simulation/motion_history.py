@@ -63,7 +63,6 @@ class OutsideMean:
     """
 
     def __init__(self, stepper: ExplicitStepper) -> None:
-        """Begin an interval at the stepper's state."""
         self._stepper, problem = stepper, stepper.problem
         self._held = held_dofs(problem)
         self._mass = stepper.mass[self._held]
@@ -192,8 +191,6 @@ class MotionHistory:
         Args:
             key: number of the step, time in s, name of the stage.
             motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-            outside: forces of the surroundings.
-            pairs: resultants of the contacts.
         """
         here = self._means.of(*motion)
         there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
@@ -228,15 +225,13 @@ class MotionHistory:
 
         Bodies that are bonded count as one: the forces between them are in no table. A moment
         counts as a pair of forces at the ends of its lever: under moments alone the resultant of
-        each surface is what the solver leaves, and nothing to compare with.
+        each surface is what the solver leaves, and nothing to compare with. Returns None without a
+        force.
 
         Args:
-            stages: names of those at whose rows the bodies are in equilibrium.
             noise: N, what rounding leaves; no force beyond it is none.
-            largest: N, of forces in other tables: those on both sides of a body cancel in its row.
-
-        Returns:
-            None without a force.
+            largest: N, of forces in other tables: those on both sides of a body cancel in its
+                row.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])

@@ -73,11 +73,8 @@ def _way_out(problem: Equilibrium, one: Loose, index: int) -> Floats | None:
     """How contact number ``index`` lies to a body that has reached it; collective.
 
     It has where the surfaces were no further than a facet's length apart when the last step was
-    solved, or at the start.
-
-    Returns:
-        (i,), m^(i-1), the normal out of the other body times the area within reach; None where the
-        body has not reached it, or has no part in it.
+    solved, or at the start. Returns (i,), m^(i-1), the normal out of the other body times the area
+    within reach; None where the body has not reached it, or has no part in it.
     """
     term = problem.contacts[index]
     surface, bodies = term.surface, bodies_of(problem, term)
@@ -156,13 +153,7 @@ class Hold:
 
 
 def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:
-    """What all contacts together hold a body with, at the states ``trials``; collective.
-
-    Args:
-        problem: the equilibrium.
-        held: name of the body, or of all that are bonded.
-        trials: of the contacts.
-    """
+    """What all contacts together hold a body with, at the states ``trials``; collective."""
     contacts = []
     parts = np.zeros(2 * problem.dim + 2)
     for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):

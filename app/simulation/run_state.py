@@ -133,13 +133,7 @@ class RunState:
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
-        """Add a row of the present resultants and energies to the history; collective.
-
-        Args:
-            load_step: what the step belongs to.
-            effort: what the step took.
-            moved: how the bodies move, and what from outside acts on them.
-        """
+        """Add a row of the present resultants and energies to the history; collective."""
         self.step += 1
         t, stage = self.model.thickness, load_step.stage
         rates, speed = stage.rate_dependent, self._mean_speed(load_step)
@@ -205,12 +199,7 @@ class RunState:
         self.way.add(row.driven_displacement, along, unsettled, presliding)
 
     def is_steady(self, load_step: LoadStep, first: int) -> bool:
-        """Whether the tangential force has come to where it tends at the present velocity.
-
-        Args:
-            load_step: the load step.
-            first: number of its first row, from 0.
-        """
+        """Whether the tangential force has come to where it tends at the present velocity."""
         self.steadiness = self.way.judge(first, load_step.stage.steady_tolerance)
         return self.steadiness.steady
 
@@ -321,12 +310,6 @@ class ToolHistory:
     """
 
     def __init__(self, model: Model, held: Ints) -> None:
-        """Make ready.
-
-        Args:
-            model: what is solved.
-            held: owned unknowns of :class:`OutsideForces`, sorted.
-        """
         self._model, self._held = model, held
         self._tools, dim = model.problem.tools, model.problem.dim
         axes = COMPONENTS[:dim]
@@ -358,8 +341,6 @@ class ToolHistory:
         Args:
             key: number of the step, time in s, name of the stage.
             motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-            outside: forces of the surroundings.
-            pairs: resultants of the contacts.
         """
         if not self._tools:
             return

@@ -84,14 +84,8 @@ def measure_settling(
 ) -> tuple[float, float]:
     """What friction has still to lose, and in what slip it follows a change; collective.
 
-    Args:
-        contacts: all pairs.
-        trials: their last converged step.
-        comm: of all ranks.
-
-    Returns:
-        N/m in plane strain, otherwise N, by what the laws say of themselves; and the pre-sliding
-        length of all pairs, m, mean weighted by the pressure.
+    Returns N/m in plane strain, otherwise N, by what the laws say of themselves; and the pre-
+    sliding length of all pairs, m, mean weighted by the pressure.
     """
     sums = np.zeros(3)
     for term, trial in zip(contacts, trials, strict=True):
@@ -119,11 +113,6 @@ class SlidWay:
     """
 
     def __init__(self, laws: Iterable[FrictionLaw]) -> None:
-        """Begin with one sample: nothing has moved yet.
-
-        Args:
-            laws: of all contacts.
-        """
         laws = list(laws)
         self.settling_slip = max(map(settling_slip, laws), default=0.0)
         self.knows_end = all(map(knows_its_end, laws))
@@ -167,12 +156,7 @@ class SlidWay:
         self._presliding, self._stiffness = kept["presliding"], kept["stiffness"]
 
     def judge(self, first: int, tolerance: float) -> Steadiness:
-        """Whether the force is steady now.
-
-        Args:
-            first: number of the first row of the present velocity, from 0.
-            tolerance: largest relative change of the force over the length asked for.
-        """
+        """Whether the force is steady now."""
         driven = np.array(self._driven[first:])  # the sample before the first row is the start
         way = np.abs(driven - driven[0])
         if len(way) < 2 or way[-1] == 0.0:

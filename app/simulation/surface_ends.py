@@ -45,7 +45,6 @@ def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
     """Where the master ends that some points are past, undeformed; collective.
 
     Args:
-        surface: the pair.
         at: the slave's points on the master.
         off: (q,) those of this rank that are past an end.
     """
@@ -57,12 +56,7 @@ def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
 
 
 def _places_text(found: Floats, extent: float) -> str:
-    """Places (n, i), m, in words: two where they lie at two ends that are far from each other.
-
-    Args:
-        found: see above.
-        extent: m, of the surface.
-    """
+    """Places (n, i), m, in words: two where they lie at two ends that are far from each other."""
     if not len(found):
         return "an end"
     found = np.round(found / (SAME * extent)) * (SAME * extent) + 0.0  # round-off, and no −0
@@ -89,14 +83,7 @@ class PressedEnd:
     where: str = ""
 
     def text(self, index: int, surface: str, of_tool: bool, when: str = "") -> str:
-        """The end in words.
-
-        Args:
-            index: of the contact.
-            surface: its name.
-            of_tool: whether it is a rigid tool, which has no body.
-            when: since when.
-        """
+        """The end in words."""
         behind = "where a round part is cut off" if of_tool else "behind which its body goes on"
         return (
             f"contact.{index}: the contact reaches the end of {surface} at {self.where}, "
@@ -116,7 +103,6 @@ class SmoothEnds:
         """Find them among the slave's vertices and the sides of the master's facets.
 
         Args:
-            surface: the pair.
             slave: (e, k) global nodes of the corners of the slave's ends.
             master: (e, k) of the master's.
         """
@@ -145,9 +131,6 @@ class SmoothEnds:
 
         The slave's end is pressed where its last vertex is, or point by point the points next to
         it; the master's where a pressed facet of the slave has points past it, inside the body.
-
-        Args:
-            trial: where the pair is.
         """
         surface, comm, pressure = self._surface, self._surface.space.mesh.comm, trial.pressure
         weight, vertices = surface.slave.weight, surface.vertices
@@ -282,12 +265,7 @@ class PressedEnds:
 
 
 def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """Contact that reaches the end of a surface where the body goes on; collective.
-
-    Args:
-        problem: at the state evaluated last.
-        contacts: of the case, for the names.
-    """
+    """Contact that reaches the end of a surface where the body goes on; collective."""
     ends, found = smooth_ends(problem), dict[tuple[int, int], PressedEnd]()
     for trials in (problem.committed, problem.trials):
         for index, _, trial in problem.sliding(trials):
@@ -306,12 +284,7 @@ def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
 
 
 def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """A point that leaves the master loses its force at once: there may be no equilibrium.
-
-    Args:
-        problem: at the state evaluated last.
-        contacts: of the case, for the names.
-    """
+    """A point that leaves the master loses its force at once: there may be no equilibrium."""
     for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
         pressed = before.pressure > 0.0
         off = pressed & ~now.projection.on_surface
@@ -337,7 +310,6 @@ class LeftMaster:
     """
 
     def __init__(self, model: Model) -> None:
-        """Find what is above the masters at the start."""
         self._problem, self._contacts = model.problem, model.case.contact
         self._above = [np.isfinite(term.state.gap) for term in self._problem.contacts]
         self._found: dict[int, str] = {}
@@ -392,7 +364,6 @@ class LateFilm:
     """
 
     def __init__(self, model: Model) -> None:
-        """Begin before the first step."""
         self._problem = model.problem
         self._pressed = [term.state.friction.closed for term in self._problem.contacts]
         # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.

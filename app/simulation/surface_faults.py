@@ -44,12 +44,7 @@ def names_of(contacts: Sequence[Contact], index: int) -> tuple[str, str]:
 
 
 def rests_on_edges(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """Pressed points on edges of the master, where its normal jumps, and the residual with it.
-
-    Args:
-        problem: at the state evaluated last.
-        contacts: of the case, for the names.
-    """
+    """Pressed points on edges of the master, where its normal jumps, and the residual with it."""
     for index, term, trial in problem.sliding(problem.trials):
         target, at = term.surface.target, trial.projection
         edge = (target.excess(at.facet, at.xi) > -ON_EDGE) & (trial.pressure > 0.0)
@@ -73,12 +68,7 @@ def _one_place(comm: MPI.Comm, places: Floats) -> str | None:
 
 
 def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """Facets of a bent master that catch a slave, or may where the residual is largest elsewhere.
-
-    Args:
-        problem: at the state evaluated last.
-        contacts: of the case, for the names.
-    """
+    """Facets of a bent master that catch a slave, or may if the residual is largest elsewhere."""
     worst = np.array(problem.worst_place())
     for index, term, trial in problem.sliding(problem.trials):
         angle, here = bend(problem, term, trial), _is_on(term.surface, worst)
@@ -157,7 +147,6 @@ class SunkVertices:
     """
 
     def __init__(self, surface: ContactSurface) -> None:
-        """Find the slave facets of this rank, their normals out of the body."""
         self._surface = surface
         of_facet = np.unique(surface.slave.facet, return_index=True)[1]
         local, position = outward_facets(

@@ -54,12 +54,6 @@ class RoundOffWatch:
     """
 
     def __init__(self, problem: Equilibrium, tolerance: float) -> None:
-        """Begin with no step.
-
-        Args:
-            problem: what is solved.
-            tolerance: residual allowed, relative to the contact or reaction force.
-        """
         self.worst: AtRoundOff | None = None
         self._problem, self._tolerance = problem, tolerance
         lengths = [term.surface.facet_length for term in problem.contacts]
@@ -158,7 +152,6 @@ class FloatingWatch:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self.found: dict[str, Floating] = {}
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
@@ -200,7 +193,6 @@ class FlowWatch:
     """Largest equivalent plastic strains of each body that flows."""
 
     def __init__(self, problem: Equilibrium) -> None:
-        """Find the bodies that flow."""
         self._comm = problem.comm
         self._bodies = [
             (body, body.material.hardening.largest_strain)

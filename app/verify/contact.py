@@ -94,9 +94,7 @@ class Profile:
 def press(name: str, overrides: Sequence[str] = ()) -> Profile:
     """Run a case of line contact.
 
-    Args:
-        name: of a file in ``cases``, made by one of the line-contact generators.
-        overrides: "key=value" texts.
+    ``name``: of a file in ``cases``, made by one of the line-contact generators.
 
     Raises:
         ValueError: the contact has reached the end of the finely meshed zone.

@@ -200,11 +200,8 @@ def quarter_of_tube(
 ) -> Tube:
     """A quarter of the section in plane strain, blown up by a pressure that follows the surface.
 
-    Args:
-        material: of the tube.
-        elements: through the wall and around.
-        formulation: of the elements.
-        pressures: Pa; default: the closed form's at ``GROWTH``.
+    ``elements``: through the wall and around; ``pressures``: Pa; default: the closed form's at
+    ``GROWTH``.
     """
 
     def place(x: Floats) -> Floats:
@@ -299,12 +296,7 @@ def drawn_bar(
 ) -> Bar:
     """A bar, a cylinder or a box, drawn to logarithmic strains (n,).
 
-    Args:
-        hardening: of the bar.
-        counts: elements; the bar lies along the last axis.
-        section: "axisymmetric" or "3D".
-        strains: to be reached one after the other.
-        formulation: of the elements.
+    ``counts``: elements; the bar lies along the last axis. ``section``: "axisymmetric" or "3D".
     """
     dim, axis = len(counts), len(counts) - 1
     width = np.sqrt(AREA / np.pi) if dim == 2 else np.sqrt(AREA)
@@ -399,11 +391,7 @@ class Billet:
 
 
 def billet(overrides: Sequence[str] = ()) -> Billet:
-    """Upset the billet of ``cases/forming/upsetting.toml`` without friction.
-
-    Args:
-        overrides: of that case.
-    """
+    """Upset the billet of ``cases/forming/upsetting.toml`` without friction."""
     case, simulation = solve("forming/upsetting", (FRICTIONLESS, *overrides))
     geometry = case.geometry
     assert isinstance(geometry, PlacedBlocksGeometry)

@@ -30,13 +30,7 @@ PUBLISHED = (6.97e-3, 7.09e-3)  # m
 def membrane_tip(
     elements: int, formulation: Formulation, steps: int = 10
 ) -> tuple[float, list[float]]:
-    """Displacement of the upper right corner, upwards, m, and that after each step.
-
-    Args:
-        elements: along each side.
-        formulation: of the elements.
-        steps: in which the load grows.
-    """
+    """Displacement of the upper right corner, upwards, m, and that after each step."""
 
     def place(x: Floats) -> Floats:
         low = 44.0 * x[:, 0]
@@ -73,8 +67,7 @@ def limit(values: Floats) -> float:
 def cook(finest: int = 64) -> Verification:
     """Cook's membrane of Simo and Armero with finer and finer meshes of three formulations.
 
-    Args:
-        finest: elements a side of the finest mesh; half of it with ``q2``.
+    ``finest``: elements a side of the finest mesh; half of it with ``q2``.
     """
     meshes: dict[Formulation, Longs] = {
         "q1-sri": finest // 2 ** np.arange(4, -1, -1),
@@ -181,9 +174,8 @@ class BentStrip:
 def curvature(X: Floats, moved: Floats) -> float:
     """Mean curvature of the quarter next to the middle, by undeformed length, 1/m.
 
-    Args:
-        X: (n, i), m, nodes of the half, undeformed, its middle at x = 0.
-        moved: (n, i), m, their displacements.
+    ``X``: (n, i), m, nodes of the half, undeformed, its middle at x = 0; ``moved``: their
+    displacements.
     """
     places = np.unique(np.round(X[:, 0], 12))
     place = places[np.argmin(np.abs(places - 0.5 * SPAN))]
@@ -202,12 +194,7 @@ def springback(
 ) -> Springback:
     """Bend a strip by the angle of its ends, and turn them back until no moment is left.
 
-    Args:
-        hardening: of the strip.
-        angle: rad, of the end of the half.
-        counts: elements along the half and through the thickness.
-        formulation: of the elements.
-        steps: of bending.
+    ``angle``: rad, of the end of the half; ``counts``: elements along it and through the thickness.
     """
     strip = BentStrip(metal(hardening), counts, formulation)
     moment = 0.0

@@ -146,10 +146,7 @@ REPORT = "verification.md"
 def run_verify(names: Sequence[str], out: Path | None, force: bool) -> None:
     """Run verification cases and print their table; write a report where one is asked for.
 
-    Args:
-        names: of the cases; none: all.
-        out: directory of the report.
-        force: whether to replace a report that is there.
+    ``names``: none: all; ``out``: directory of the report.
 
     Raises:
         InputError: there is no such case, or the directory is not usable; nothing was run.
@@ -191,11 +188,7 @@ def chosen_names(names: Sequence[str]) -> list[str]:
 
 
 def verify(name: str) -> Verification:
-    """Run one verification case; one that cannot be computed is a result too.
-
-    Args:
-        name: a key of ``CASES``.
-    """
+    """Run one verification case; one that cannot be computed is a result too."""
     try:
         return CASES[name]()
     except (SolutionError, ValueError) as error:
@@ -237,12 +230,7 @@ def _columns(cells: Sequence[str]) -> str:
 
 
 def write_report(results: Sequence[Verification], directory: Path) -> None:
-    """Write ``verification.md`` and a figure of each case with curves.
-
-    Args:
-        results: what was found.
-        directory: free of other results; made if missing.
-    """
+    """Write ``verification.md`` and a figure of each case with curves."""
     # Drawing starts a library that takes a while.
 
     figures = directory / "figures"
@@ -275,12 +263,7 @@ def report_lines(result: Verification) -> Iterator[str]:
 
 
 def draw(result: Verification, path: Path) -> None:
-    """Write the figure of one verification case as PNG.
-
-    Args:
-        result: with at least one panel.
-        path: the file.
-    """
+    """Write the figure of one verification case as PNG."""
     with rc_context(STYLE):
         figure = Figure(figsize=(6.5 * len(result.panels), 4.0))
         axes = figure.subplots(1, len(result.panels), squeeze=False)

@@ -111,14 +111,12 @@ CASES = Path(__file__).parents[2] / "cases"
 
 
 def solve(
-    name: str, overrides: Sequence[str] = (), observer: Observer | None = None
+    name: str | Path, overrides: Sequence[str] = (), observer: Observer | None = None
 ) -> tuple[Case, Simulation]:
     """Run a case file in this process, without results.
 
-    Args:
-        name: of a file in ``cases``, without its ending.
-        overrides: "key=value" texts.
-        observer: of the run.
+    ``name``: of a file in ``cases``, without its ending, or a path; ``overrides``: "key=value"
+    texts.
 
     Returns:
         The case (without its sweep) and the finished simulation.
@@ -127,7 +125,8 @@ def solve(
         InputError: the file or an override is wrong.
         SolutionError: a step could not be solved.
     """
-    case = load_case(CASES / f"{name}.toml", overrides)
+    path = name if isinstance(name, Path) else CASES / f"{name}.toml"
+    case = load_case(path, overrides)
     simulation = Simulation(build_model(case, MPI.COMM_SELF))
     simulation.run(observer or Observer())
     return case, simulation

@@ -69,27 +69,27 @@ def patch_errors(
 ) -> PatchErrors:
     """Press two boxes of one width and depth, held on all sides, and compare with σ_yy = −p.
 
-    Args:
-        upper: elements of the upper box along x, y, z.
-        lower: of the lower box.
-        overrides: further "key=value" texts.
+    ``upper``, ``lower``: elements of the boxes along x, y, z.
     """
     counts = (
         f"geometry.upper.elements={list(upper)}",
         f"geometry.lower.elements={list(lower)}",
     )
     _, simulation = solve("boxes-3d", [*PATCH, *counts, *overrides])
+    return stress_errors(simulation, PATCH_PRESSURE)
+
+
+def stress_errors(simulation: Simulation, pressure: float) -> PatchErrors:
+    """Errors of a finished run in which σ_yy = −p (Pa) and the interface lies at y = 0."""
     problem, named = simulation.model.problem, simulation.model.named
     problem.spread(simulation.stepper.x)
     field = StressField(problem.u, problem.solids)
     field.update()
-    wrong = np.abs(field.stress.x.array.reshape(-1, 3, 3)[:, 1, 1] / PATCH_PRESSURE + 1.0)
+    wrong = np.abs(field.stress.x.array.reshape(-1, 3, 3)[:, 1, 1] / pressure + 1.0)
     height = named.mesh.geometry.x[cell_nodes(named.mesh)][:, :, 1]
-    touching = (np.abs(height) < 1e-9).any(axis=1)
-    points = np.abs(problem.trials[0].pressure / PATCH_PRESSURE - 1.0)
-    return PatchErrors(
-        float(wrong[touching].max()), float(wrong[~touching].max()), float(points.max())
-    )
+    near = (np.abs(height) < 1e-9).any(axis=1)
+    at_points = np.abs(problem.trials[0].pressure / pressure - 1.0)
+    return PatchErrors(float(wrong[near].max()), float(wrong[~near].max()), float(at_points.max()))
 
 
 def patch_space(overrides: Sequence[str] = ()) -> Verification:

@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from benchmarks.curved_contact.tables import chosen, line, markdown
+from benchmarks.curved_contact.runs import cell, chosen, markdown
 
 NAMES = ("film", "hard", "plough", "pressed")
 
@@ -46,7 +46,7 @@ def measure(
     for setup in setups:
         with tempfile.TemporaryDirectory() as scratch:
             rows.append(problem.row(setup, Path(scratch), overrides))
-        print(line(rows[-1]), flush=True)
+        print("  ".join(f"{name} {cell(v)}" for name, v in rows[-1].items()), flush=True)
     return rows
 
 

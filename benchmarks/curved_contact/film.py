@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.curved_contact.runs import Frame, Outcome, run
+from benchmarks.curved_contact import runs
+from benchmarks.curved_contact.runs import MM, STRESS, Frame, Outcome, case_text, run, soft, stages
 from benchmarks.curved_contact.shapes import tool_on_rubber
 from tribox.app.verify.curved import Extent, extent, slip_integral
 
-MM = 1e-3
 RADIUS = 5 * MM
-STRESS, FILM = 3200.0, 250e-9  # Pa, η V/D; m
 SHARE = 0.97  # facets of 80 um are made of 77.6, so that a step is no whole number of them
 
 
@@ -57,11 +56,6 @@ class Setup:
     slide: float = 1.0
     speed: float = 1e-3
 
-    @property
-    def eta(self) -> float:
-        """Pa s, such that the stress is the same at all speeds."""
-        return STRESS * FILM / self.speed
-
 
 BASE = Setup()
 QUICK = replace(BASE, size=80.0, steps=4, slide=0.4)
@@ -77,66 +71,8 @@ AXES: dict[str, tuple[Any, ...]] = {
     "tool": ("aluminium", "rubber"),
     "ring": (0.0, 200.0),
 }
-
-CASE = """
-title = "film over a round tool"
-[geometry]
-mesh = "mesh.msh"
-{section}
-
-[bodies.tool]
-{tool}
-density = 2700
-[bodies.rubber]
-material = "neo-hookean"
-E = "10 MPa"
-nu = {nu}
-density = 1100
-
-[[contact]]
-slave = "{slave}_contact"
-master = "{master}_contact"
-penalty_factor = {factor}
-{smoothing}
-film = {{ thickness = {film} }}
-[contact.friction]
-law = "friction-map"
-mu_s = 0.1
-K_T = "1e11 Pa/m"
-eta_b = {eta}
-D_max = {film}
-alpha = 1.0
-V_star = "1 mm/s"
-V_star_at = {film}
-
-[[boundary]]
-surface = "{fixed}"
-displacement = {{ x = 0, y = 0 }}
-[[boundary]]
-surface = "{moved}"
-displacement = {{ x = "driven", y = [["0 s", 0], ["1 s", "{press} mm"]] }}
-
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 5
-rate_dependent = false
-solver = "implicit"
-[[stage]]
-name = "slide"
-velocity = {speed}
-duration = {duration}
-steps = {steps}
-{slide}
-[output]
-figures = false
-"""
-TOOLS = {
-    "aluminium": 'material = "hencky"\nE = "70 GPa"\nnu = 0.33',
-    "rubber": 'material = "neo-hookean"\nE = "10 MPa"\nnu = {nu}',
-}
-EXPLICIT = 'solver = "explicit"\nramp = {ramp}'
-SCALING = """
+EXPLICIT = """solver = "explicit"
+ramp = {ramp}
 [solver]
 kind = "explicit"
 mass_scaling = {{ kind = "limiting", step = "{step} s" }}
@@ -145,72 +81,37 @@ mass_scaling = {{ kind = "limiting", step = "{step} s" }}
 
 def case_of(setup: Setup) -> str:
     """The case file."""
-    duration = setup.slide * MM / setup.speed
-    explicit, tool = setup.solver == "explicit", setup.moves == "tool"
-    text = CASE.format(
-        section='section = "axisymmetric"' if setup.ring else 'thickness = "1 mm"',
-        tool=TOOLS[setup.tool].format(nu=setup.nu),
-        nu=setup.nu,
+    duration, tool = setup.slide * MM / setup.speed, setup.moves == "tool"
+    staged = stages(5, setup.steps, setup.speed, duration)
+    if setup.solver == "explicit":
+        staged += EXPLICIT.format(ramp=0.4 * duration, step=3e-10 * setup.size * 5.0)
+    smoothing = runs.SMOOTH if setup.smooth else ""
+    ends = (runs.moved("0"), runs.moved('"driven"', "-0.05 mm" if tool else "0.05 mm"))
+    bottom, top = ends if tool else ends[::-1]
+    return case_text(
+        f"penalty_factor = {30.0 * setup.factor}\n{smoothing}{runs.film(setup.speed)}",
+        bottom, top, staged,
+        rubber=soft(setup.nu),
+        tool=runs.STIFF if setup.tool == "aluminium" else soft(setup.nu),
         slave=setup.slave,
-        master={"rubber": "tool", "tool": "rubber"}[setup.slave],
-        factor=30.0 * setup.factor,
-        fixed="bottom" if tool else "top",
-        moved="top" if tool else "bottom",
-        press=-0.05 if tool else 0.05,
-        smoothing='smoothing_angle = "30 deg"' if setup.smooth else "",
-        film=FILM,
-        eta=setup.eta,
-        speed=setup.speed,
-        duration=duration,
-        steps=setup.steps,
-        slide=EXPLICIT.format(ramp=0.4 * duration) if explicit else "",
-    )
-    return text + (SCALING.format(step=3e-10 * setup.size * 5.0) if explicit else "")
+        section='section = "axisymmetric"' if setup.ring else 'thickness = "1 mm"',
+    )  # fmt: skip
 
 
 def mesh(path: Path, size: float, ring: float = 0.0, tool_zone: float = 3 * MM) -> None:
     """Write the mesh.
 
-    Args:
-        path: the file.
-        size: m, facets of the rubber.
-        ring: m, its axis.
-        tool_zone: m, width of the tool's surface that may touch.
+    All in m: facets of the rubber, the ring's axis, width of the tool's surface that may touch.
     """
-    tool_on_rubber(
-        path,
-        radius=RADIUS,
-        size=size,
-        tool_size=1.3 * size,
-        zone=2 * round(2.2 * MM / size) * size,
-        tool_zone=tool_zone,
-        width=10 * MM,
-        height=2 * MM,
-        axis=ring,
-    )
-
-
-def solve(setup: Setup, scratch: Path, overrides: tuple[str, ...]) -> Outcome:
-    """Mesh and run it."""
-    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6, setup.ring * MM)
-    return run(case_of(setup), scratch, overrides)
-
-
-def contact_of(outcome: Outcome, frame: Frame) -> Extent:
-    """Where the bodies touch after a step."""
-    return extent(
-        frame.nodes["rubber_contact"],
-        frame.nodes["tool_contact"],
-        outcome.reference["rubber_contact"],
-        RADIUS,
-    )
+    zone = 2 * round(2.2 * MM / size) * size
+    tool_on_rubber(path, size, 1.3 * size, zone, tool_zone, ring)
 
 
 def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """Solve one problem; its row of the table."""
-    outcome = solve(setup, scratch, overrides)
-    out = asdict(setup)
-    out |= iterations(outcome)
+    mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6, setup.ring * MM)
+    outcome = run(case_of(setup), scratch, overrides)
+    out = asdict(setup) | outcome.cost()
     slid = outcome.stage("slide")
     if outcome.failure or len(slid) < 2:
         return out | {"failure": outcome.failure}
@@ -220,27 +121,20 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
         return out | {"failure": str(error)}
 
 
-def iterations(outcome: Outcome) -> dict[str, Any]:
-    """What the run cost."""
-    return {
-        "newton": f"{outcome.iterations('press')}+{outcome.iterations('slide')}",
-        "most": outcome.most,
-        "cuts": outcome.cuts,
-        "seconds": outcome.seconds,
-    }
-
-
 def measured(setup: Setup, outcome: Outcome, slid: list[Frame]) -> dict[str, Any]:
     """Numbers of the last half of the slide."""
     pairs = list(pairwise(slid))[(len(slid) - 1) // 2 :]
+    viscous, undeformed = STRESS / setup.speed, outcome.reference["rubber_contact"]
     plain, true, ends, drag = [], [], [], []
     for before, now in pairs:
-        found = contact_of(outcome, now)
+        new, old = ((f.nodes["rubber_contact"], f.nodes["tool_contact"]) for f in (now, before))
+        found = extent(*new, undeformed, RADIUS)
         depth = _depth(setup, outcome, found)
         ends.append(found)
         drag.append(abs(now.row.tangential_force))
         plain.append(STRESS * found.length * depth)
-        true.append(setup.eta / FILM * abs(_slip(before, now, found)) * depth)
+        slip = slip_integral(new, old, found, now.row.time - before.row.time)
+        true.append(viscous * abs(slip) * depth)
     T, last = np.array(drag), pairs[-1][1]
     mean = float(T.mean())
     half = float(np.mean([e.half_width for e in ends]))
@@ -263,12 +157,4 @@ def measured(setup: Setup, outcome: Outcome, slid: list[Frame]) -> dict[str, Any
 
 def _depth(setup: Setup, outcome: Outcome, found: Extent) -> float:
     """Length of the contact across the section, m."""
-    if setup.ring:
-        return np.pi * (found.left + found.right)
-    return outcome.model.thickness
-
-
-def _slip(before: Frame, now: Frame, found: Extent) -> float:
-    names = ("rubber_contact", "tool_contact")
-    new, old = (tuple(f.nodes[n] for n in names) for f in (now, before))
-    return slip_integral(new, old, found, now.row.time - before.row.time)  # type: ignore[arg-type]
+    return np.pi * (found.left + found.right) if setup.ring else outcome.model.thickness

@@ -19,13 +19,22 @@ from typing import Any
 import numpy as np
 
 from benchmarks.comparison import level_options
-from benchmarks.curved_contact.runs import Outcome, run
+from benchmarks.curved_contact.runs import (
+    FRICTIONLESS,
+    MM,
+    STIFF,
+    Outcome,
+    case_text,
+    film,
+    moved,
+    run,
+    soft,
+    stages,
+)
 from benchmarks.curved_contact.shapes import ridge, tool_on_rubber
 from tribox.app.case.reading import load_case
 from tribox.app.verify.contact import REFERENCE
 from tribox.app.verify.result import CASES
-
-MM = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,52 +100,7 @@ steps = 28
 figures = false
 """
 COULOMB = 'friction = {{ law = "coulomb", mu = {mu} }}'
-FILM = """film = { thickness = "250 nm" }
-friction = { law = "friction-map", mu_s = 0.1, K_T = "1e11 Pa/m", eta_b = 0.8, D_max = "250 nm", \
-alpha = 1.0, V_star = "1 mm/s", V_star_at = "250 nm" }"""
-
-ROUND = """
-title = "round body on a block"
-[geometry]
-mesh = "mesh.msh"
-thickness = "1 mm"
-[bodies.tool]
-{tool}
-[bodies.rubber]
-{rubber}
-[[contact]]
-slave = "{slave}_contact"
-master = "{master}_contact"
-{contact}
-[[boundary]]
-surface = "bottom"
-displacement = {bottom}
-[[boundary]]
-surface = "top"
-{top}
-[output]
-figures = false
-"""
-STIFF = 'material = "hencky"\nE = "70 GPa"\nnu = 0.33'
-SOFT = 'material = "neo-hookean"\nE = "10 MPa"\nnu = {nu}'
-TOUCH = """displacement = { x = 0, y = [["0 s", 0], ["1 s", "-0.05 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 5
-"""
-ROLL = """rotation = {{ angle = [["1 s", 0], ["2 s", {angle}]], centre = [0, "5 mm"] }}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 5
-rate_dependent = false
-[[stage]]
-name = "slide"
-velocity = {velocity}
-duration = "1 s"
-steps = 20
-"""
+FILM = film(MM)
 
 
 def _ridge(setup: Setup, scratch: Path, overrides: Sequence[str]) -> Outcome:
@@ -159,54 +123,21 @@ def _rolling(setup: Setup, scratch: Path, overrides: Sequence[str]) -> Outcome:
     """A polygon of kinks of so many degrees rolls on rubber: its top turns as its centre moves."""
     size = 2.0 * 5 * MM * math.sin(math.radians(0.5 * setup.value))
     # A coarse polygon: its apex is a corner, so that what touches first is a kink.
-    tool_on_rubber(
-        scratch / "mesh.msh",
-        radius=5 * MM,
-        size=0.05 * MM,
-        tool_size=size,
-        zone=5 * MM,
-        tool_zone=4.4 * MM,
-        width=10 * MM,
-        height=2 * MM,
-    )
+    tool_on_rubber(scratch / "mesh.msh", 0.05 * MM, size, 5 * MM, 4.4 * MM)
     angle = -0.2  # rad; the rubber lags a tenth behind the surface of the tool
-    top = ROLL.format(angle=angle, velocity=0.9 * 5 * MM * angle)
-    bottom = '{ x = "driven", y = [["0 s", 0], ["1 s", "0.05 mm"]] }'
-    text = ROUND.format(
-        tool=STIFF,
-        rubber=SOFT.format(nu=0.495),
-        slave="rubber",
-        master="tool",
-        contact=FILM,
-        top=top,
-        bottom=bottom,
-    )
-    return run(text, scratch, overrides)
+    turned = f'rotation = {{ angle = [["1 s", 0], ["2 s", {angle}]], centre = [0, "5 mm"] }}'
+    bottom, staged = moved('"driven"', "0.05 mm"), stages(5, 20, 0.9 * 5 * MM * angle)
+    return run(case_text(FILM, bottom, turned, staged, rubber=soft(0.495)), scratch, overrides)
 
 
 def _touch(setup: Setup, scratch: Path, overrides: Sequence[str]) -> Outcome:
     size, round_slave = 0.04 * MM, setup.kind == "touch-round-slave"
-    tool_on_rubber(
-        scratch / "mesh.msh",
-        radius=5 * MM,
-        size=size,
-        tool_size=1.3 * size,
-        zone=2.4 * MM,
-        tool_zone=2.4 * MM,
-        width=10 * MM,
-        height=2 * MM,
-    )
-    soft = SOFT.format(nu=setup.value)
-    slave, master = ("tool", "rubber") if round_slave else ("rubber", "tool")
-    text = ROUND.format(
-        tool=soft if round_slave else STIFF,
-        rubber=STIFF if round_slave else soft,
-        slave=slave,
-        master=master,
-        contact='friction = { law = "frictionless" }',
-        top=TOUCH,
-        bottom="{ x = 0, y = 0 }",
-    )
+    tool_on_rubber(scratch / "mesh.msh", size, 1.3 * size, 2.4 * MM, 2.4 * MM)
+    tool, rubber = (soft(setup.value), STIFF)[:: 1 if round_slave else -1]
+    text = case_text(
+        FRICTIONLESS, moved("0"), moved("0", "-0.05 mm"), stages(5),
+        rubber=rubber, tool=tool, slave="tool" if round_slave else "rubber",
+    )  # fmt: skip
     return run(text, scratch, overrides)
 
 
@@ -231,13 +162,7 @@ def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[st
     """Solve one problem; its row of the table."""
     outcome = KINDS[setup.kind](setup, scratch, overrides)
     out: dict[str, Any] = {"kind": setup.kind, "value": setup.value, "mu": setup.mu}
-    out |= {
-        "newton": outcome.iterations(),
-        "most": outcome.most,
-        "steps": len(outcome.frames),
-        "cuts": outcome.cuts,
-        "seconds": outcome.seconds,
-    }
+    out |= outcome.cost() | {"steps": len(outcome.frames)}
     if not outcome.frames:
         return out | {"failure": outcome.failure}
     last = outcome.frames[-1]

@@ -16,12 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.curved_contact.film import FILM as THICKNESS
-from benchmarks.curved_contact.film import MM, RADIUS, SHARE, STRESS, TOOLS, mesh
-from benchmarks.curved_contact.runs import Outcome, run
+from benchmarks.curved_contact import runs
+from benchmarks.curved_contact.film import RADIUS, SHARE, mesh
+from benchmarks.curved_contact.runs import MM, Outcome, case_text, run, soft, stages
 
 MU = 0.3
 WAY = 1.0  # mm
+LAG = 0.9
+TOOL_ZONE = 2 * (WAY / LAG + 1.2) * MM  # the tool rolls onto it by WAY/LAG, with a contact of 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,72 +52,29 @@ ROWS = tuple(
     for steps in (5, 10, 40)
 )
 
-CASE = """
-title = "a round tool drawn along rubber, or rolling on it"
-[geometry]
-mesh = "mesh.msh"
-thickness = "1 mm"
-[bodies.tool]
-{tool}
-[bodies.rubber]
-material = "neo-hookean"
-E = "10 MPa"
-nu = {nu}
-[[contact]]
-slave = "rubber_contact"
-master = "tool_contact"
-{smoothing}
-{contact}
-[[boundary]]
-surface = "bottom"
-displacement = {{ x = "driven", y = [["0 s", 0], ["1 s", "0.05 mm"]] }}
-[[boundary]]
-surface = "top"
-{top}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 5
-rate_dependent = false
-[[stage]]
-name = "slide"
-velocity = {velocity}
-duration = "1 s"
-steps = {steps}
-[output]
-figures = false
-"""
-DRY = f'friction = {{ law = "coulomb", mu = {MU} }}'
-FILM = f"""film = {{ thickness = {THICKNESS} }}
-friction = {{ law = "friction-map", mu_s = 0.1, K_T = "1e11 Pa/m", eta_b = %.12g, \
-D_max = {THICKNESS}, alpha = 1.0, V_star = "1 mm/s", V_star_at = {THICKNESS} }}"""
-LAG = 0.9
-TOOL_ZONE = 2 * (WAY / LAG + 1.2) * MM  # the tool rolls onto it by WAY/LAG, with a contact of 1.1
+
+def case_of(setup: Setup) -> str:
+    """The case file."""
+    rolls, speed = setup.kind == "roll", WAY * MM
+    slip = (1.0 / LAG - 1.0) * speed if rolls else speed
+    angle = -WAY * MM / RADIUS / LAG
+    turned = f'rotation = {{ angle = [["1 s", 0], ["2 s", {angle}]], centre = [0, {RADIUS}] }}'
+    dry = f'friction = {{ law = "coulomb", mu = {MU} }}'
+    smoothing = runs.SMOOTH if setup.smooth else ""
+    return case_text(
+        smoothing + (dry if setup.law == "dry" else runs.film(slip)),
+        runs.moved('"driven"', "0.05 mm"),
+        turned if rolls else runs.moved("0"),
+        stages(5, round(setup.steps * WAY), -speed if rolls else speed),
+        rubber=soft(setup.nu),
+    )
 
 
 def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """Solve one problem; its row of the table."""
     mesh(scratch / "mesh.msh", SHARE * setup.size * 1e-6, tool_zone=TOOL_ZONE)
-    rolls, speed = setup.kind == "roll", WAY * MM
-    slip = (1.0 / LAG - 1.0) * speed if rolls else speed
-    angle = -WAY * MM / RADIUS / LAG
-    turned = f'rotation = {{ angle = [["1 s", 0], ["2 s", {angle}]], centre = [0, {RADIUS}] }}'
-    text = CASE.format(
-        tool=TOOLS["aluminium"],
-        nu=setup.nu,
-        smoothing='smoothing_angle = "30 deg"' if setup.smooth else "",
-        contact=DRY if setup.law == "dry" else FILM % (STRESS * THICKNESS / slip),
-        top=turned if rolls else "displacement = { x = 0, y = 0 }",
-        velocity=-speed if rolls else speed,
-        steps=round(setup.steps * WAY),
-    )
-    outcome = run(text, scratch, overrides)
-    out = asdict(setup) | {
-        "newton": f"{outcome.iterations('press')}+{outcome.iterations('slide')}",
-        "most": outcome.most,
-        "cuts": outcome.cuts,
-        "seconds": outcome.seconds,
-    }
+    outcome = run(case_of(setup), scratch, overrides)
+    out = asdict(setup) | outcome.cost()
     last = [f for f in outcome.stage("slide") if f.row.time > 1.6 + 1e-6]
     failure = outcome.failure or _off_the_tool(outcome, 2e-6 * setup.size)
     if failure or not last:

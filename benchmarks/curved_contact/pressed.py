@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.curved_contact.runs import Frame, Outcome, run
+from benchmarks.curved_contact import runs
+from benchmarks.curved_contact.runs import MM, Frame, Outcome
 from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
 from tribox.app.verify.contact import case_modulus, fit_ellipse
 from tribox.app.verify.curved import beyond_line, beyond_point, half_width
@@ -27,7 +28,6 @@ from tribox.geometry.generators.cylinders import LineContact as Lines
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock
 from tribox.geometry.meshes.gmsh_model import Shape, write_msh
 
-MM = 1e-3
 RADIUS = 10 * MM
 ZONE = 1.2 * MM
 FINEST = 30.0  # largest over smallest facet of a graded slave
@@ -73,39 +73,6 @@ ROWS = (
     Setup("cylinder", size=10.0),
 )
 
-CASE = """
-title = "round bodies pressed"
-[geometry]
-mesh = "mesh.msh"
-section = "{section}"
-[bodies.tool]
-{tool}
-[bodies.rubber]
-{rubber}
-[[contact]]
-slave = "{slave}_contact"
-master = "{master}_contact"
-friction = {{ law = "frictionless" }}
-{smoothing}
-[[boundary]]
-surface = "bottom"
-displacement = {{ x = 0, y = 0 }}
-[[boundary]]
-surface = "top"
-{load}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 4
-[output]
-figures = false
-"""
-STIFF = 'material = "hencky"\nE = "70 GPa"\nnu = 0.33'
-SOFT = 'material = "neo-hookean"\nE = "10 MPa"\nnu = %r'
-DOWN = 'displacement = {{ x = 0, y = [["0 s", 0], ["1 s", {0}]] }}'
-LOADED = """displacement = {{ x = 0 }}
-platen = {{ direction = "y", force = [["0 s", 0], ["1 s", {0}]] }}"""
-
 
 def shape_of(setup: Setup) -> Shape:
     """What is meshed."""
@@ -130,34 +97,31 @@ def shape_of(setup: Setup) -> Shape:
     return Moved(lines, graded(0.5 * zone, FINEST)) if wide else lines
 
 
-def load_of(setup: Setup) -> str:
-    """Lines of the boundary that presses, to a half-width of about 0.25 mm."""
+def case_of(setup: Setup) -> str:
+    """The case file: pressed to a half-width of about 0.25 mm."""
     deep, force = (-6.5e-6, 0.03) if setup.point else (-13e-6, 65.0)
     if setup.by == "force":
-        return LOADED.format(force)
-    return DOWN.format(deep * (2 if setup.twice else 1))
+        program = f'[["0 s", 0], ["1 s", {force}]]'
+        top = f'displacement = {{ x = 0 }}\nplaten = {{ direction = "y", force = {program} }}'
+    else:
+        top = runs.moved("0", f"{deep * (2 if setup.twice else 1)} m")
+    return runs.case_text(
+        (runs.SMOOTH if setup.smooth else "") + runs.FRICTIONLESS,
+        runs.moved("0"),
+        top,
+        runs.stages(4),
+        rubber=runs.soft(setup.nu),
+        tool=runs.soft(setup.nu) if setup.twice else runs.STIFF,
+        slave=setup.slave,
+        section=f'section = "{"axisymmetric" if setup.point else "plane-strain"}"',
+    )
 
 
 def row(setup: Setup, scratch: Path, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """Solve one problem; its row of the table."""
     write_msh(shape_of(setup), scratch / "mesh.msh")
-    soft = SOFT % setup.nu
-    text = CASE.format(
-        section="axisymmetric" if setup.point else "plane-strain",
-        tool=soft if setup.twice else STIFF,
-        rubber=soft,
-        slave=setup.slave,
-        master={"rubber": "tool", "tool": "rubber"}[setup.slave],
-        smoothing='smoothing_angle = "30 deg"' if setup.smooth else "",
-        load=load_of(setup),
-    )
-    outcome = run(text, scratch, overrides)
-    out = asdict(setup) | {
-        "newton": outcome.iterations(),
-        "most": outcome.most,
-        "cuts": outcome.cuts,
-        "seconds": outcome.seconds,
-    }
+    outcome = runs.run(case_of(setup), scratch, overrides)
+    out = asdict(setup) | outcome.cost()
     if outcome.failure:
         return out | {"failure": outcome.failure}
     return out | measured(setup, outcome, outcome.frames[-1])

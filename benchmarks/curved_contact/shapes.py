@@ -44,39 +44,16 @@ class Moved:
 
 
 def tool_on_rubber(
-    path: Path,
-    *,
-    radius: float,
-    size: float,
-    tool_size: float,
-    zone: float,
-    tool_zone: float,
-    width: float,
-    height: float,
-    axis: float = 0.0,
-    growth: float = 1.25,
+    path: Path, size: float, tool_size: float, zone: float, tool_zone: float, axis: float = 0.0
 ) -> None:
-    """Write the mesh of a half cylinder, ``tool``, on a block, ``rubber``.
+    """Write the mesh of a half cylinder of 5 mm, ``tool``, on a block of 10 by 2 mm, ``rubber``.
 
-    Args:
-        path: the file.
-        radius: m, of the tool.
-        size: m, facets of the rubber.
-        tool_size: m, of the tool.
-        zone: m, width of the contact zone of the rubber.
-        tool_zone: m, of the tool.
-        width: m, of the rubber.
-        height: m, of the rubber.
-        axis: m, by which both are moved in x, away from an axis of symmetry.
-        growth: of the cells outside the zones.
+    All in m: facets, and zones that may touch, of both; ``axis``: both are moved by it in x, away
+    from an axis of symmetry.
     """
-    shape: Shape = LineContact(
-        HalfCylinder(radius, tool_zone, tool_size),
-        FlatBlock(width, height, zone, size),
-        growth,
-        upper_name="tool",
-        lower_name="rubber",
-    )
+    tool = HalfCylinder(5e-3, tool_zone, tool_size)
+    block = FlatBlock(10e-3, 2e-3, zone, size)
+    shape: Shape = LineContact(tool, block, 1.25, upper_name="tool", lower_name="rubber")
     if axis:
         shape = Moved(shape, lambda x: x + np.array([axis, 0.0, 0.0]))
     write_msh(shape, path)

@@ -14,11 +14,9 @@ import argparse
 import json
 from pathlib import Path
 
-from benchmarks.other_codes.calculix_deck import deck
+from benchmarks.other_codes.inputs import case_text, deck
 from benchmarks.other_codes.problem import press_and_slide
-from benchmarks.other_codes.runs import RESIDUAL, ROOT, RUNS, fastest, read, write
-from benchmarks.other_codes.tables import tables
-from benchmarks.other_codes.tribox_case import case_text
+from benchmarks.other_codes.runs import RESIDUAL, ROOT, RUNS, fastest, read, tables, write
 
 
 def main() -> None:

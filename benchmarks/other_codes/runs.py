@@ -17,13 +17,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
-from benchmarks.other_codes.calculix_deck import MICRO, deck, forces_in, iterations_in
+from benchmarks.other_codes.inputs import MICRO, case_text, deck, forces_in, iterations_in
 from benchmarks.other_codes.problem import Problem
-from benchmarks.other_codes.tribox_case import case_text
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
@@ -76,21 +76,39 @@ def timed(command: Sequence[str], place: Path, **environment: str) -> tuple[floa
 def run_tribox(problem: Problem, place: Path, *, tree: Path = ROOT, calculix: bool) -> Record:
     """``tribox run`` of the sources in ``tree``; ``calculix``: with its strain energy."""
     (place / "case.toml").write_text(case_text(problem, calculix=calculix))
-    command = [sys.executable, "-m", "tribox", "run", "case.toml", "--out", "results"]
+    summary, took, forces, iterations = _tribox("case.toml", place, tree)
+    versions = summary["versions"]
+    return Record(
+        f"tribox, {'energy as CalculiX' if calculix else 'energy as GetFEM'}",
+        ", ".join(f"{name} {versions[name]}" for name in ("tribox", "dolfinx", "petsc")),
+        f"q1, penalty, direct solver, tolerance {problem.tolerance:g}",
+        problem.dofs, *took, forces, iterations,
+    )  # fmt: skip
+
+
+def run_block_slide(problem: Problem, place: Path, *, tree: Path = ROOT) -> Record:
+    """``tribox run cases/block-slide.toml``, figures and fields included, for FElupe."""
+    case = str(tree / "cases" / "block-slide.toml")
+    summary, took, forces, iterations = _tribox(case, place, tree)
+    return Record(
+        "tribox, block-slide",
+        f"tribox {summary['versions']['tribox']}",
+        "the case as it is: both bodies, fields, figures",
+        summary["dofs"], *took, forces, iterations,
+    )  # fmt: skip
+
+
+def _tribox(
+    case: str, place: Path, tree: Path
+) -> tuple[dict[str, Any], tuple[float, float, float], list[tuple[float, float]], list[int]]:
+    """Summary of a run, what it took, and its forces and iterations by step."""
+    command = [sys.executable, "-m", "tribox", "run", case, "--out", str(place / "results")]
     took = timed(command, place, PYTHONPATH=str(tree / "src"), PYTHONSAFEPATH="1")
     with (place / "results" / "history.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    energy = "energy as CalculiX" if calculix else "energy as GetFEM"
-    versions = json.loads((place / "results" / "summary.json").read_text())["versions"]
-    return Record(
-        f"tribox, {energy}",
-        ", ".join(f"{name} {versions[name]}" for name in ("tribox", "dolfinx", "petsc")),
-        f"q1, penalty, direct solver, tolerance {problem.tolerance:g}",
-        problem.dofs,
-        *took,
-        [(-float(row["force_x"]), float(row["force_y"])) for row in rows],
-        [int(float(row["newton_iterations"])) for row in rows],
-    )
+    summary = json.loads((place / "results" / "summary.json").read_text())
+    forces = [(-float(row["force_x"]), float(row["force_y"])) for row in rows]
+    return summary, took, forces, [int(float(row["newton_iterations"])) for row in rows]
 
 
 def run_calculix(problem: Problem, place: Path, *, own: bool) -> Record:
@@ -155,25 +173,6 @@ def run_felupe(problem: Problem, place: Path) -> Record:
     )
 
 
-def run_block_slide(problem: Problem, place: Path, *, tree: Path = ROOT) -> Record:
-    """``tribox run cases/block-slide.toml``, figures and fields included, for FElupe."""
-    case = str(tree / "cases" / "block-slide.toml")
-    command = [sys.executable, "-m", "tribox", "run", case, "--out", str(place / "results")]
-    took = timed(command, place, PYTHONPATH=str(tree / "src"), PYTHONSAFEPATH="1")
-    with (place / "results" / "history.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    summary = json.loads((place / "results" / "summary.json").read_text())
-    return Record(
-        "tribox, block-slide",
-        f"tribox {summary['versions']['tribox']}",
-        "the case as it is: both bodies, fields, figures",
-        summary["dofs"],
-        *took,
-        [(-float(row["force_x"]), float(row["force_y"])) for row in rows],
-        [int(float(row["newton_iterations"])) for row in rows],
-    )
-
-
 RUNS: dict[str, tuple[Callable[..., Record], dict[str, object]]] = {
     "tribox": (run_tribox, {"calculix": False}),
     "tribox-energy-of-calculix": (run_tribox, {"calculix": True}),
@@ -209,3 +208,72 @@ def read(path: Path) -> Record:
     """A record that was written."""
     data = json.loads(path.read_text())
     return Record(**data | {"forces": [(x, y) for x, y in data["forces"]]})
+
+
+# -- The tables of what the codes took and found, as Markdown, from their records ------------------
+
+SPACE = (
+    "tribox",
+    "tribox-energy-of-calculix",
+    "getfem",
+    "getfem-multipliers",
+    "calculix",
+    "calculix-own-tolerance",
+)
+PLANE = ("block-slide", "felupe")
+
+
+def tables(records: Mapping[str, Record], problem: Problem) -> Iterator[str]:
+    """Cost and forces of the codes in space, then of those in the plane."""
+    ends = {
+        "pressed": problem.press_steps - 1,
+        "slip begins": problem.press_steps + 2,
+        "slid": problem.press_steps + problem.slide_steps - 1,
+    }
+    in_space = {name: records[name] for name in SPACE if name in records}
+    if in_space:
+        yield from ("## Press and slide in space", "", *costs(in_space), "")
+        yield from (*forces(in_space, ends), "")
+    in_plane = {name: records[name] for name in PLANE if name in records}
+    if in_plane:
+        yield from ("## block-slide, level 1", "", *costs(in_plane), "")
+        yield from forces(in_plane, {"pressed": 9, "slid": 39})
+
+
+def costs(records: Mapping[str, Record]) -> Iterator[str]:
+    """What each took, and over the first of them."""
+    yield (
+        "| code | version | settings | dofs | Newton iterations | CPU (s) | clock (s) | "
+        "memory (MiB) | **CPU over the first** |"
+    )
+    yield "|---" * 9 + "|"
+    first = next(iter(records.values()))
+    for one in records.values():
+        yield (
+            f"| {one.code} | {one.version} | {one.settings} | {one.dofs} | "
+            f"{sum(one.iterations)} | {one.cpu:.1f} | {one.clock:.1f} | {one.memory:.0f} | "
+            f"**{one.cpu / first.cpu:.2f}** |"
+        )
+
+
+def forces(records: Mapping[str, Record], steps: Mapping[str, int]) -> Iterator[str]:
+    """Normal force and friction at some steps, each over that of the first code."""
+    heads = [f"{what}, {when} (N)" for when in steps for what in ("normal", "friction")]
+    yield "| code | " + " | ".join(heads) + " |"
+    yield "|---" * (len(heads) + 1) + "|"
+    first = next(iter(records.values()))
+    for one in records.values():
+        cells = []
+        for step in steps.values():
+            size = first.forces[step][1]
+            pairs = [(one.forces[step][axis], first.forces[step][axis]) for axis in (1, 0)]
+            cells += [_cell(mine, other, size, one is first) for mine, other in pairs]
+        yield f"| {one.code} | " + " | ".join(cells) + " |"
+
+
+def _cell(mine: float, other: float, size: float, alone: bool) -> str:
+    """A force, and how far it is from the first code's; one that is round-off is 0."""
+    if max(abs(mine), abs(other)) < 1e-6 * abs(size):
+        return "0"
+    apart = "" if alone or other == 0.0 else f" ({100.0 * (mine / other - 1.0):+.2f} %)"
+    return f"{mine:.4f}{apart}"

@@ -2,7 +2,7 @@
 // which names everything, last. Sphinx finds words; it hardly weighs pages.
 const PAGES = [
   [/^(how-to|tutorials|forming)\/|^(restart|meshes|map-and-fit|reading-results|failures|pictures|index)$/, 20],
-  [/^(install|gallery|commands|case-file|results|law|theory|explicit|limits|examples)$/, 10],
+  [/^(install|gallery|commands|case-file|results|law|theory|bodies|solver|explicit|limits|examples)$/, 10],
   [/^(more\/|py-modindex)/, -30],
 ];
 

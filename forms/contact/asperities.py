@@ -6,10 +6,16 @@ functions ψ of the linear N_A (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000),
 
 .. math:: \int \psi_A N_B\, dA = \delta_{AB} \int N_A\, dA
 
-so that the gap of a vertex is that at the vertex, and the body feels the pressure of the vertex
-there. With N_A themselves both are averages over the neighbours: before the edge of a contact,
-where the gap bends most, they are too large by l²g''/12, and of 35 facets in the contact this alone
-makes friction in the mixed regime 7 % too high.
+so that the body feels the pressure of a vertex there. With N_A themselves pressure and gap are
+averages over the neighbours: before the edge of a contact, where the gap bends most, the gap is too
+large by l²g''/12, and of 35 facets in the contact this alone makes friction in the mixed regime 7 %
+too high.
+
+A facet is a chord of the surface that it stands for, and the gap over it a parabola where a tool is
+round: ψ_A takes from the gap of the vertex κ (l_1³ + l_2³)/(12 (l_1 + l_2)) between facets of l_1
+and l_2, with the curvature κ of one surface relative to the other. The gap is therefore averaged
+with the ψ'_A of the span of N and N_1 N_2, which finds that of each vertex whatever κ is, and
+changes with it. A surface that stretches by linear functions moves both means alike.
 
 Axis letters: q points, v vertices, f facets, k vertices of a facet.
 """
@@ -67,11 +73,15 @@ class AsperityPressure(AveragedPressure):
 
     Attributes:
         model: of the film; places: of it; facet_of: (q,) numbers of the points' facets there.
-        shape: (q, k), ψ.
+        shape: (q, k), ψ' of the gaps; spread: (q, k), ψ of the pressures.
     """
 
     def __init__(self, surface: ContactSurface, model: FilmModel) -> None:
-        """Take the surface; where a penalty is asked for, the stiffness of the closed gap."""
+        """Take the surface; where a penalty is asked for, the stiffness of the closed gap.
+
+        Raises:
+            ValueError: too few points on a facet.
+        """
         step = np.array([0.0])
         stiffness = -float(model.asperities.pressure(step)[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
@@ -81,7 +91,11 @@ class AsperityPressure(AveragedPressure):
         )
         facets = surface.vertices.of_point[first]
         self.places = FilmPlaces(facets, surface.vertices.count, model.cells)
-        self.shape = dual(self.vertices.shape, surface.slave.weight, self.facet_of)
+        if np.bincount(self.facet_of).min(initial=3) < 3:
+            raise ValueError("it needs three points on a facet, a quadrature_degree of 4 or more")
+        shape, weight = self.vertices.shape, surface.slave.weight
+        self.spread = dual(shape, weight, self.facet_of)
+        self.shape = dual(shape, weight, self.facet_of, bent=True)
 
     def gaps(self, at: Projection) -> Floats:
         """Gaps (v,), m, at the vertices; infinite where the master is not below all of their area.
@@ -106,7 +120,7 @@ class AsperityPressure(AveragedPressure):
         pressure = np.where(members, mode.penalty_scale * pressure, 0.0)
         slope = np.where(members, mode.penalty_scale * slope, 0.0)
         closed = at.on_surface & members[vertices.of_point].all(axis=1)
-        spread = np.where(closed, vertices.at_points(pressure, self.shape), 0.0)
+        spread = np.where(closed, vertices.at_points(pressure, self.spread), 0.0)
         return NormalContact(
             closed=closed,
             spring=spread,
@@ -127,19 +141,23 @@ class AsperityPressure(AveragedPressure):
         return float(self.vertices.area @ (film.ratio * density))
 
 
-def dual(shape: Floats, weight: Floats, facet: Longs) -> Floats:
+def dual(shape: Floats, weight: Floats, facet: Longs, bent: bool = False) -> Floats:
     """ψ (q, k) of functions N (q, k): on each facet ψ = D M⁻¹ N, with M = Σ w N Nᵀ, D = Σ w N.
+
+    Σ w ψ f is D times the values at the vertices of what fits f best in the span of N.
 
     Args:
         shape: N.
         weight: w (q,) of the points.
         facet: (q,) numbers of their facets, from 0 on. One with a single point keeps N there.
+        bent: fit in the span of N and N_1 N_2 instead, on three points and more.
     """
     count, k = int(facet.max(initial=-1)) + 1, shape.shape[1]
-    weighted = weight[:, None] * shape
-    mass, area = np.zeros((count, k, k)), np.zeros((count, k))
-    np.add.at(mass, facet, weighted[:, :, None] * shape[:, None, :])
-    np.add.at(area, facet, weighted)
-    per_facet = area[:, :, None] * np.linalg.pinv(mass, hermitian=True)
-    out: Floats = np.einsum("qkl,ql->qk", per_facet[facet], shape)
+    span = np.column_stack([shape, shape.prod(axis=1)]) if bent else shape
+    size = span.shape[1]
+    mass, area = np.zeros((count, size, size)), np.zeros((count, k))
+    np.add.at(mass, facet, (weight[:, None] * span)[:, :, None] * span[:, None, :])
+    np.add.at(area, facet, weight[:, None] * shape)
+    per_facet = area[:, :, None] * np.linalg.pinv(mass, hermitian=True)[:, :k]
+    out: Floats = np.einsum("qkl,ql->qk", per_facet[facet], span)
     return out

@@ -283,7 +283,7 @@ class LubricatedTerm(ContactTerm):
         vertices = self.surface.vertices
         nodal = np.where(film.members, film.ratio * (film.asperity + film.pressure), 0.0)
         normal.nodal_pressure, normal.lubrication = nodal, film
-        spread = vertices.at_points(nodal, self.asperities.shape)
+        spread = vertices.at_points(nodal, self.asperities.spread)
         normal.spring = np.where(normal.closed, spread, 0.0)
         at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
         normal.pressure = at_points

@@ -145,7 +145,8 @@ class LubricatedTangent(PairTangent):
         vertices, n = self.surface.vertices, trial.kinematics.normal[take]
         shape, at = vertices.shape[take][:, :, None], vertices.of_point[take]
         assert isinstance(self.rule, AsperityPressure)
-        ratio, carried = film.ratio[at][:, :, None], -self.rule.shape[take][:, :, None] * n[:, None]
+        ratio, spread = film.ratio[at][:, :, None], self.rule.spread[take][:, :, None]
+        carried = -spread * n[:, None]
         by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
         own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
         own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]

@@ -251,7 +251,7 @@ def read(
         drawn = Path(path).suffix.lower() in DRAWINGS
         found = _drawn(Path(path), how, most_cells) if drawn else _read(Path(path), most_cells)
         arrays = found.scaled(scale)
-        return arrays.straightened() if straight else arrays
+        return (arrays.straightened() if straight else arrays).cuts_noted()
 
     return _load(make, str(path), comm, contacts)
 

@@ -17,6 +17,9 @@ import numpy.typing as npt
 from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, nodes_of
 from tribox.geometry.meshes.gmsh_model import FARTHEST, MeshError
 
+SAME_PLACE = 1e-8
+"""Distance of two nodes of a body that are one place, relative to its extent."""
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -106,6 +109,25 @@ class MeshArrays:
         if not np.abs(position).max() <= FARTHEST or not least > 1.0 / FARTHEST:
             raise MeshError(f"geometry.scale = {factor:g} m makes the mesh {least:g} m long")
         return replace(self, position=position)
+
+    def cuts_noted(self) -> MeshArrays:
+        """With a note on each body whose nodes lie on each other, not joined: it is cut there."""
+        notes = list(self.notes)
+        for name, body in self.bodies.items():
+            place = self.position[np.unique(body.nodes)]
+            extent = float(np.ptp(place, axis=0).max())
+            # The shift keeps round numbers off the borders of the boxes.
+            box = np.floor((place - place.min(axis=0)) / (SAME_PLACE * extent) + 0.37)
+            order = np.lexsort(box.T)
+            twice = order[1:][(np.diff(box[order], axis=0) == 0.0).all(axis=1)]
+            if len(twice):
+                where = ", ".join(f"{x:.4g}" for x in place[twice.min()][: self.dim])
+                notes.append(
+                    f"body {name}: {len(twice)} of its nodes lie where others of it do, as at "
+                    f"({where}) m, and are not joined: it is cut there, and its parts pass through "
+                    "each other; join them (Coherence in a gmsh drawing, or Coherence Mesh)"
+                )
+        return replace(self, notes=tuple(notes))
 
     def packed(self) -> bytes:
         """All of it in numpy's format of several arrays, which holds numbers only."""

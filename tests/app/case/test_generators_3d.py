@@ -233,6 +233,7 @@ def test_it_reads_back_to_the_same_case():
         ({"pad": {"x": [1, 0]}}, {}, "geometry.blocks.pad: x must go from a lower"),
         ({"pad": {"y": [0, 1]}}, {}, "geometry: pad and strip overlap; they may touch"),
         ({"pad": {"elements": [10]}}, {}, "geometry.blocks.pad: elements needs 2 numbers"),
+        ({}, {"thickness": 0}, r"geometry\.thickness = 0: must be > 0 m"),
         ({"pad": {"size": 1}}, {}, "geometry.blocks.pad: give either elements or size"),
         ({"pad": {"x": [-1, 1]}}, {"section": "axisymmetric"}, "geometry.blocks.pad.x.*>= 0 m"),
         ({}, {"section": "axisymmetric"}, "geometry.thickness.*goes with plane strain only"),

@@ -160,6 +160,13 @@ def test_smooth_surfaces_need_time_to_carry_load():
         build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
 
 
+def test_a_facet_of_two_points_is_refused():
+    data = data_of()
+    data["contact"][0]["quadrature_degree"] = 3
+    with pytest.raises(InputError, match="three points on a facet, a quadrature_degree of 4"):
+        build_model(case_of(data), MPI.COMM_SELF)
+
+
 def first_at(velocity, way, **film):
     """The roll begins at a velocity, and slides so far in one step, which is not to be cut."""
     data = data_of(steady=True, **film)
@@ -373,19 +380,6 @@ def test_oil_that_flows_to_the_end_of_its_surface_is_told(tmp_path):
 def test_a_film_that_takes_all_the_oil_there_is_hears_nothing_of_it(tmp_path):
     heard = said(tmp_path / "out", data_of(**OIL | {"steady": True, "oil": "1 g/m^2"}))
     assert "oil" not in heard and "moved" not in heard and "begins" not in heard
-
-
-def test_facets_that_change_under_a_curved_tool_are_told(tmp_path):
-    """By hand: κ/12 times the change of (l_1³ + l_2³)/(l_1 + l_2) from one vertex to the next."""
-    data = data_of(steady=True)
-    data["geometry"]["blocks"]["rubber"]["grading"] = [20.0, 1.0]
-    ratio = 20.0 ** (1.0 / 59.0)
-    length = 0.38e-3 * ratio ** np.arange(-1.0, 2.0)
-    cubes = (length[:-1] ** 3 + length[1:] ** 3) / (length[:-1] + length[1:])
-    step = 100.0 / 12.0 * float(np.diff(cubes)[0])
-    said(tmp_path / "out", data)
-    heard = " ".join((tmp_path / "out" / "log.txt").read_text().split())
-    assert f"the film a step of {step:.2g} m" in heard
 
 
 @pytest.mark.long

@@ -12,11 +12,13 @@ import pytest
 from benchmarks.curved_contact.shapes import ridge
 from tests.rectangles import Rectangle, Rectangles
 from tests.solved import Cuts, solved
+from tribox.app.implicit import globalisation
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 MM = 1e-3
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def simulate(data: dict) -> tuple[Simulation, int]:
@@ -237,3 +239,28 @@ def test_dry_points_that_come_over_the_end_dissipate_the_work_of_the_step(tmp_pa
     # Those that have come over by less than the spring's give stick.
     assert rows[-1].friction_coefficient == pytest.approx(0.2, rel=1e-3)
     assert dissipated(rows) == pytest.approx(1.0, rel=5e-3)
+
+
+# -- the rim of a contact that begins to slide -----------------------------------------------------
+
+
+def boxes_at_the_onset_of_slip() -> list[Row]:
+    """A box in space, pressed until it holds and then pulled until it slides."""
+    data = tomllib.loads((ROOT / "cases" / "boxes-3d.toml").read_text())
+    data["geometry"]["upper"]["elements"] = [12, 6, 12]
+    data["geometry"]["lower"]["elements"] = [16, 4, 16]
+    data["stage"][1] |= {"duration": "0.75 s", "steps": 3}
+    return simulate(data)[0].rows
+
+
+@pytest.mark.long
+def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
+    """The path continued opens vertices at the rim, which Newton's method would close by twos."""
+    held = boxes_at_the_onset_of_slip()
+    monkeypatch.setattr(globalisation, "HOLDS", 0)
+    left = boxes_at_the_onset_of_slip()
+    iterations = [sum(row.newton_iterations for row in rows) for rows in (held, left)]
+    assert iterations[0] <= iterations[1] - 3
+    for now, then in zip(held, left, strict=True):
+        assert now.newton_iterations <= then.newton_iterations
+        assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)

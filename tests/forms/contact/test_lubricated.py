@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.forms.contact.test_tool import Scene
+from tests.forms.contact import test_tool
+from tests.forms.contact.test_tool import Rectangle, Scene, TwoBlocks, generate
 from tribox.forms.contact.asperities import FilmModel
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactMode
@@ -16,6 +17,7 @@ from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.geometry.surfaces.rigid_polyline import Polyline
+from tribox.geometry.surfaces.rigid_shapes import Circle
 
 SIGMA = 0.01
 PRESSED = ContactMode(rate_dependent=False)
@@ -86,15 +88,58 @@ def test_the_tangent_is_that_of_differences(kind, shape):
 
 
 def test_gaps_of_vertices_are_those_at_the_vertices():
-    """Averaged with the dual functions; nothing of a neighbour's is in them."""
+    """Those of parabolas too; the pressure of a vertex moves no other, and even ones stay even."""
     scene = Lubricated()
     surface, rule = scene.term.surface, scene.term.rule
     vertices, weight = surface.vertices, surface.slave.weight
-    assert np.allclose(rule.shape.sum(axis=1), 1.0, rtol=0, atol=1e-13)
+    assert np.allclose(rule.spread.sum(axis=1), 1.0, rtol=0, atol=1e-13)
     for vertex in range(vertices.count):
         hat = np.where(vertices.of_point == vertex, vertices.shape, 0.0).sum(axis=1)
         expected = np.where(np.arange(vertices.count) == vertex, vertices.area[vertex], 0.0)
-        assert vertices.sums(weight * hat, rule.shape) == pytest.approx(expected, abs=1e-13)
+        assert vertices.sums(weight * hat, rule.spread) == pytest.approx(expected, abs=1e-13)
+    bent, at = surface.slave.position[:, 0] ** 2, vertices.position[:, 0] ** 2
+    assert vertices.sums(weight * bent, rule.shape) == pytest.approx(vertices.area * at)
+
+
+@pytest.mark.parametrize("ratio", [2.0, 4.0])
+def test_a_slider_round_a_cylinder_is_a_plane_one_whatever_its_facets(ratio, monkeypatch):
+    """Half of its facets are longer by ``ratio``, and their sagitta is of the order of the film.
+
+    The film falls from 2 h to h, and p = 6 η U L/h² (1/H − 2/(3 H²) − 1/3).
+    """
+    count, radius, least, eta, turned = 40, 0.82, 2e-4, 1e-2, 1e-3
+    ends = np.cumsum(np.repeat([0.0, 1.0, ratio], [1, count // 2, count // 2]))
+    ends /= ends[-1]
+
+    def graded(shape, comm):
+        named = generate(shape, comm)
+        x = named.mesh.geometry.x
+        x[:, 0] = np.interp(x[:, 0], np.linspace(0.0, 1.0, count + 1), ends)
+        return named
+
+    monkeypatch.setitem(test_tool.SHAPES, 2, TwoBlocks(*[Rectangle(1.0, 0.5, (count, 1))] * 2))
+    monkeypatch.setattr(test_tool, "generate", graded)
+    scene = Lubricated(
+        shape=lambda low: Circle(low + np.array([0.3, -1.3]), radius),  # it turns about its centre
+        rough=RoughGap(0.0),
+        asperities=Exponential(1e-30, SIGMA),
+        rheology=FilmRheology(eta_b=eta),
+        cells=4,
+    )
+    vertices, film = scene.term.surface.vertices, least * (2.0 - ends)
+    angle, x = 2.0 - ends / radius, np.zeros((scene.size // 2, 2))
+    radial = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    x[vertices.nodes] = scene.centre + (radius + film)[:, None] * radial - vertices.position
+    x = x.reshape(-1)
+    scene.term.commit(scene.term.evaluate(scene.vector(x), 1.0, PRESSED))
+    x[scene._dofs(scene.tool)[2]] = -turned * scene.motion.length
+    found = scene.term.evaluate(scene.vector(x), 1.0).normal_contact.lubrication
+    assert found.film == pytest.approx(film, rel=1e-3)
+    wide, scale = film / least, 6.0 * eta * turned * radius / least**2
+    exact = scale * (1.0 / wide - 2.0 / (3.0 * wide**2) - 1.0 / 3.0)
+    assert found.solution.pressure[: count + 1] == pytest.approx(exact, abs=3e-3 * exact.max())
+    load = scale * (np.log(2.0) - 2.0 / 3.0)
+    assert scene.term.state.film.area @ found.pressure == pytest.approx(load, rel=5e-3)
 
 
 @pytest.mark.parametrize("angle", [0.05, 0.2])

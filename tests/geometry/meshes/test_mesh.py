@@ -490,3 +490,22 @@ def test_bodies_in_space_that_share_nodes_are_found(msh, apart):
     assert resultants(named) == pytest.approx(dict.fromkeys([*named.bodies, *named.surfaces], 1.0))
     between = int(np.count_nonzero(np.abs(named.mesh.geometry.x[:, 1] - 1.0) < 1e-9))
     assert bodies_sharing_nodes(named) == ({} if apart else {("lower", "upper"): between})
+
+
+def test_a_body_drawn_in_parts_that_share_no_nodes_is_told(msh):
+    def parts(apart, bodies):
+        for n, x in enumerate((0.0, 1.0 + apart)):
+            gmsh.model.occ.addRectangle(x, 0.0, 0.0, 1.0, 1.0, tag=n + 1)
+        gmsh.model.occ.synchronize()
+        for name, tags in bodies.items():
+            group(2, tags, name)
+        gmsh.model.mesh.generate(2)
+
+    def notes(apart, bodies):
+        return read(msh(lambda: parts(apart, bodies)), MPI.COMM_SELF, scale=1e-3).notes
+
+    (note,) = notes(0.0, {"pad": [1, 2]})
+    assert note.startswith("body pad: ") and "as at (0.001, 0) m, and are not joined" in note
+    assert notes(0.1, {"pad": [1, 2]}) == ()
+    # Bodies that lie on each other are what contact is between.
+    assert notes(0.0, {"pad": [1], "plate": [2]}) == ()
