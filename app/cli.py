@@ -218,7 +218,7 @@ def check(
     trust: Trust = False,
 ) -> None:
     """Check a case file without running it, nor code that it names; every problem is one line."""
-    from tribox.app.run.check import run_check
+    from tribox.app.run.command import run_check
 
     _end(run_check(case_file, overrides or [], law, trust))
 

@@ -28,7 +28,7 @@ from mpi4py import MPI
 import tribox
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.run.process import with_sources
 from tribox.forms.bodies.internal_force import InternalForce

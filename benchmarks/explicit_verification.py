@@ -25,7 +25,6 @@ from tribox.app.figures.style import COLOURS, STYLE, columns, save
 from tribox.app.figures.units import DISPLACEMENT, FRICTION_FORCE
 from tribox.app.results.directory import read_table
 from tribox.app.run.run import run_case
-from tribox.app.simulation.history import Row
 from tribox.app.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[1]
@@ -167,24 +166,17 @@ def _compared(film: str, speed: float, stretch: float) -> str:
     [ratio] = simulation.explicit.summary()["kinetic_over_strain"].values()
     stepper = simulation.explicit.stepper
     added = stepper.added_mass / stepper.original_mass
-    apart = _histories_apart(simulation.rows, theirs)
+    # An explicit row is the mean over an interval, and is compared with that of both its ends.
+    found = [
+        abs(mine.tangential_force - 0.5 * (a.tangential_force + b.tangential_force))
+        for mine, (a, b) in zip(simulation.rows[1:], pairwise(theirs), strict=False)
+        if mine.stage == "slide"
+    ]
+    apart = max(found) / theirs[-1].tangential_force  # over the steady force
     return (
         f"{STEP * stretch:.2g} | {added:.3g} | {ratio:.1e} | {100 * off:+.3f} % | "
         f"{100 * apart:.2g} % | {simulation.explicit.steps}"
     )
-
-
-def _histories_apart(explicit: Sequence[Row], implicit: Sequence[Row]) -> float:
-    """Largest difference of the tangential forces while sliding, over the steady force.
-
-    An explicit row is the mean over an interval, and is compared with that of both its ends.
-    """
-    apart = [
-        abs(mine.tangential_force - 0.5 * (a.tangential_force + b.tangential_force))
-        for mine, (a, b) in zip(explicit[1:], pairwise(implicit), strict=False)
-        if mine.stage == "slide"
-    ]
-    return max(apart) / implicit[-1].tangential_force
 
 
 HEAD = "step (s) | mass added | kinetic/strain | steady force | history | "

@@ -191,7 +191,14 @@ def measure(case: Sequence[str]) -> dict[str, Any]:
         made = install(probe)
     probe.seconds["imports"] = time.process_time()
     with probe.watch("imports"), events(EVENTS, probe.begin, probe.end):
-        _run_program(["run", *case])
+        before, sys.argv = sys.argv, ["tribox", "run", *case]
+        try:
+            runpy.run_module("tribox", run_name="__main__", alter_sys=True)
+        except SystemExit as end:
+            if end.code:
+                raise
+        finally:
+            sys.argv = before
     ran = time.process_time()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     (simulation,) = made
@@ -209,18 +216,6 @@ def measure(case: Sequence[str]) -> dict[str, Any]:
         "factorisation": once,
         "afterwards": time.process_time() - ran,
     }
-
-
-def _run_program(words: Sequence[str]) -> None:
-    """Do what ``python -m tribox`` does with these words."""
-    before, sys.argv = sys.argv, ["tribox", *words]
-    try:
-        runpy.run_module("tribox", run_name="__main__", alter_sys=True)
-    except SystemExit as end:
-        if end.code:
-            raise
-    finally:
-        sys.argv = before
 
 
 def most_in_gross_sliding(simulation: Simulation) -> int:
@@ -306,20 +301,17 @@ def events(
     calls = (_EVENT(begun), _EVENT(ended), _OBJECT(lambda _: 0), _OBJECT(lambda _: 0))
     library = ctypes.CDLL(PETSc.__file__)
     handler = ctypes.c_void_p()
-    _check(library.PetscLogHandlerCreateLegacy(_self(), *calls, ctypes.byref(handler)))
+    # This process alone, as C passes a communicator: a pointer or an integer.
+    pointer = MPI._sizeof(MPI.Comm) == ctypes.sizeof(ctypes.c_void_p)
+    kind = ctypes.c_void_p if pointer else ctypes.c_int
+    alone = kind.from_address(MPI._addressof(MPI.COMM_SELF))
+    _check(library.PetscLogHandlerCreateLegacy(alone, *calls, ctypes.byref(handler)))
     _check(library.PetscLogHandlerStart(handler))
     try:
         yield
     finally:
         _check(library.PetscLogHandlerStop(handler))
         _check(library.PetscLogHandlerDestroy(ctypes.byref(handler)))
-
-
-def _self() -> ctypes.c_void_p | ctypes.c_int:
-    """This process alone, as C passes a communicator: a pointer or an integer."""
-    pointer = MPI._sizeof(MPI.Comm) == ctypes.sizeof(ctypes.c_void_p)
-    kind = ctypes.c_void_p if pointer else ctypes.c_int
-    return kind.from_address(MPI._addressof(MPI.COMM_SELF))
 
 
 def _check(code: int) -> None:

@@ -35,7 +35,6 @@ from tribox.forms.closed_forms.homogeneous_sliding import (
     film_fraction,
     threshold_speed,
 )
-from tribox.forms.friction.parameters import FrictionMapParameters
 
 ROOT = Path(__file__).parents[1]
 
@@ -73,22 +72,19 @@ def steady_points(directory: Path) -> Iterator[SteadyPoint]:
         assert parameters is not None and contact.film is not None
         for row in rows:
             if row["label"] == label and row["steady"] == 1.0:
-                yield _point(row, contact.film.thickness, parameters)
-
-
-def _point(row: dict[str, Any], film: float, parameters: FrictionMapParameters) -> SteadyPoint:
-    speed = abs(row["velocity"])
-    pressure = row["normal_force"] / row["contact_area"]
-    closed = effective_viscosity(speed, film, pressure, row["mu"], parameters)
-    return SteadyPoint(
-        film=film,
-        speed=speed,
-        star=float(threshold_speed(film, parameters)),
-        mu=row["mu"],
-        alpha=float(film_fraction(speed, film, parameters)),
-        computed=row["effective_viscosity"],
-        closed=float(closed),
-    )
+                film = contact.film.thickness
+                speed = abs(row["velocity"])
+                pressure = row["normal_force"] / row["contact_area"]
+                closed = effective_viscosity(speed, film, pressure, row["mu"], parameters)
+                yield SteadyPoint(
+                    film=film,
+                    speed=speed,
+                    star=float(threshold_speed(film, parameters)),
+                    mu=row["mu"],
+                    alpha=float(film_fraction(speed, film, parameters)),
+                    computed=row["effective_viscosity"],
+                    closed=float(closed),
+                )
 
 
 def sliding_tables(directory: Path) -> Iterator[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import notes_on
@@ -23,7 +25,6 @@ from tribox.app.build.mesh_notes import (
     notes_on_slips,
     notes_on_supports,
 )
-from tribox.app.build.numbers import failures_as
 from tribox.app.build.probes import PointPlaces, SurfaceLine, place_lines, place_probes
 from tribox.app.build.solids import (
     displacement_on,
@@ -39,7 +40,8 @@ from tribox.app.case.case import Case
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, TriboxError
+from tribox.app.explicit.energies import ExplicitError
 from tribox.app.implicit.linear_solver import chosen_solver
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.contact.shared_slave import introduce
@@ -131,6 +133,34 @@ class Model:
         self.loaded_in = "" if self.loads is None else self.loads.stage
         for program in self.programs:
             program(time, driven)
+
+
+@contextmanager
+def failures_as(kind: type[TriboxError], where: str) -> Iterator[None]:
+    """Raise what extreme numbers, or a state without a way on, lead to as an error of ours.
+
+    Values of a case that are allowed one by one may overflow together. numpy's warnings of that are
+    not shown: what becomes of it, forces that are no numbers, is looked for in each step.
+
+    Raises:
+        TriboxError: of this kind, in the place of an arithmetic error.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+        try:
+            yield
+        except ExplicitError as error:
+            raise kind(f"{where}: {error}; check the loads, the motions and the mesh") from None
+        except PETSc.Error as error:
+            said = str(error).strip().splitlines()[-1]
+            raise kind(f"{where}: PETSc gives up: {said}") from None
+        except MemoryError:
+            raise kind(f"{where}: there is not enough memory for so many cells") from None
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            said = " ".join(str(error).split()) or type(error).__name__
+            raise kind(
+                f"{where}: numbers out of range ({said}); check the magnitudes and units of the "
+                "case: lengths, moduli, densities, penalties, velocities"
+            ) from None
 
 
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:

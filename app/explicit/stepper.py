@@ -31,8 +31,9 @@ from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog, LumpedDynamics
-from tribox.app.explicit.options import ExplicitOptions, MassScaling
 from tribox.app.explicit.stable_step import (
+    ExplicitOptions,
+    MassScaling,
     ScaledMass,
     StableStep,
     StableSteps,

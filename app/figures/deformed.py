@@ -52,9 +52,7 @@ PALE = 8  # colours for bodies in the picture of the mesh
 IN_ONE_COLUMN = 2
 
 
-def draw_deformed(
-    results: Results, figures: Path, field: str, only_last: bool = False
-) -> list[Path]:
+def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     """Draw the last state, the end of each stage and the highest load.
 
     Raises:
@@ -63,7 +61,6 @@ def draw_deformed(
     states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []
-    states = states[-1:] if only_last else states
     names = body_names(results)
     drawn = [read_bodies(results.grid("fields", state.step), names, field) for state in states]
     if drawn[0].dim == 3:

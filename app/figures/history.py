@@ -48,7 +48,10 @@ def forces_figure(results: Results) -> Figure:
     for label, colour, width, rows, table in lines:
         x = at.values[rows]
         normal, friction = table["normal_force"], table["friction_force"]
-        shown = forces[0].of(normal), forces[1].of(friction), _over(friction, normal)
+        pressed = normal > NOUGHT * float(np.max(np.abs(normal), initial=0.0))
+        ratio = np.full(len(normal), np.nan)
+        ratio[pressed] = friction[pressed] / normal[pressed]
+        shown = forces[0].of(normal), forces[1].of(friction), ratio
         style: dict[str, Any] = {"color": colour, "lw": width, "label": label}
         style |= {"marker": "."} if len(x) < 3 else {}
         for axes, values in zip(panels, shown, strict=False):
@@ -90,15 +93,6 @@ def _lines(results: Results) -> Iterator[tuple[str, str, float, Longs, Table]]:
         table = contacts.where("pair", name).where("step", *place)
         rows = np.array([place[int(step)] for step in table["step"]], dtype=np.int64)
         yield (str(name), COLOURS[number % len(COLOURS)], 1.1, rows, table)
-
-
-def _over(friction: Floats, normal: Floats) -> Floats:
-    """Ratio (n,) of two forces; NaN where the normal force is as good as none."""
-    least = NOUGHT * float(np.max(np.abs(normal), initial=0.0))
-    out = np.full(len(normal), np.nan)
-    pressed = normal > least
-    out[pressed] = friction[pressed] / normal[pressed]
-    return out
 
 
 def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Table, unit: Unit) -> None:

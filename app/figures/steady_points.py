@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,15 @@ def film_numbers(films: Iterable[float], law: FrictionMapParameters) -> dict[flo
     return found
 
 
+def series_numbers(films: Sequence[float | None], law: FrictionMapParameters | None) -> list[int]:
+    """Which of them each series has: its film's, or its place where films are equal or unknown."""
+    known = {film for film in films if film is not None}
+    if law is None or len(known) < len(films):
+        return list(range(len(films)))
+    numbers = film_numbers(known, law)
+    return [numbers[film] for film in films if film is not None]
+
+
 def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Path]:
     """Draw ``effective_viscosity.png``, where there is a film, and ``friction_map.png``."""
     wet = [one for one in series if one.thickness > 0.0]  # D = 0 has no viscosity
@@ -164,7 +173,7 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
     figure = Figure(figsize=(10, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     speed, unit = _curve_speeds(series), _unit(series)
-    numbers = _numbers(series)
+    numbers = series_numbers([one.thickness for one in series], series[0].parameters)
     for place, one in enumerate(series):
         for axes, scale in ((left, unit.factor), (right, 1.0 / one.thickness)):
             _viscosity_curve(axes, one, (numbers[place], place), speed, scale)
@@ -190,15 +199,6 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
     words = f"points: computed steady states{_unsteady_words(series)}; lines: closed form"
     figure.suptitle(titled(case, f"{words}; dotted: V*"), fontsize=9)
     return figure
-
-
-def _numbers(series: list[Series]) -> list[int]:
-    """Which colour, marker and dashes each series has: its film's, or its own of equal films."""
-    films = [one.thickness for one in series]
-    if len(set(films)) < len(films):
-        return list(range(len(series)))
-    numbers = film_numbers(films, series[0].parameters)
-    return [numbers[film] for film in films]
 
 
 def _viscosity_curve(
@@ -229,7 +229,8 @@ def _map_figure(series: list[Series], case: str) -> Figure:
     figure = Figure(figsize=(6.8, 5.0), layout="constrained")
     axes = figure.subplots()
     speed, unit = _curve_speeds(series), _unit(series)
-    for number, one in zip(_numbers(series), series, strict=True):
+    numbers = series_numbers([one.thickness for one in series], series[0].parameters)
+    for number, one in zip(numbers, series, strict=True):
         colour, marker, dashes = colour_of(number), marker_of(number), dashes_of(number)
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.states import stage_ends
-from tribox.app.figures.steady_points import film_numbers
+from tribox.app.figures.steady_points import series_numbers
 from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
 from tribox.app.figures.units import (
     HERSEY,
@@ -135,11 +135,8 @@ def _film(case: Case, ends: Table) -> tuple[float, FrictionMapParameters] | None
 
 def _numbers(series: list[StribeckSeries]) -> list[int]:
     """Which colour, marker and dashes each has: its film's, where all differ by their film."""
-    films = [one.film for one in series if one.film is not None]
-    if len({film for film, _ in films}) < len(series):
-        return list(range(len(series)))
-    numbers = film_numbers([film for film, _ in films], films[0][1])
-    return [numbers[film] for film, _ in films]
+    law = next((one.film[1] for one in series if one.film is not None), None)
+    return series_numbers([one.film and one.film[0] for one in series], law)
 
 
 def _viscosity(case: Case, pair: int) -> float:

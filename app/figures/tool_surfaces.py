@@ -28,7 +28,7 @@ NEARER = 2e-3  # of the frame, that tools are moved to the eye, to be before wha
 
 
 def tool_triangles(results: Results, step: int) -> Floats | None:
-    """Triangles (c, a, i), m, of all tools at a step; None in a case without tools.
+    """Triangles, in the plane lines, (c, a, i), m, of all tools; None in a case without tools.
 
     Raises:
         InputError: nothing was written at this step.
@@ -44,7 +44,7 @@ def room_for(low: Floats, high: Floats, triangles: Floats | None) -> tuple[Float
     """Corners (i,), m, of a frame round bodies, with some room where there are tools."""
     if triangles is None or not triangles.size:
         return low, high
-    points, room = triangles.reshape(-1, 3), ROOM * float((high - low).max())
+    points, room = triangles.reshape(-1, len(low)), ROOM * float((high - low).max())
     return (
         np.minimum(low, np.maximum(points.min(axis=0), low - room)),
         np.maximum(high, np.minimum(points.max(axis=0), high + room)),
@@ -102,26 +102,16 @@ COLOUR = "#2b4c7e"
 
 
 def tool_lines(results: Results, step: int) -> Floats | None:
-    """Lines (c, 2, 2), m, of all tools at a step; None in a case without tools.
-
-    Raises:
-        InputError: nothing was written at this step.
-    """
-    if not results.case.tools:
-        return None
-    mesh = results.grid("tools", step)
-    lines: Floats = np.asarray(mesh.points[mesh.cells[0].data][..., :2], dtype=np.float64)
-    return lines
+    """Lines (c, 2, 2), m, of all tools at a step; None in a case without tools."""
+    cells = tool_triangles(results, step)
+    return None if cells is None else cells[..., :2]
 
 
 def with_room(frame: Frame, lines: Floats | None) -> Frame:
     """The frame with some room where there are tools beside the bodies."""
     if lines is None or frame.stretched:
         return frame
-    points = lines.reshape(-1, 2)
-    room = ROOM * float((frame.high - frame.low).max())
-    low = np.minimum(frame.low, np.maximum(points.min(axis=0), frame.low - room))
-    high = np.maximum(frame.high, np.minimum(points.max(axis=0), frame.high + room))
+    low, high = room_for(frame.low, frame.high, lines)
     return replace(frame, low=low, high=high, unit=fitting([(high - low).max()], "m"))
 
 

@@ -23,6 +23,7 @@ from scipy.stats import f as f_distribution
 from tribox.app.errors import InputError
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
+    AT_BOUND,
     BROAD,
     CONFIDENCE,
     NOISE,
@@ -36,6 +37,7 @@ from tribox.app.fit.model import (
     factor_of,
     friction,
     interval,
+    undetermined,
     with_values,
 )
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -139,17 +141,6 @@ class Calibration:
         ratio = np.maximum(computed, 1e-300) / self.data.traction
         return np.asarray(np.sqrt(self.data.weight) * np.log(ratio))
 
-    def _see_finite(self, x: Floats) -> None:
-        """See that the law says something of every row at these search coordinates."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            wrong = ~np.isfinite(self._residual(x))
-        if wrong.any():
-            row = int(np.argmax(wrong)) + 1
-            raise InputError(
-                f"the law has no finite friction for row {row} of the data; check their units and "
-                "the values that are fixed"
-            )
-
     # -- starts ------------------------------------------------------------------------------------
 
     def _first(self) -> Iterator[Floats]:
@@ -250,7 +241,15 @@ class Calibration:
             at[vary] = y
             return self._residual(at)
 
-        self._see_finite(x)
+        # See that the law says something of every row at these search coordinates.
+        with np.errstate(over="ignore", invalid="ignore"):
+            wrong = ~np.isfinite(self._residual(x))
+        if wrong.any():
+            row = int(np.argmax(wrong)) + 1
+            raise InputError(
+                f"the law has no finite friction for row {row} of the data; check their units and "
+                "the values that are fixed"
+            )
         if not vary.any():
             at_bound = np.zeros(len(x), dtype=np.bool_)
             return Found(x, self._residual(x), np.zeros((len(self.data), 0)), at_bound, False)
@@ -388,8 +387,9 @@ class Calibration:
             for name in Judgement(self.coordinates, self.star, one, True).open_names(degrees)
         }
         star = self.coordinates[self.star].name
+        reason = "another {} fits as well, with which they leave {} open"
         return {
-            c.name: with_star_warning(c.name, star)
+            c.name: undetermined(c.name, reason.format(star, c.name), _cure(c.name))
             for c, is_far in zip(self.coordinates, far, strict=True)
             if c.name != star and (is_far or c.name in open_there)
         }
@@ -401,8 +401,11 @@ class Calibration:
         judgement = Judgement(self.coordinates, self.star, found, star is not None, cures)
         degrees = len(self.data) - len(self.coordinates)
         scatter = math.sqrt(found.squares / degrees)
-        names = [c.name for c in self.coordinates]
-        known = self._left_open(found, as_good) | at_bound_warnings(names, found.at_bound, cures)
+        known = self._left_open(found, as_good) | {
+            c.name: undetermined(c.name, AT_BOUND, _cure(c.name, cures=cures))
+            for c, hit in zip(self.coordinates, found.at_bound, strict=True)
+            if hit
+        }
         estimates = []
         for c, value in zip(self.coordinates, self._values(found.x), strict=True):
             if c.name in judgement.names:
@@ -527,24 +530,4 @@ def star_warning(
         rows = CURES["V_star"]
     else:
         return None
-    return f"{name}: the data cannot determine it: {reason}; {_cure(name, rows)}"
-
-
-def with_star_warning(name: str, star: str) -> str:
-    """Why the data do not determine a parameter that is found only at some threshold speeds."""
-    return (
-        f"{name}: the data cannot determine it: another {star} fits as well, with which they leave "
-        f"{name} open; {_cure(name)}"
-    )
-
-
-def at_bound_warnings(
-    names: Sequence[str], at_bound: NDArray[np.bool_], cures: Mapping[str, str] = CURES
-) -> dict[str, str]:
-    """Lines on parameters that ended at a bound of the search."""
-    return {
-        name: f"{name}: the data cannot determine it: the search ended at its bound; "
-        f"{_cure(name, cures=cures)}"
-        for name, hit in zip(names, at_bound, strict=True)
-        if hit
-    }
+    return undetermined(name, reason, _cure(name, rows))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.app.case.quantities import Quantity, QuantityError
+from tribox.app.case.quantities import Quantity
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import (
     COLUMNS,
@@ -22,7 +22,7 @@ from tribox.app.fit.material_data import (
     read_material,
 )
 from tribox.app.fit.metal import LAWS, MOST_GIVEN, MetalFit, fit_metal
-from tribox.app.fit.model import NOISE, Estimate, Slopes, interval
+from tribox.app.fit.model import AT_BOUND, NOISE, Estimate, Slopes, interval, undetermined
 from tribox.app.fit.prony import (
     LONG_TERM,
     MOST_BRANCHES,
@@ -31,7 +31,7 @@ from tribox.app.fit.prony import (
     Shift,
     fit_prony,
 )
-from tribox.app.fit.setup import hint, settings
+from tribox.app.fit.setup import hint, parsed, settings
 
 Floats = NDArray[np.float64]
 
@@ -168,7 +168,7 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
         )
     known = (*CONSTANTS, *dict.fromkeys((*_OF_RUBBER, *_OF_METAL)))
     texts = settings(options.fixed, "--fix", known)
-    constants = {k: _parsed(k, texts.pop(k), COLUMNS[k]) for k in CONSTANTS if k in texts}
+    constants = {k: parsed("--fix", k, texts.pop(k), COLUMNS[k]) for k in CONSTANTS if k in texts}
     is_metal = None if law is None else law != RUBBER
     data = read_material(data_file, constants, options.ignored, options.measure, is_metal)
     allowed = dict(_OF_RUBBER)
@@ -186,21 +186,10 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
             raise InputError(f"--fix {key}: is no key of {of}; {hint(key, list(allowed))}")
     if law is None and texts.keys() - {"E", "nu"} and data.kind == "metal":
         raise InputError(f"--fix {next(iter(texts.keys() - {'E', 'nu'}))}: name its law with --law")
-    _check_branches(options.branches, data)
-    return data, {key: _parsed(key, value, allowed[key]) for key, value in texts.items()}
-
-
-def _parsed(key: str, value: object, quantity: Quantity) -> float:
-    try:
-        return quantity.parse(value)
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
-
-
-def _check_branches(branches: int | None, data: MaterialData) -> None:
     least, most = (0, MOST_GIVEN) if data.kind == "metal" else (1, MOST_BRANCHES)
-    if branches is not None and not least <= branches <= most:
-        raise InputError(f"--branches {branches}: must be {least} to {most}")
+    if options.branches is not None and not least <= options.branches <= most:
+        raise InputError(f"--branches {options.branches}: must be {least} to {most}")
+    return data, {key: parsed("--fix", key, value, allowed[key]) for key, value in texts.items()}
 
 
 def _shift(data: MaterialData, given: Mapping[str, float]) -> Shift | None:
@@ -258,7 +247,7 @@ def _estimates(
         name, value = parameter.name, fit.values[parameter.name]
         ends = interval(parameter, value, slopes.half_width(name, scatter, fit.degrees))
         if back and name.partition(" ")[0] in ("c", "b"):
-            warning: str | None = _AT_ONE.format(name=name)
+            warning: str | None = undetermined(name, *_AT_ONE)
         elif name in judged.names:
             warning = _why_open(name, judged, at_bound[name], fit, scatter)
         else:
@@ -272,8 +261,8 @@ def _estimates(
 
 
 _AT_ONE = (
-    "{name}: the data cannot determine it: the metal never flows after a turn of the strain, so "
-    "back stress and yield stress are one; add rows of flow after a turn, or take --branches 0"
+    "the metal never flows after a turn of the strain, so back stress and yield stress are one",
+    "add rows of flow after a turn, or take --branches 0",
 )
 
 
@@ -282,8 +271,7 @@ def _why_open(
 ) -> str | None:
     """Why the data do not determine a parameter; None if they do."""
     if at_bound:
-        end = "the search ended at its bound"
-        return f"{name}: the data cannot determine it: {end}; {fit.cure(name)}"
+        return undetermined(name, AT_BOUND, fit.cure(name))
     return judged.warning(name, scatter, fit.degrees)
 
 

@@ -149,7 +149,15 @@ def read_material(
         return _metal(path, values, how, weight)
     if "time" not in values:
         raise _missing(path, "time", "s", "a rubber is fitted over time or frequency")
-    _see_rising(table)
+    # See that time goes on from row to row.
+    time = table.values["time"]
+    wrong = np.flatnonzero(np.diff(time) <= 0.0)
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        raise InputError(
+            f"{table.path}:{table.lines[row]}: time = {time[row]:g} s: must be later than the row "
+            f"before, {time[row - 1]:g} s"
+        )
     if "modulus" in values:
         shear = np.asarray(values["modulus"] / (1.0 if how["modulus"] == "shear" else 3.0))
         in_shear = how["modulus"] == "shear"
@@ -200,18 +208,6 @@ def _need(path: Path, values: Mapping[str, Floats], *names: str) -> None:
 
 def _missing(path: Path, name: str, unit: str, why: str) -> InputError:
     return InputError(f'{path}: column {name} is missing; add "{name} [{unit}]": {why}')
-
-
-def _see_rising(table: Table) -> None:
-    """See that time goes on from row to row."""
-    time = table.values["time"]
-    wrong = np.flatnonzero(np.diff(time) <= 0.0)
-    if wrong.size:
-        row = int(wrong[0]) + 1
-        raise InputError(
-            f"{table.path}:{table.lines[row]}: time = {time[row]:g} s: must be later than the row "
-            f"before, {time[row - 1]:g} s"
-        )
 
 
 def _vibration(

@@ -57,7 +57,10 @@ def draw_material(result: MaterialResult, path: Path) -> None:
             _draw_metal(top, bottom, result)
             _hardening(side, result.fit)
         else:
-            _draw_rubber(top, bottom, result)
+            kind = result.data.kind
+            draw = {"relaxation": _relaxation, "vibration": _vibration, "cycles": _cycles}[kind]
+            draw(top, bottom, result)
+            bottom.set_ylabel("(data − fit)/rms" if kind == "cycles" else "ln(data/fit)")
             _spectrum(side, result)
         bottom.axhline(0.0, color="k", lw=0.8)
         largest = float(np.max(np.abs(bottom.get_ylim())))
@@ -74,14 +77,6 @@ def draw_material(result: MaterialResult, path: Path) -> None:
 
 
 # -- rubbers ---------------------------------------------------------------------------------------
-
-
-def _draw_rubber(top: Axes, bottom: Axes, result: MaterialResult) -> None:
-    kind = result.data.kind
-    draw = {"relaxation": _relaxation, "vibration": _vibration, "cycles": _cycles}[kind]
-    draw(top, bottom, result)
-    differences = "(data − fit)/rms" if kind == "cycles" else "ln(data/fit)"
-    bottom.set_ylabel(differences)
 
 
 def _relaxation(top: Axes, bottom: Axes, result: MaterialResult) -> None:
@@ -195,9 +190,10 @@ def _draw_metal(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     fine = np.concatenate(parts)
     curve, _ = response(fit.metal, fine, paths(fine))
     top.plot(strain, stress / 1e6, "o", ms=3.5, mfc="none", color=BLUE, label="measured")
-    top.plot(
-        np.append(0.0, fine), np.append(0.0, curve) / 1e6, color=RED, lw=1.1, label=_label(fit)
-    )
+    n = fit.problem.branches
+    back = {0: "", 1: " with a back stress"}.get(n, f" with {n} back stresses")
+    top.plot(np.append(0.0, fine), np.append(0.0, curve) / 1e6, color=RED, lw=1.1,
+             label=f"fitted law ({fit.problem.law}){back}")  # fmt: skip
     top.axhline(0.0, color="k", lw=0.6)
     top.set_xlabel("logarithmic strain")
     top.set_ylabel("true stress σ (MPa)")
@@ -205,12 +201,6 @@ def _draw_metal(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     bottom.plot(path, result.residual, "o", ms=3, mfc="none", color=BLUE)
     bottom.set_xlabel("strain covered Σ|Δε|")
     bottom.set_ylabel("(data − fit)/rms")
-
-
-def _label(fit: MetalFit) -> str:
-    n = fit.problem.branches
-    back = {0: "", 1: " with a back stress"}.get(n, f" with {n} back stresses")
-    return f"fitted law ({fit.problem.law}){back}"
 
 
 def _hardening(axes: Axes, fit: MetalFit) -> None:

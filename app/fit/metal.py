@@ -23,12 +23,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.model import Slopes
-from tribox.app.fit.prony import MaterialFit, MaterialParameter
+from tribox.app.fit.prony import MaterialFit, MaterialParameter, best_minimum
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
 Floats = NDArray[np.float64]
@@ -212,7 +211,15 @@ class MetalProblem:
 
     def starts(self, fewer: Mapping[str, float] | None) -> Iterator[Floats]:
         """Search coordinates to start from; ``fewer``: what was found with a branch less."""
-        E, top, first = self._guesses()
+        # E, the highest stress, and the stress at which the line of E is left, Pa.
+        top = float(np.abs(self.measured).max())
+        rows = self.along[0]
+        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
+        slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
+        E = self.fixed.get("E", float(np.max(slope)))
+        near = s[s > 0.9 * E * e]
+        first = float(near.max()) if near.size else 0.3 * top
+        first = min(max(first, 0.05 * top), 0.95 * top)
         wide = self._width
         for share, at in itertools.product((0.3, 0.7), (3.0, 30.0, 300.0)):
             c_over_b = share * top * 0.5
@@ -230,17 +237,6 @@ class MetalProblem:
     def _width(self) -> float:
         """What the strain covers from 0 on."""
         return float(np.ptp(np.append(self.strain, 0.0)))
-
-    def _guesses(self) -> tuple[float, float, float]:
-        """E, the highest stress, and the stress at which the line of E is left, Pa."""
-        top = float(np.abs(self.measured).max())
-        rows = self.along[0]
-        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
-        slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
-        E = self.fixed.get("E", float(np.max(slope)))
-        near = s[s > 0.9 * E * e]
-        first = float(near.max()) if near.size else 0.3 * top
-        return E, top, min(max(first, 0.05 * top), 0.95 * top)
 
     def _isotropic(self, top: float, first: float) -> dict[str, float]:
         """Where the search for the law of isotropic hardening begins."""
@@ -266,23 +262,12 @@ class MetalProblem:
         begun = [*self.starts(None), *(self.starts(known) if known else ())]
         begun = [np.clip(x, low + 1e-6, high - 1e-6) for x in begun]
         begun.sort(key=lambda x: float(np.sum(self.residual(x) ** 2)))
-        best = None
-        for x in begun[:4]:
-            one = least_squares(
-                self.residual, x, jac=self.jacobian, bounds=(low, high), x_scale="jac",
-                xtol=1e-10, ftol=1e-11, gtol=1e-11, max_nfev=100,
-            )  # fmt: skip
-            if best is None or one.cost < best.cost:
-                best = one
-        assert best is not None
-        x = self._sorted(best.x)
-        return MetalFit(self, x, np.minimum(x - low, high - x) < 1e-6)
-
-    def _sorted(self, x: Floats) -> Floats:
-        """The same with the fastest branch first."""
-        n = 2 * self.branches
-        pairs = x[len(x) - n :].reshape(-1, 2)
-        return np.concatenate([x[: len(x) - n], pairs[np.argsort(-pairs[:, 1])].ravel()])
+        limits = {"ftol": 1e-11, "gtol": 1e-11, "max_nfev": 100}
+        x, at_bound = best_minimum(self, begun[:4], low, high, **limits)
+        order = np.arange(len(x))  # the fastest branch first
+        pairs = order[len(x) - 2 * self.branches :].reshape(-1, 2)
+        pairs[:] = pairs[np.argsort(-x[pairs[:, 1]])]
+        return MetalFit(self, x[order], at_bound[order])
 
 
 @dataclass(frozen=True, slots=True)

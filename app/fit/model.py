@@ -35,6 +35,7 @@ ALIKE = 3e-3
 CONFIDENCE = 0.95
 BROAD = math.log(10.0)
 """Half-width of an interval, in logarithms, from which on the parameter is not determined."""
+AT_BOUND = "the search ended at its bound"
 NOISE = 1e-3
 """Scatter that is assumed at least when asking whether data determine a parameter."""
 
@@ -122,14 +123,11 @@ class Slopes:
         rows = math.sqrt(len(self.slopes))
         length, own = float(np.linalg.norm(self.slopes[:, i])), float(self.own[i])
         if length < INSENSITIVE * rows:
-            return f"{name}: the data cannot determine it: {self._of} hardly depends on it; {cure}"
+            return undetermined(name, f"{self._of} hardly depends on it", cure)
         partner = self._partners[i][1]
         if own < ALIKE * length and partner is not None:
-            other = self.names[partner]
-            return (
-                f"{name}: the data cannot determine it: a change of {other} has the same effect; "
-                f"{cure}"
-            )
+            reason = f"a change of {self.names[partner]} has the same effect"
+            return undetermined(name, reason, cure)
         return self.broad(name, scatter, degrees)
 
     def broad(self, name: str, scatter: float, degrees: int) -> str | None:
@@ -138,10 +136,8 @@ class Slopes:
         if half > BROAD:
             key = name.partition(" ")[0]
             of = f" of {key}/(1 - {key})" if name in self._bounded else ""
-            return (
-                f"{name}: the data cannot determine it: the interval{of} spans a factor of "
-                f"{factor_of(half)} either way; {self._cure(name)}"
-            )
+            reason = f"the interval{of} spans a factor of {factor_of(half)} either way"
+            return undetermined(name, reason, self._cure(name))
         return None
 
     def open_names(self, degrees: int) -> set[str]:
@@ -163,6 +159,11 @@ class Slopes:
         scale = np.sqrt(np.diag(covariance))
         scale = np.where(scale > 0.0, scale, 1.0)
         return np.asarray(covariance / np.outer(scale, scale))
+
+
+def undetermined(name: str, reason: str, cure: str) -> str:
+    """Why the data do not determine a parameter, and what to do about it."""
+    return f"{name}: the data cannot determine it: {reason}; {cure}"
 
 
 def factor_of(half: float) -> str:
@@ -312,7 +313,8 @@ def friction(parameters: Parameters, data: TribometerData) -> Floats:
     out = np.empty(len(data))
     steady = data.steady
     if steady.any():
-        steady_law = _at_steady_friction(parameters)
+        mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
+        steady_law = dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)
         rows = _rows(data, steady)
         lengths = presliding_length(
             rows.pressure,
@@ -339,12 +341,6 @@ def _without_film(parameters: StribeckParameters | CoulombParameters, data: Trib
         law, most = StribeckLaw(parameters), parameters.mu_s
     sliding = 10.0 * most * data.pressure / parameters.K_T
     return _one_step(law, data, np.where(data.steady, sliding, data.slip))
-
-
-def _at_steady_friction(parameters: FrictionMapParameters) -> FrictionMapParameters:
-    """The parameters with the coefficient of friction of steady sliding."""
-    mu = parameters.mu_s if parameters.B == 0.0 else parameters.mu_dynamic
-    return dataclasses.replace(parameters, mu_s=mu, mu_d=mu, B=0.0)
 
 
 def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:

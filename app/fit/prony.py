@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -105,6 +105,8 @@ class _Problem(Protocol):
 
     def residual(self, x: Floats) -> Floats: ...
 
+    def jacobian(self, x: Floats) -> Floats: ...
+
 
 Problem = TypeVar("Problem", bound=_Problem)
 
@@ -144,6 +146,21 @@ def information(squares: float, values: int, parameters: int) -> float:
     """Bayesian information criterion, n ln(squares/n) + c ln n; data may count as exact."""
     variance = max(squares / values, EXACT**2)
     return values * math.log(variance) + parameters * math.log(values)
+
+
+def best_minimum(
+    problem: _Problem, starts: Iterable[Floats], low: Floats, high: Floats, **limits: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Search coordinates of the least squares from some starts, and which end at a bound."""
+    found = [
+        least_squares(
+            problem.residual, np.clip(x, low + 1e-6, high - 1e-6), jac=problem.jacobian,
+            bounds=(low, high), x_scale="jac", xtol=1e-10, **limits,
+        )
+        for x in starts
+    ]  # fmt: skip
+    x = min(found, key=lambda one: one.cost).x.copy()
+    return x, np.minimum(x - low, high - x) < 1e-6
 
 
 LONG_TERM = MaterialParameter("long-term G", "Pa")
@@ -336,21 +353,12 @@ class PronyProblem:
 
     def fitted(self, n: int, fewer: Floats | None = None) -> PronyFit:
         """The best series of n branches; ``fewer``: search coordinates of the best of n - 1."""
-        low, high = self.bounds(n)
-        best = None
-        for start in self.starts(n, fewer):
-            x = np.clip(start, low + 1e-6, high - 1e-6)
-            one = least_squares(
-                self.residual, x, jac=self.jacobian, bounds=(low, high), x_scale="jac",
-                xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=200,
-            )  # fmt: skip
-            if best is None or one.cost < best.cost:
-                best = one
-        assert best is not None
-        x = best.x.copy()
+        limits = {"ftol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
+        x, at_bound = best_minimum(self, self.starts(n, fewer), *self.bounds(n), **limits)
         order = np.argsort(x[n + 1 : 2 * n + 1])
-        x[1 : n + 1], x[n + 1 : 2 * n + 1] = x[1 : n + 1][order], x[n + 1 : 2 * n + 1][order]
-        return PronyFit(self, x, np.minimum(x - low, high - x) < 1e-6)
+        for part in (slice(1, n + 1), slice(n + 1, 2 * n + 1)):
+            x[part], at_bound[part] = x[part][order], at_bound[part][order]
+        return PronyFit(self, x, at_bound)
 
 
 @dataclass(frozen=True, slots=True)

@@ -361,17 +361,13 @@ def draw_fit(data: TribometerData, result: FitResult, figures: Path, name: str) 
         )
         for column, steady in enumerate(kinds):
             _panel(panels[0, column], panels[1, column], data, result, steady)
-        _title(figure, data, result, name)
+        text = f"{name}\n{len(data)} rows; lines: fitted {_NAMES[type(result.parameters)]}; "
+        text += f"scatter {result.scatter:.2%}"
+        if result.warnings:
+            names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
+            text += f"\nnot determined: {names}"
+        figure.suptitle(text, fontsize=9, y=0.89, va="bottom")
         save(figure, figures / "fit.png")
-
-
-def _title(figure: Figure, data: TribometerData, result: FitResult, name: str) -> None:
-    text = f"{name}\n{len(data)} rows; lines: fitted {_NAMES[type(result.parameters)]}; "
-    text += f"scatter {result.scatter:.2%}"
-    if result.warnings:
-        names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
-        text += f"\nnot determined: {names}"
-    figure.suptitle(text, fontsize=9, y=0.89, va="bottom")
 
 
 def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, steady: bool) -> None:
@@ -385,23 +381,6 @@ def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, ste
         _line(top, data, result.parameters, group, colour)
         if steady:
             _open_speeds(top, data, result, group, colour)
-    _finish(top, bottom, data, steady)
-
-
-def _marks(groups: Sequence[_Group], law: Parameters) -> list[tuple[str, str]]:
-    """Colour and marker of each group: those of its film in other figures, where films differ."""
-    films = [group.thickness for group in groups]
-    if not isinstance(law, FrictionMapParameters) or len(set(films)) < len(films):
-        return [(colour_of(k), marker_of(k)) for k in range(len(groups))]
-    numbers = film_numbers([film for film in films if film > law.D_min], law)
-    dry = ("0.45", "x")
-    return [
-        (colour_of(numbers[film]), marker_of(numbers[film])) if film in numbers else dry
-        for film in films
-    ]
-
-
-def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None:
     shown = _shown(data, data.traction, np.arange(len(data)))[data.steady]
     spans = bool(steady and shown.max() > 10.0 * shown.min())
     top.set_yscale("log" if spans else "linear")
@@ -418,6 +397,19 @@ def _finish(top: Axes, bottom: Axes, data: TribometerData, steady: bool) -> None
     largest = float(np.max(np.abs(bottom.get_ylim())))
     bottom.set_ylim(-largest, largest)
     thin_log_ticks(top)
+
+
+def _marks(groups: Sequence[_Group], law: Parameters) -> list[tuple[str, str]]:
+    """Colour and marker of each group: those of its film in other figures, where films differ."""
+    films = [group.thickness for group in groups]
+    if not isinstance(law, FrictionMapParameters) or len(set(films)) < len(films):
+        return [(colour_of(k), marker_of(k)) for k in range(len(groups))]
+    numbers = film_numbers([film for film in films if film > law.D_min], law)
+    dry = ("0.45", "x")
+    return [
+        (colour_of(numbers[film]), marker_of(numbers[film])) if film in numbers else dry
+        for film in films
+    ]
 
 
 def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:

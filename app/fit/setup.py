@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tribox.app.case.friction import TABLES, LawTable
-from tribox.app.case.quantities import QuantityError, parse_quantity
+from tribox.app.case.quantities import Quantity, QuantityError
 from tribox.app.case.toml_files import apply_override
 from tribox.app.errors import InputError
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
@@ -83,7 +83,9 @@ def fit_setup(
         raise InputError(f"--law {law}: no such law; {hint(law, list(LAWS))}")
     keys = tuple(key for key in TABLES[law].model_fields if key not in NOT_FIXABLE)
     given = settings(fixed, "--fix", (*keys, *CONSTANTS))
-    constants = {key: _column_value(key, given.pop(key)) for key in CONSTANTS if key in given}
+    constants = {
+        key: parsed("--fix", key, given.pop(key), COLUMNS[key]) for key in CONSTANTS if key in given
+    }
     names = _names(parameters, law) if parameters else None
     needs_pressure = law == "friction-map" or (law == "stribeck" and _drags(names, given))
     data = read_data(data_file, constants, ignored, law == "friction-map", needs_pressure)
@@ -121,11 +123,16 @@ def hint(name: str, known: Sequence[str]) -> str:
     return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
 
-def _column_value(key: str, value: object) -> float:
+def parsed(option: str, key: str, value: object, quantity: Quantity) -> float:
+    """The value of "key=value", SI.
+
+    Raises:
+        InputError: it is none.
+    """
     try:
-        return COLUMNS[key].parse(value)
+        return quantity.parse(value)
     except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
+        raise InputError(f"{option} {key} = {value}: {error}") from None
 
 
 def _start(key: str, value: object, names: Sequence[str]) -> float:
@@ -134,10 +141,7 @@ def _start(key: str, value: object, names: Sequence[str]) -> float:
     if key in ("V_star", "gamma"):
         raise InputError(f"--start {key}: needs no start, every gap between velocities is tried")
     limits = RANGES[key]
-    try:
-        number = parse_quantity(value, limits.unit)
-    except QuantityError as error:
-        raise InputError(f"--start {key} = {value}: {error}") from None
+    number = parsed("--start", key, value, Quantity(limits.unit))
     if not limits.lowest < number < limits.highest:
         raise InputError(
             f"--start {key} = {value}: must lie between {limits.lowest:g} and "
@@ -162,8 +166,8 @@ def _names(parameters: str, law: str) -> tuple[str, ...]:
 
 def _suggested(data: TribometerData, given: Mapping[str, Any]) -> Iterator[str]:
     """What data of this kind can tell at best."""
-    lowest = _length(given.get("D_min", 0.0), "D_min")
-    highest = _length(given.get("D_max", 250e-9), "D_max")
+    lowest = parsed("--fix", "D_min", given.get("D_min", 0.0), Quantity("m"))
+    highest = parsed("--fix", "D_max", given.get("D_max", 250e-9), Quantity("m"))
     yield "mu_s"
     if not data.steady.all():
         yield from WEAKENING
@@ -190,17 +194,7 @@ def _drags(names: Sequence[str] | None, given: Mapping[str, Any]) -> bool:
         return True
     if "viscous" not in given:
         return names is None  # It is fitted as long as nothing is said, and 0 where it is not.
-    try:
-        return parse_quantity(given["viscous"], "Pa*s/m") != 0.0
-    except QuantityError as error:
-        raise InputError(f"--fix viscous = {given['viscous']}: {error}") from None
-
-
-def _length(value: object, key: str) -> float:
-    try:
-        return parse_quantity(value, "m")
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None
+    return parsed("--fix", "viscous", given["viscous"], Quantity("Pa*s/m")) != 0.0
 
 
 def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
@@ -235,9 +229,9 @@ def _base(
     for name in names:
         table[name] = RANGES[name].start
     if "mu_s" in names and "mu_d" in given:
-        table["mu_s"] = 1.2 * _number("mu_d", given["mu_d"]) + 1e-3
+        table["mu_s"] = 1.2 * parsed("--fix", "mu_d", given["mu_d"], Quantity("")) + 1e-3
     if "mu_d" in names and "mu_s" not in names:
-        table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
+        table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
     film = float(max(data.thickness.max(), 1e-9))
     if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
         table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
@@ -259,9 +253,9 @@ def _base_without_film(
         if key not in table:
             raise InputError(f"{key}: neither fitted nor fixed; name it, or give --fix {key}=...")
     if law == "stribeck" and "mu_s" in names and "mu_d" in given:
-        table["mu_s"] = 1.2 * _number("mu_d", given["mu_d"]) + 1e-3
+        table["mu_s"] = 1.2 * parsed("--fix", "mu_d", given["mu_d"], Quantity("")) + 1e-3
     if law == "stribeck" and "mu_d" in names and "mu_s" not in names:
-        table["mu_d"] = 0.8 * _number("mu_s", table["mu_s"])
+        table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
     friction = _validated(table, None)
     if friction.changes:
         raise InputError("--fix mu: must be a number, not a program of time")
@@ -280,10 +274,3 @@ def _validated(table: dict[str, Any], film: float | None) -> LawTable:
         raise InputError(str(error).replace("contact.0.friction.", "--fix ")) from None
     assert isinstance(friction, LawTable)
     return friction
-
-
-def _number(key: str, value: object) -> float:
-    try:
-        return parse_quantity(value, "")
-    except QuantityError as error:
-        raise InputError(f"--fix {key} = {value}: {error}") from None

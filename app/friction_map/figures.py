@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from tribox.app.figures.steady_points import film_numbers, with_room
+from tribox.app.figures.steady_points import broken, film_numbers, with_room
 from tribox.app.figures.style import (
     COLOURS,
     RED,
@@ -50,15 +50,19 @@ WIDE_MARGIN = 0.17
 
 def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
     """Draw all figures of a map into a directory that exists."""
+    films = result.films or setup.films[:1]
+    made: dict[str, Callable[[], Figure]] = {
+        "friction_map_thickness": lambda: _by_film(setup, result.by_film),
+        "friction_map_load": lambda: _by_load(setup, result.by_load),
+        "effective_viscosity": lambda: _viscosity(setup, result.by_film),
+        "stribeck": lambda: _stribeck(setup, result.by_film),
+        "slip_weakening": lambda: _weakening(setup, result.weakening),
+        "start_stop": lambda: _start_stop(setup, result.start_stop, films),
+        "velocity_jump": lambda: _jump(setup, result.jump, films),
+    }
     with rc_context(STYLE):
-        save(_by_film(setup, result.by_film), figures / "friction_map_thickness.png", tight=False)
-        save(_by_load(setup, result.by_load), figures / "friction_map_load.png", tight=False)
-        save(_viscosity(setup, result.by_film), figures / "effective_viscosity.png", tight=False)
-        save(_stribeck(setup, result.by_film), figures / "stribeck.png", tight=False)
-        save(_weakening(setup, result.weakening), figures / "slip_weakening.png", tight=False)
-        films = result.films or setup.films[:1]
-        save(_start_stop(setup, result.start_stop, films), figures / "start_stop.png", tight=False)
-        save(_jump(setup, result.jump, films), figures / "velocity_jump.png", tight=False)
+        for name, draw in made.items():
+            save(draw(), figures / f"{name}.png", tight=False)
 
 
 # -- steady sliding -------------------------------------------------------------------------------
@@ -99,27 +103,22 @@ def _star(setup: MapSetup, film: float) -> float:
 def _closed_form(setup: MapSetup, curve: Curve, speed: Floats) -> Floats:
     """Traction in closed form, Pa, with a gap at V* so that no line is drawn across the fall."""
     traction = steady_traction(speed, curve.film, curve.pressure, curve.mu[0], setup.parameters)
-    out = np.array(traction, dtype=np.float64)
-    jump = int(np.searchsorted(speed, _star(setup, curve.film)))
-    if 0 < jump < len(speed):
-        out[jump - 1] = np.nan
-    return out
+    return broken(np.asarray(traction, dtype=np.float64), speed, _star(setup, curve.film))
 
 
-def _fine(speeds: Floats) -> Floats:
-    return np.asarray(np.geomspace(speeds[0], speeds[-1], 3000), dtype=np.float64)
-
-
-def _draw(
-    axes: Axes, fine: tuple[Floats, Floats], x: Floats, y: NDArray[Any], marks: dict[str, Any],
-    label: str,
+def _draw_steady(
+    setup: MapSetup, axes: Axes, curve: Curve, marks: dict[str, Any], label: str,
+    by_speed: float = 1.0, by_traction: Callable[[Floats], Floats | float] = lambda speed: 1e-3,
 ) -> None:  # fmt: skip
-    """A closed form, fine (n,) over (n,), and the points that the law was stepped to."""
+    """A closed form, and the points that the law was stepped to; each times these factors."""
     colour, marker, dashes = marks["color"], marks["marker"], marks["ls"]
-    axes.plot(*fine, color=colour, lw=1, ls=dashes)
-    axes.plot(x, y, marker, ms=MARKER_SIZE, mfc="none", color=colour)
-    axes.plot([], [], color=colour, lw=1, ls=dashes, marker=marker, ms=MARKER_SIZE, mfc="none",
-              label=label)  # fmt: skip
+    fine = np.asarray(np.geomspace(setup.speeds[0], setup.speeds[-1], 3000), dtype=np.float64)
+    exact = _closed_form(setup, curve, fine) * by_traction(fine)
+    axes.plot(fine * by_speed, exact, color=colour, lw=1, ls=dashes)
+    points = {"marker": marker, "ms": MARKER_SIZE, "mfc": "none", "color": colour}
+    shown = curve.traction * by_traction(curve.speed)
+    axes.plot(curve.speed * by_speed, shown, ls="none", **points)
+    axes.plot([], [], lw=1, ls=dashes, label=label, **points)
 
 
 def _explain(setup: MapSetup, axes: Axes, star: bool) -> None:
@@ -139,13 +138,6 @@ def _mark_stars(setup: MapSetup, axes: Axes, curves: Sequence[Curve]) -> bool:
     return shown
 
 
-def _legend(axes: Axes, place: str, title: str | None = None) -> None:
-    axes.legend(
-        fontsize=8, loc=place, title=title, title_fontsize=8, frameon=True, framealpha=0.9,
-        edgecolor="none",
-    )  # fmt: skip
-
-
 def _log_log() -> tuple[Figure, Axes]:
     """A figure with both axes logarithmic."""
     figure = Figure(figsize=(7, 5))
@@ -153,30 +145,35 @@ def _log_log() -> tuple[Figure, Axes]:
     return figure, figure.subplots(subplot_kw={"xscale": "log", "yscale": "log"})
 
 
+def _finish(axes: Axes, x: str, y: str, place: str, title: str) -> None:
+    """Names of the axes, legend and ticks."""
+    axes.set(xlabel=x, ylabel=y)
+    axes.legend(
+        fontsize=8, loc=place, title=title, title_fontsize=8, frameon=True, framealpha=0.9,
+        edgecolor="none",
+    )  # fmt: skip
+    thin_log_ticks(axes)
+
+
+def _under(setup: MapSetup) -> str:
+    return f"pressure p = {setup.pressure / 1e6:g} MPa"
+
+
 def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
-    fine = _fine(setup.speeds)
     for curve in curves:
-        line = fine, np.asarray(_closed_form(setup, curve, fine) / 1e3)
-        label = _film_label(setup, curve.film)
         marks = _marks(setup, curve.film)
-        _draw(axes, line, curve.speed, curve.traction / 1e3, marks, label)
+        _draw_steady(setup, axes, curve, marks, _film_label(setup, curve.film))
     _explain(setup, axes, _mark_stars(setup, axes, curves))
-    axes.set_xlabel(VELOCITY.label())
-    axes.set_ylabel(TRACTION.label("kPa"))
-    _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
-    thin_log_ticks(axes)
+    _finish(axes, VELOCITY.label(), TRACTION.label("kPa"), "lower right", _under(setup))
     return figure
 
 
 def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
-    fine = _fine(setup.speeds)
     for number, curve in enumerate(curves):
-        label = f"p = {curve.pressure / 1e6:.3g} MPa"
-        line = fine, np.asarray(_closed_form(setup, curve, fine) / 1e3)
         marks = {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
-        _draw(axes, line, curve.speed, curve.traction / 1e3, marks, label)
+        _draw_steady(setup, axes, curve, marks, f"p = {curve.pressure / 1e6:.3g} MPa")
     _explain(setup, axes, False)
     star = _star(setup, setup.film)
     if setup.speeds[0] < star < setup.speeds[-1]:
@@ -185,22 +182,18 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
             "V*", (star, 1.0), xycoords=("data", "axes fraction"), xytext=(-3, -2),
             textcoords="offset points", ha="right", va="top", fontsize=9, color="0.3",
         )  # fmt: skip
-    axes.set_xlabel(VELOCITY.label())
-    axes.set_ylabel(TRACTION.label("kPa"))
-    _legend(axes, "upper left", _film_label(setup, setup.film))
-    thin_log_ticks(axes)
+    film = _film_label(setup, setup.film)
+    _finish(axes, VELOCITY.label(), TRACTION.label("kPa"), "upper left", film)
     return figure
 
 
 def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
-    fine = _fine(setup.speeds)
-    for curve in curves:
-        if curve.film <= setup.parameters.D_min:
-            continue  # No film, no viscosity.
-        line = fine, np.asarray(_closed_form(setup, curve, fine) * curve.film / fine)
-        label = _film_label(setup, curve.film)
-        _draw(axes, line, curve.speed, curve.viscosity, _marks(setup, curve.film), label)
+    wet = [curve for curve in curves if curve.film > setup.parameters.D_min]
+    for curve in wet:
+        marks, label = _marks(setup, curve.film), _film_label(setup, curve.film)
+        film = curve.film
+        _draw_steady(setup, axes, curve, marks, label, by_traction=lambda v, D=film: D / v)  # type: ignore[misc]
     _explain(setup, axes, _mark_stars(setup, axes, curves))
     eta = setup.parameters.eta_b
     axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
@@ -208,37 +201,28 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         f"η_b = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
         xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
     )  # fmt: skip
-    lowest = min(float(c.viscosity.min()) for c in curves if c.film > setup.parameters.D_min)
-    with_room(axes, min(eta, lowest), 0.2)
-    axes.set_xlabel(VELOCITY.label())
-    axes.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})")
-    _legend(axes, "upper right", f"pressure p = {setup.pressure / 1e6:g} MPa")
-    thin_log_ticks(axes)
+    with_room(axes, min(eta, *(float(curve.viscosity.min()) for curve in wet)), 0.2)
+    name = f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})"
+    _finish(axes, VELOCITY.label(), name, "upper right", _under(setup))
     return figure
 
 
 def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     """Friction over V η_b/D, the traction of a Newtonian film (in the paper: both times A)."""
     figure, axes = _log_log()
-    eta, fine = setup.parameters.eta_b, _fine(setup.speeds)
     for curve in curves:
         label, marks = _film_label(setup, curve.film), _marks(setup, curve.film)
         if curve.film <= setup.parameters.D_min:
             axes.axhline(curve.traction[0] / 1e3, color=marks["color"], lw=1.2, ls=marks["ls"],
                          label=f"{label}: Coulomb")  # fmt: skip
             continue
-        scale = eta / curve.film / 1e3
-        line = np.asarray(fine * scale), np.asarray(_closed_form(setup, curve, fine) / 1e3)
-        _draw(axes, line, np.asarray(curve.speed * scale), curve.traction / 1e3, marks, label)
-    low, high = axes.get_xlim()
-    ends = np.array([low, high])
+        _draw_steady(setup, axes, curve, marks, label, setup.parameters.eta_b / curve.film / 1e3)
+    ends = axes.get_xlim()
     axes.plot(ends, ends, color="k", lw=0.8, ls="--", label="Newtonian: T = V η_b/D")
-    axes.set_xlim(low, high)
+    axes.set_xlim(ends)
     _explain(setup, axes, False)
-    axes.set_xlabel("viscous stress of the bulk fluid V η_b/D (kPa)")
-    axes.set_ylabel(TRACTION.label("kPa"))
-    _legend(axes, "lower right", f"pressure p = {setup.pressure / 1e6:g} MPa")
-    thin_log_ticks(axes)
+    x = "viscous stress of the bulk fluid V η_b/D (kPa)"
+    _finish(axes, x, TRACTION.label("kPa"), "lower right", _under(setup))
     return figure
 
 

@@ -20,12 +20,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
+from tribox.app.figures.style import STYLE, colour_of, dashes_of, marker_of, save, thin_log_ticks
+from tribox.app.figures.units import titled
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.film.places import FilmCells
 from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
@@ -397,7 +401,13 @@ def compute(setup: FilmMap) -> list[Curve]:
                     failed.append(speed)
                     continue
                 before = speed
-                points.append(_row(contact, setup, load, speed, oil, last))
+                a = contact.half_width(load)
+                middle = float(np.interp(0.0, contact.place, last.film))
+                least = float(last.film[last.pressure > 0.01 * last.pressure.max()].min())
+                points.append((
+                    *(load, load / (2.0 * a), speed, oil, last.friction, last.dry),
+                    *(middle, least, middle / setup.sigma, last.passed, float(last.iterations)),
+                ))  # fmt: skip
             curves.append(Curve(load, oil, tuple(points), tuple(failed)))
     return curves
 
@@ -428,18 +438,6 @@ def reached(
     return reached(contact, load, oil, (middle, speeds[1]), start, halvings - 1)
 
 
-def _row(
-    contact: LineContact, setup: FilmMap, load: float, speed: float, oil: float, at: Point
-) -> tuple[float, ...]:
-    a = contact.half_width(load)
-    middle = float(np.interp(0.0, contact.place, at.film))
-    least = float(at.film[at.pressure > 0.01 * at.pressure.max()].min())
-    return (
-        *(load, load / (2.0 * a), speed, oil, at.friction, at.dry),
-        *(middle, least, middle / setup.sigma, at.passed, float(at.iterations)),
-    )
-
-
 def write(setup: FilmMap, curves: list[Curve], directory: Path, seconds: float) -> None:
     """Write ``film_map.csv`` and ``summary.json``."""
     rows = [list(row) for curve in curves for row in curve.rows]
@@ -464,19 +462,6 @@ def write(setup: FilmMap, curves: list[Curve], directory: Path, seconds: float) 
 
 def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
     """Draw friction and the asperities' share: over loads when flooded, over oils at one load."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    from tribox.app.figures.style import (
-        STYLE,
-        colour_of,
-        dashes_of,
-        marker_of,
-        save,
-        thin_log_ticks,
-    )
-    from tribox.app.figures.units import titled
-
     middle = setup.loads[len(setup.loads) // 2]
     choices = [
         [c for c in curves if np.isinf(c.oil)],

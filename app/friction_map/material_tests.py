@@ -20,7 +20,7 @@ from tribox.forms.closed_forms.homogeneous_sliding import (
 )
 from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
-from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
+from tribox.forms.friction.law import FrictionLaw, Regime
 
 # -- Material points: a friction law stepped through given slip, pressure and film, without bodies -
 #
@@ -31,6 +31,8 @@ FIRST_SLIP = 1e-9
 """m, first step on the way to steady sliding: short against any pre-sliding length."""
 GROWTH = 1.4
 """Ratio of a step to the one before, on the way to steady sliding."""
+UNCHANGED = 1e-6
+"""Largest relative change of the traction in one step that counts as none."""
 STEPS_IN_A_ROW = 3
 """Steps over which the traction must not change any more."""
 
@@ -175,57 +177,22 @@ def _tracks(programs: Sequence[Program], dt: Floats, table: Sequence[Any]) -> It
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """Steady sliding of q points at one speed, or at v of them.
+    """Steady sliding of q points at each of v speeds.
 
     Attributes:
-        traction: (q,) or (v, q), Pa.
-        mu: Likewise, coefficient of friction at the slip reached.
-        alpha: Likewise, film fraction.
-        regime: Likewise, codes of ``tribox.forms.friction.law.Regime``.
-        slip: A number or (v,), m, distance slid until all points were steady (or given up).
-        steady: Like the traction, whether it had stopped changing.
+        traction: (v, q), Pa.
+        mu, alpha: (v, q), coefficient of friction at the slip reached, and film fraction.
+        regime: (v, q), codes of ``tribox.forms.friction.law.Regime``.
+        steady: (v, q), whether the traction had stopped changing.
+        slip: (v,), m, distance slid until all points were steady (or given up).
     """
 
     traction: Floats
     mu: Floats
     alpha: Floats
     regime: NDArray[np.int8]
-    slip: float | Floats
     steady: NDArray[np.bool_]
-
-
-def slide_to_steady(
-    law: FrictionLaw,
-    speed: float,
-    pressure: Floats,
-    film: Floats,
-    *,
-    tolerance: float = 1e-6,
-    least_slip: float = 1e-3,
-    most_slip: float = 100.0,
-) -> Steady:
-    """Slide points at one speed, in growing steps, until their traction stays the same.
-
-    A point is steady when its traction has changed by less than the tolerance in each of the last
-    steps, each longer than the one before by a fixed ratio: a slow creep towards the end value
-    does not pass for steady.
-
-    Args:
-        law: The law.
-        speed: m/s, > 0.
-        pressure: (q,), Pa.
-        film: (q,), m.
-        tolerance: Largest relative change of the traction in one step.
-        least_slip: m, distance to slide at least; it must exceed the law's pre-sliding length.
-        most_slip: m, distance after which the points count as not steady.
-    """
-    slide = _Slide(law, np.array([speed]), pressure, film, tolerance)
-    slide.run(least_slip, most_slip)
-    found = slide.found
-    return Steady(
-        found.traction[0], found.mu[0], found.alpha[0], found.regime[0],
-        float(np.max(found.slip)), found.steady[0],
-    )  # fmt: skip
+    slip: Floats
 
 
 def slide_at_speeds(
@@ -234,76 +201,50 @@ def slide_at_speeds(
     pressure: Floats,
     film: Floats,
     *,
-    tolerance: float = 1e-6,
     least_slip: float = 1e-3,
     most_slip: float = 100.0,
 ) -> Steady:
-    """As :func:`slide_to_steady` for each of several speeds (v,), m/s, all of them side by side.
+    """Slide points at speeds (v,), m/s, in growing steps, until their traction stays the same.
 
-    Their steps are of the same slip, so of different length in time; the friction map takes that.
+    All speeds side by side: their steps are of the same slip, so of different length in time. A
+    point is steady when its traction has changed by less than ``UNCHANGED`` in each of the last
+    steps, each longer than the one before by a fixed ratio: a slow creep towards the end value
+    does not pass for steady.
+
+    Args:
+        law: The law.
+        speeds: (v,), m/s, > 0.
+        pressure: (q,), Pa.
+        film: (q,), m.
+        least_slip: m, distance to slide at least; it must exceed the law's pre-sliding length.
+        most_slip: m, distance after which the points count as not steady.
     """
-    slide = _Slide(law, speeds, pressure, film, tolerance)
-    slide.run(least_slip, most_slip)
-    return slide.found
-
-
-class _Slide:
-    """Points (v, q) that slide in growing steps, q of them at each of v speeds.
-
-    Attributes:
-        found: What the points of each speed were like when they were last looked at.
-    """
-
-    def __init__(
-        self, law: Any, speeds: Floats, pressure: Floats, film: Floats, tolerance: float
-    ) -> None:
-        shape = len(speeds), len(film)
-        self._law, self._shape, self._tolerance = law, shape, tolerance
-        # A single speed has a step of one length in time, which any law takes.
-        self._speed = np.repeat(speeds, len(film)) if len(speeds) > 1 else float(speeds[0])
-        self._pressure, self._film = np.tile(pressure, len(speeds)), np.tile(film, len(speeds))
-        self._running: NDArray[np.bool_] = np.ones(len(speeds), dtype=np.bool_)
-        self._slip: Floats = np.zeros(len(speeds))  # of ``found``
-        zeros: Floats = np.zeros(shape)
-        self.found = Steady(
-            zeros, zeros.copy(), zeros.copy(), np.zeros(shape, dtype=np.int8),
-            self._slip, np.zeros(shape, dtype=np.bool_),
-        )  # fmt: skip
-
-    def run(self, least_slip: float, most_slip: float) -> None:
-        """Slide until the points of every speed are steady or have gone too far."""
-        state = self._law.initial_state(len(self._film), 1)
-        step, slid = FIRST_SLIP, 0.0
-        before: Floats = np.zeros(len(self._film))
-        calm: NDArray[np.int64] = np.zeros(len(self._film), dtype=np.int64)
-        while self._running.any():
-            slip = np.full((len(self._film), 1), step)
-            response = self._law.update(slip, step / self._speed, self._pressure, self._film, state)
-            state, traction = response.state, response.traction[:, 0]
-            slid += step
-            change = np.abs(traction - before) <= self._tolerance * np.abs(traction)
-            calm = np.where(change, calm + 1, 0)
-            self._look(response, slid, calm >= STEPS_IN_A_ROW)
-            if slid > least_slip:
-                self._running &= ~self.found.steady.all(axis=1)
-            if slid > most_slip:
-                break
-            before, step = traction, step * GROWTH
-
-    def _look(self, response: FrictionResponse, slid: float, steady: NDArray[np.bool_]) -> None:
-        """Keep what the points of the speeds that still run are like."""
-        on, found = self._running, self.found
-        state = response.state
-        values = (
-            (found.traction, response.traction[:, 0]),
-            (found.mu, self._law.coefficient(state)),
-            (found.alpha, state.alpha),
-            (found.regime, response.regime),
-            (found.steady, steady),
-        )
-        for kept, now in values:
-            kept[on] = now.reshape(self._shape)[on]
-        self._slip[on] = slid
+    shape = len(speeds), len(film)
+    speed = np.repeat(speeds, len(film))
+    pressures, films = np.tile(pressure, len(speeds)), np.tile(film, len(speeds))
+    found = Steady(
+        *(np.zeros(shape) for _ in range(3)), np.zeros(shape, dtype=np.int8),
+        np.zeros(shape, dtype=np.bool_), np.zeros(len(speeds)),
+    )  # fmt: skip
+    running: NDArray[np.bool_] = np.ones(len(speeds), dtype=np.bool_)
+    state = law.initial_state(len(films), 1)
+    before, calm = np.zeros(len(films)), np.zeros(len(films), dtype=np.int64)
+    step, slid = FIRST_SLIP, 0.0
+    while running.any() and slid <= most_slip:
+        slip = np.full((len(films), 1), step)
+        response = law.update(slip, step / speed, pressures, films, state)
+        state, traction = response.state, response.traction[:, 0]
+        slid += step
+        calm = np.where(np.abs(traction - before) <= UNCHANGED * np.abs(traction), calm + 1, 0)
+        now = (traction, law.coefficient(state), state.alpha, response.regime)
+        names = ("traction", "mu", "alpha", "regime", "steady")
+        for name, values in zip(names, (*now, calm >= STEPS_IN_A_ROW), strict=True):
+            getattr(found, name)[running] = values.reshape(shape)[running]
+        found.slip[running] = slid
+        if slid > least_slip:
+            running &= ~found.steady.all(axis=1)
+        before, step = traction, step * GROWTH
+    return found
 
 
 # -- The friction map at material points: steady sliding, slip weakening, tests in time ------------
@@ -405,7 +346,8 @@ def compute_map(setup: MapSetup) -> FrictionMapResult:
     films = np.array([*setup.films, *(setup.film for _ in setup.loads)])
     loads = np.array([*(setup.pressure for _ in setup.films), *setup.loads])
     curves = _steady_curves(setup, law, films, loads)
-    tested = _tested_films(setup)
+    fluid = [D for D in setup.films if setup.parameters.D_max <= D]
+    tested = (*setup.between, *fluid[:1])
     moved = tested or setup.films[:1]
     start_stop, jump = follow_all(law, [_start_stop(setup, moved), _velocity_jump(setup, moved)])
     return FrictionMapResult(
@@ -444,12 +386,6 @@ def _steady_curves(
         )
         for q in range(len(films))
     )  # fmt: skip
-
-
-def _tested_films(setup: MapSetup) -> tuple[float, ...]:
-    """Films of the tests in time: those with a threshold speed, and the one from D_max on."""
-    fluid = [D for D in setup.films if setup.parameters.D_max <= D]
-    return (*setup.between, *fluid[:1])
 
 
 def _weakening(setup: MapSetup, law: FrictionMap) -> Track:

@@ -110,7 +110,10 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
             'the law "friction-map"'
         )
     assert isinstance(contact.friction, LawTable)
-    pressure = _case_pressure(case)
+    tables = [boundary.pressure for boundary in case.boundary]
+    tables += [boundary.platen.pressure for boundary in case.boundary if boundary.platen]
+    values = [value for table in tables if table is not None for value in table.values]
+    pressure = max(values, default=0.0) or None
     note = "" if pressure else f"the case gives no pressure: {PRESSURE / 1e6:g} MPa assumed"
     title, swept = case.title or case_file.stem, _swept_films(case, pressure or PRESSURE)
     return _setup(title, contact.friction, contact.given_film, swept, pressure, note)
@@ -172,14 +175,6 @@ def _swept_films(case: Case, pressure: float) -> tuple[float, ...]:
         return ()
     films = [part.contact[0].film for _, part in case.sweep_cases()]
     return tuple(sorted(_thickness(film, pressure) for film in films if film is not None))
-
-
-def _case_pressure(case: Case) -> float | None:
-    """Highest pressure prescribed on a platen or a surface, if it is above 0."""
-    tables = [boundary.pressure for boundary in case.boundary]
-    tables += [boundary.platen.pressure for boundary in case.boundary if boundary.platen]
-    values = [value for table in tables if table is not None for value in table.values]
-    return max(values, default=0.0) or None
 
 
 def _built_in(overrides: Sequence[str]) -> Contact:

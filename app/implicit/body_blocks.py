@@ -20,9 +20,8 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
-from tribox.app.implicit.factor import DIRECT, Factor, positive_solver
+from tribox.app.implicit.factor import CLOSEST, DIRECT, LEFT, Factor, petsc_kinds, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
-from tribox.app.implicit.linear_way import CLOSEST, LEFT, petsc_kinds
 from tribox.app.implicit.multigrid import (
     KRYLOV,
     SYMMETRIC,
@@ -42,7 +41,7 @@ class BodyBlocks:
     """Solves with the tangent, as PETSc's preconditioner in Python.
 
     Attributes:
-        direct, part: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        direct, part: see :class:`tribox.app.implicit.factor.LinearWay`.
         count: is told the iterations of each solve.
     """
 
@@ -84,7 +83,7 @@ class BodyBlocks:
         self._rest = problem.new_vector()
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
 
     # -- factorisations -----------------------------------------------------------------------
@@ -102,7 +101,7 @@ class BodyBlocks:
         self._whole, self._fallen = None, False
 
     def set_up(self, widened: bool) -> bool:
-        """Factorise; see :class:`tribox.app.implicit.linear_way.LinearWay`; collective."""
+        """Factorise; see :class:`tribox.app.implicit.factor.LinearWay`; collective."""
         anew = self._make(widened) or self._remade
         self._remade = False
         self._ksp.setOperators(self._matrix)
@@ -192,14 +191,14 @@ class BodyBlocks:
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         if not self.direct:
             share = max(share, CLOSE) if on_path else LEFT
         self._share = share
 
     @property
     def closest(self) -> float:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return CLOSE if isinstance(self._bodies, CondensedBodies) or not self.direct else CLOSEST
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -244,7 +243,7 @@ class BodyBlocks:
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         condensed = self._bodies if isinstance(self._bodies, CondensedBodies) else None
         multigrid = self.multigrid
         return {
@@ -264,7 +263,7 @@ class BodyBlocks:
         return solver.multigrid if isinstance(solver, MultigridSolver) else None
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         self._supports, self._failures, self._given_up = None, 0, kept["given_up"]
         set_up()
         self._failures = kept["failures"]

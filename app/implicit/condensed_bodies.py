@@ -27,9 +27,8 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import values_in_place
-from tribox.app.implicit.factor import Factor, positive_solver
+from tribox.app.implicit.factor import Factor, SchurFactor, is_at_hand, positive_solver
 from tribox.app.implicit.kept_bodies import KeptBodies
-from tribox.app.implicit.schur_factor import SchurFactor, is_at_hand
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 CLOSE = 1e-5
@@ -434,9 +433,8 @@ def sparse(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
 
 # -- The factorisation of bodies without their contact, kept for several tangents ------------------
 #
-# The unknowns of contact are left over when the bodies are factorised
-# (`schur_factor`): the contact of each tangent is put in by a dense
-# matrix, and the bulk of the tangent that was factorised stays.
+# The unknowns of contact are left over when the bodies are factorised (:class:`SchurFactor`): the
+# contact of each tangent is put in by a dense matrix, and the bulk that was factorised stays.
 
 
 class Followers(NamedTuple):

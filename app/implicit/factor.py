@@ -1,4 +1,4 @@
-"""A matrix factorised directly, by a solver of PETSc's of its own.
+"""Matrices factorised directly, and what any way to solve with the tangent offers.
 
 MUMPS, and CHOLMOD for matrices that are symmetric and positive: its substitutions take two thirds
 of the time (102 400 unknowns in the plane: 15.6 and 23.5 ms). It works on one rank only.
@@ -6,13 +6,76 @@ of the time (102 400 unknowns in the plane: 15.6 and 23.5 ms). It works on one r
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ctypes
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
 
+import numpy as np
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.matrix_values import petsc_library
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, Ints
+
+LEFT = 1e-3
+"""Share of the forces that a solve may leave out of balance where nothing else is said."""
+CLOSEST = 1e-8
+"""Share of the forces that no linear solve has to get below, where a way says nothing else."""
+
+
+class LinearWay(Protocol):
+    """Solves with the tangent, and keeps what serves more than one of them.
+
+    Attributes:
+        direct: whether a solve with the matrix at hand is cheap beside a new matrix.
+        part: what setting up is called where seconds are counted.
+    """
+
+    direct: bool
+    part: str
+
+    @property
+    def closest(self) -> float:
+        """Share of the forces that no solve has to get below, unless the tolerance is tight."""
+        ...
+
+    def kinds(self) -> str:
+        """PETSc's names of the solver, for messages."""
+        ...
+
+    def renew(self) -> None:
+        """Forget all that was made for earlier matrices; collective."""
+        ...
+
+    def set_up(self, widened: bool) -> bool:
+        """Factorise the matrix, or make its preconditioner; collective.
+
+        Returns whether nothing of what was made for earlier matrices is in use.
+        """
+        ...
+
+    def aim(self, share: float, on_path: bool = False) -> None:
+        """Let the next solves leave at most this share of the forces, if they are iterative."""
+        ...
+
+    def snapshot(self) -> Snapshot:
+        """What later solves depend on, beside the matrices that it was set up with."""
+        ...
+
+    def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
+        """Go on from what :meth:`snapshot` has seen; collective."""
+        ...
+
+
+def petsc_kinds(ksp: str, pc: str) -> str:
+    """How messages name a kind of solver and a kind of preconditioner."""
+    return f'ksp_type "{ksp}" and pc_type "{pc}"'
+
+
+# -- A matrix factorised directly ------------------------------------------------------------------
+
 
 DIRECT: dict[str, str | float | bool] = {
     "ksp_type": "preonly",
@@ -96,7 +159,7 @@ class CoupledFactor:
     """A new factorisation for each matrix; its analysis is kept while the pattern stays.
 
     Attributes:
-        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        direct, part, closest: see :class:`tribox.app.implicit.factor.LinearWay`.
     """
 
     direct, part, closest = True, "factorisation", CLOSEST
@@ -106,7 +169,7 @@ class CoupledFactor:
         self._ksp, self._matrix, self._analysed = ksp, matrix, False
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def renew(self) -> None:
@@ -115,7 +178,7 @@ class CoupledFactor:
         self._analysed = False
 
     def set_up(self, widened: bool) -> bool:
-        """Factorise the matrix; see :class:`tribox.app.implicit.linear_way.LinearWay`; collective.
+        """Factorise the matrix; see :class:`tribox.app.implicit.factor.LinearWay`; collective.
 
         PETSc exchanges the matrix's inside on an addition with another pattern and does not see
         by itself that the factorisation's analysis is out of date.
@@ -135,5 +198,127 @@ class CoupledFactor:
         return {}
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         set_up()
+
+
+# -- All unknowns factorised but some, which are left to a dense matrix ----------------------------
+#
+# With the unknowns i eliminated and the unknowns s left over, A x = b is (MUMPS, user's guide:
+# Schur complement)
+#
+#     (A_ss − A_si A_ii⁻¹ A_is) x_s = b_s − A_si A_ii⁻¹ b_i,    A_ii x_i = b_i − A_is x_s.
+#
+# The dense matrix on the left may be exchanged as often as wanted: what couples the unknowns s
+# among themselves, as contact does, costs no factorisation of A_ii. petsc4py leaves PETSc's
+# functions for it out.
+
+
+_UNFACTORED, _FACTORED = 0, 1  # PETSc's MatFactorSchurStatus
+_ZERO_PIVOT = 71  # PETSc's PETSC_ERR_MAT_LU_ZRPVT
+_SIGNATURES: dict[str, list[Any]] = {
+    "MatFactorSetSchurIS": 2 * [ctypes.c_void_p],
+    "MatFactorGetSchurComplement": 3 * [ctypes.c_void_p],
+    "MatFactorRestoreSchurComplement": [*2 * [ctypes.c_void_p], ctypes.c_int],
+    "MatDenseGetArray": 2 * [ctypes.c_void_p],
+    "MatDenseRestoreArray": 2 * [ctypes.c_void_p],
+    "MatSetUnfactored": [ctypes.c_void_p],
+    "MatLUFactor": 4 * [ctypes.c_void_p],
+}
+
+
+@functools.cache
+def _petsc() -> ctypes.CDLL | None:
+    """PETSc's library; None where the functions needed are not found in it."""
+    return petsc_library(_SIGNATURES)
+
+
+def is_at_hand() -> bool:
+    """Whether this PETSc has what is needed."""
+    return np.dtype(PETSc.ScalarType) == np.float64 and _petsc() is not None
+
+
+def _call(name: str, *arguments: object) -> None:
+    code = getattr(_petsc(), name)(*arguments)
+    if code:
+        raise PETSc.Error(code)
+
+
+class SchurFactor(Factor):
+    """The factorisation of all unknowns but some; on one rank.
+
+    Attributes:
+        complement: (s, s), A_ss − A_si A_ii⁻¹ A_is of the last factorisation.
+    """
+
+    complement: Floats
+
+    def __init__(self, matrix: PETSc.Mat, left: Ints, prefix: str) -> None:
+        """Prepare to factorise ``matrix`` but for the unknowns ``left`` (s,)."""
+        super().__init__(matrix, prefix, symmetric=True)
+        self._prefix, self._left = prefix, left.astype(PETSc.IntType)
+        self._inner: PETSc.Mat | None = None  # PETSc's factorisation
+
+    def _prepare(self) -> PETSc.Mat:
+        """A factorisation that is to leave unknowns over."""
+        self._ksp.setOperators(self._matrix)
+        pc = self._ksp.getPC()
+        pc.setFactorSetUpSolverType()
+        inner = pc.getFactorMatrix()
+        inner.setOptionsPrefix(self._prefix)  # PETSc does so only where it is made later
+        rows = PETSc.IS().createGeneral(self._left, comm=self._matrix.comm)
+        _call("MatFactorSetSchurIS", inner.handle, rows.handle)
+        rows.destroy()
+        return inner
+
+    def make(self, _widened: bool = False) -> bool:
+        """Factorise the matrix as it is now; returns whether it could be done.
+
+        Before it solves it wants a dense part: its own may be singular.
+        """
+        self._inner = self._inner or self._prepare()
+        if not super().make():
+            self._inner = None
+            return False
+        with self._dense(_UNFACTORED) as (matrix, values):
+            _call("MatSetUnfactored", matrix)
+            self.complement = _mirrored(values)
+        return True
+
+    def exchange(self, dense: Floats) -> bool:
+        """Solve from now on with this dense part (s, s); returns whether it is regular."""
+        with self._dense(_FACTORED) as (matrix, values):
+            values[:] = dense
+            _call("MatSetUnfactored", matrix)
+            try:
+                _call("MatLUFactor", matrix, None, None, None)
+            except PETSc.Error as error:
+                if error.ierr != _ZERO_PIVOT:
+                    raise
+                return False
+        return True
+
+    @contextmanager
+    def _dense(self, status: int) -> Iterator[tuple[ctypes.c_void_p, Floats]]:
+        """The dense part, PETSc's and as an array, that is in this status afterwards."""
+        matrix, values = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
+        assert self._inner is not None
+        by, handle, size = ctypes.byref, self._inner.handle, len(self._left)
+        _call("MatFactorGetSchurComplement", handle, by(matrix), None)
+        _call("MatDenseGetArray", matrix, by(values))
+        try:
+            yield matrix, np.ctypeslib.as_array(values, (size, size)).T
+        finally:
+            _call("MatDenseRestoreArray", matrix, by(values))
+            _call("MatFactorRestoreSchurComplement", handle, by(matrix), status)
+
+
+def _mirrored(values: Floats) -> Floats:
+    """A symmetric matrix of which a triangle may be missing, whole."""
+    below, above = np.tril(values, -1), np.triu(values, 1)
+    if not above.any():
+        above = below.T
+    elif not below.any():
+        below = above.T
+    out: Floats = below + above + np.diag(np.diag(values))
+    return out

@@ -18,9 +18,9 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
-from tribox.app.implicit.attempt import Attempt, Phase
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.geometry.surfaces.facets import Floats
 
 

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.attempt import Attempt
+from tribox.app.implicit.predictor import Attempt
 from tribox.forms.contact.interior_point import TINY, InteriorPoint, InteriorSlip
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
@@ -91,7 +91,7 @@ class FromInside:
     openings: Literal["all", "last", "others"] = "all"
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`tribox.app.implicit.attempt.Phase`."""
+        """See :class:`tribox.app.implicit.predictor.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
         numbers = order(attempt)
         tried = {"all": numbers, "last": numbers[:1], "others": numbers[1:]}

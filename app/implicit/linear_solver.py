@@ -7,12 +7,14 @@ them is far stiffer each is solved for by itself (:mod:`tribox.app.implicit.body
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -33,11 +35,9 @@ from tribox.app.equilibrium.snapshot import (
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
-from tribox.app.implicit.factor import DIRECT, CoupledFactor
+from tribox.app.implicit.factor import DIRECT, LEFT, CoupledFactor, LinearWay
 from tribox.app.implicit.kept_bodies import stiff_solids
-from tribox.app.implicit.linear_way import LEFT, LinearWay
 from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, rigid_motions_of
-from tribox.app.implicit.petsc_options import errors_as_raised, refusal, silence, unused
 from tribox.forms.bodies.point_state import Origin
 from tribox.forms.contact.state import ContactState
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -191,7 +191,7 @@ class LinearSolver:
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, on_path: bool = False) -> bool:
         """Solve with the tangent assembled last; returns whether it worked.
 
-        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        ``on_path``: see :class:`tribox.app.implicit.factor.LinearWay`.
         """
         self.way.aim(LEFT if self.direct else CLOSE, on_path)
         with self.problem.timer("linear solve"), errors_as_raised():
@@ -201,7 +201,7 @@ class LinearSolver:
     def aim(self, share: float, on_path: bool = False, least: float = np.inf) -> None:
         """Solve so well that ``share`` of the forces may do as what Newton's method leaves.
 
-        ``on_path``: see :class:`tribox.app.implicit.linear_way.LinearWay`; ``least``: share that a
+        ``on_path``: see :class:`tribox.app.implicit.factor.LinearWay`; ``least``: share that a
         solve may have to get to, however dear that is.
         """
         closest = min(self.way.closest, least)
@@ -404,3 +404,56 @@ def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:
     out = problem.new_vector()
     out.array[:] = values
     return out
+
+
+# -- What PETSc made of its options, and of what functions that it calls raise ---------------------
+
+
+OF_OTHERS = ("snes_", "mat_mumps_")
+"""How options begin that do not say how linear systems are solved."""
+
+
+def sets_solver(names: Iterable[str]) -> bool:
+    """Whether options, without prefix, say how linear systems are solved."""
+    return any(not name.startswith(OF_OTHERS) for name in names)
+
+
+def unused(comm: MPI.Comm, prefix: str, names: Iterable[str]) -> list[str]:
+    """The options that no object of PETSc has asked for so far, on any rank; collective.
+
+    Raises:
+        RuntimeError: PETSc does not tell.
+    """
+    library = ctypes.CDLL(PETSc.__file__)
+    found = []
+    for name in names:
+        used = ctypes.c_int(0)
+        code = library.PetscOptionsUsed(None, f"{prefix}{name}".encode(), ctypes.byref(used))
+        if code:
+            raise RuntimeError(f"PETSc does not tell whether it used {name} (error {code})")
+        if not comm.allreduce(bool(used.value), op=MPI.LOR):
+            found.append(name)
+    return found
+
+
+def refusal(error: PETSc.Error) -> ValueError:
+    """The error for options with which PETSc does not work: its reason, on one line."""
+    silence()
+    lines = str(error).strip().splitlines()
+    return ValueError(lines[-1].split("] ", 1)[-1])
+
+
+def silence() -> None:
+    """Have PETSc say nothing, at its end, of options that were not used: all is over."""
+    PETSc.Options()["options_left"] = False
+
+
+@contextmanager
+def errors_as_raised() -> Iterator[None]:
+    """Raise what a function that PETSc called has raised, also Ctrl-C, not PETSc's error for it."""
+    try:
+        yield
+    except PETSc.Error as error:
+        if error.__cause__ is None:
+            raise
+        raise error.__cause__ from None

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import blocks_in_place
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.implicit.linear_way import CLOSEST, petsc_kinds
+from tribox.app.implicit.factor import CLOSEST, petsc_kinds
 from tribox.forms.native.libraries import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
@@ -57,7 +57,7 @@ class Multigrid:
     spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
-        direct, part, closest: see :class:`tribox.app.implicit.linear_way.LinearWay`.
+        direct, part, closest: see :class:`tribox.app.implicit.factor.LinearWay`.
         ksp: PETSc's solver.
         made: how often the preconditioner was made.
     """
@@ -74,7 +74,7 @@ class Multigrid:
         self.made = 0
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(self.ksp.getType(), self.ksp.getPC().getType())
 
     def worn(self) -> bool:
@@ -94,7 +94,7 @@ class Multigrid:
     def set_up(self, widened: bool) -> bool:
         """Make the preconditioner if there is none that serves; collective.
 
-        See :class:`tribox.app.implicit.linear_way.LinearWay`.
+        See :class:`tribox.app.implicit.factor.LinearWay`.
         """
         if self.worn():
             self.renew()
@@ -109,7 +109,7 @@ class Multigrid:
         return anew
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`; the options say what is usual."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`; the options say what is usual."""
         self.leave(min(self._usual, max(share, CLOSE)) if on_path else self._usual)
 
     def leave(self, share: float) -> None:
@@ -122,7 +122,7 @@ class Multigrid:
         return {"fresh": self._fresh, "iterations": self._last_iterations()}
 
     def restore(self, kept: Snapshot, set_up: Callable[[], None]) -> None:
-        """See :class:`tribox.app.implicit.linear_way.LinearWay`."""
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         set_up()
         self._fresh, self._iterations = kept["fresh"], kept["iterations"]
 

@@ -17,9 +17,14 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from tribox.app.implicit.linear_solver import LinearSolver, linear_options
+from tribox.app.implicit.linear_solver import (
+    LinearSolver,
+    errors_as_raised,
+    linear_options,
+    refusal,
+    sets_solver,
+)
 from tribox.app.implicit.options import ImplicitOptions
-from tribox.app.implicit.petsc_options import errors_as_raised, refusal, sets_solver
 
 PREFIX = "tribox_"
 _numbers = itertools.count()

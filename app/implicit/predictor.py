@@ -10,7 +10,8 @@ without plastic flow lets bodies that flowed spring back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -20,6 +21,8 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
+from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.implicit.newton import Newton
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
@@ -365,3 +368,50 @@ def lagrange_weights(nodes: Floats, at: float) -> Floats:
     factors = (at - nodes[None, :]) / np.where(own, 1.0, nodes[:, None] - nodes[None, :])
     weights: Floats = np.prod(np.where(own, 1.0, factors), axis=1)
     return weights
+
+
+# -- A step that is being tried, and what a way to solve it is -------------------------------------
+
+
+@dataclass(slots=True)
+class Attempt:
+    """A step that is being tried.
+
+    Attributes:
+        newton: whose ``trial`` becomes the solution; predictor: finds starts.
+        x: the last converged unknowns.
+        step: duration and contact modes, as they are committed.
+        pressed: whether anything pressed at the last converged state.
+        bodies: those that contact alone holds.
+        start: (n,), m, the predicted start of the owned unknowns.
+    """
+
+    newton: Newton
+    predictor: Predictor
+    x: PETSc.Vec
+    step: StepMode
+    pressed: bool
+    bodies: LooseBodies
+    start: Floats = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def trial(self) -> PETSc.Vec:
+        """The unknowns that are iterated."""
+        return self.newton.trial
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether there is a contact that could be made softer."""
+        return bool(self.newton.problem.contacts)
+
+    def return_to_start(self) -> None:
+        """Put the predicted start back."""
+        self.trial.array[:] = self.start
+
+
+class Phase(Protocol):
+    """One way to solve a step."""
+
+    def run(self, attempt: Attempt) -> tuple[int, int]:
+        """Solve from a start of its own; iterations and PETSc's converged reason; collective."""
+        ...

@@ -27,14 +27,12 @@ from tribox.app.equilibrium.snapshot import (
 )
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import supports_at_hand
-from tribox.app.implicit.attempt import Attempt
 from tribox.app.implicit.globalisation import solve
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
 from tribox.app.implicit.newton import Newton
 from tribox.app.implicit.options import ImplicitOptions
-from tribox.app.implicit.predictor import Predictor
-from tribox.app.implicit.weak_hold import SHARE, WeakHold
+from tribox.app.implicit.predictor import Attempt, Predictor
 
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
@@ -57,7 +55,7 @@ class StepResult:
         residuals: residual norm after each iteration, relative to the reference force.
         floating: bodies that nothing presses on or supports; holding: force of the weak springs
             that hold them, over the largest force of the run
-            (:mod:`tribox.app.implicit.weak_hold`).
+            (:mod:`tribox.app.implicit.loose_bodies`).
         strayed: whether an iteration led too far away to be evaluated.
         too_long: whether a friction law has left out traction
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.

@@ -214,10 +214,11 @@ def contents(results: Results) -> dict[str, Any]:
         pictures = pictures_of(results.directory, title)
         parts = [_run_part(part, label, title) for label, part in results.parts.items()]
     missing = [label for label in _labels(results) if label not in results.parts]
+    told = dict(parts[0].facts) if parts else {}
     return {
         "title": title,
         "directory": results.directory.resolve().name,
-        "version": _version(summary, parts),
+        "version": str(summary.get("versions", {}).get("tribox") or told.get("tribox", "")),
         "parts": parts,
         "sweep": sweep,
         "beside": beside,
@@ -263,12 +264,6 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
 
 def _labels(results: Results) -> Sequence[str]:
     return () if results.case.sweep is None else results.case.sweep.labels
-
-
-def _version(summary: dict[str, Any], parts: Sequence[RunPart]) -> str:
-    """The version of the program that made the results; "" where no run tells."""
-    told = dict(parts[0].facts) if parts else {}
-    return str(summary.get("versions", {}).get("tribox") or told.get("tribox", ""))
 
 
 # -- The case of a run as tables of keys, values and meanings; what was given is marked ------------

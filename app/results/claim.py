@@ -61,14 +61,24 @@ class DirectoryLock:
             OutputError: the directory cannot be made or written.
         """
         try:
-            self._make_directory()
+            missing = [self._directory, *self._directory.parents]
+            self._made = [path for path in missing if not path.exists()]
+            self._directory.mkdir(parents=True, exist_ok=True)
             for tries in range(TRIES):
                 if self._try():
                     break
                 if tries + 1 == TRIES:
                     raise InputError(in_use(self._directory, _owner(self._path)))
                 time.sleep(PAUSE)
-            self._name_owner()
+            assert self._descriptor is not None
+            owner = {
+                "pid": os.getpid(),
+                "host": platform.node(),
+                "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+                "command": command() or " ".join(["tribox", *sys.argv[1:]]),
+            }
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
         except OSError as error:
             self.release()
             raise unwritable(self._directory, error) from None
@@ -86,11 +96,6 @@ class DirectoryLock:
             for path in self._made:
                 path.rmdir()
 
-    def _make_directory(self) -> None:
-        missing = [self._directory, *self._directory.parents]
-        self._made = [path for path in missing if not path.exists()]
-        self._directory.mkdir(parents=True, exist_ok=True)
-
     def _try(self) -> bool:
         """Open and lock the file; whether that is done, and the file still the one there."""
         descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -104,17 +109,6 @@ class DirectoryLock:
         else:
             os.close(descriptor)
         return mine
-
-    def _name_owner(self) -> None:
-        assert self._descriptor is not None
-        owner = {
-            "pid": os.getpid(),
-            "host": platform.node(),
-            "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "command": command() or " ".join(["tribox", *sys.argv[1:]]),
-        }
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
 
 
 def command() -> str | None:

@@ -140,7 +140,12 @@ def prepare(directory: Path, labels: Sequence[str] = (), begins: bool = False) -
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if begins:
-            _mark_as_beginning(summary)
+            # Say that what is there is being cleared, also on a disk without room for another
+            # summary.
+            try:
+                write_json(summary, BEGINNING)
+            except OSError:
+                summary.unlink(missing_ok=True)
         own = [path for path in _sort_out(directory, labels)[0] if not (begins and path == summary)]
         own.sort(key=lambda path: path != directory / "case.toml")  # goes last: it names the labels
         for path in reversed(own):
@@ -153,14 +158,6 @@ def prepare(directory: Path, labels: Sequence[str] = (), begins: bool = False) -
             write_json(summary, BEGINNING)
     except OSError as error:
         raise unwritable(directory, error) from None
-
-
-def _mark_as_beginning(summary: Path) -> None:
-    """Say that what is there is being cleared, also on a disk without room for another summary."""
-    try:
-        write_json(summary, BEGINNING)
-    except OSError:
-        summary.unlink(missing_ok=True)
 
 
 def foreign_inputs(directory: Path) -> list[str]:

@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.surface import ContactSurface
 
 # -- Series of files over time, one a step, and their index as ParaView reads it -------------------
@@ -229,10 +229,25 @@ class OutputFiles:
         surfaces = [term.surface for term in problem.contacts]
         told = (problem.u, problem.solids, directory, surfaces, times)
         self._model, self._saving = model, saving
-        self._fields = FieldSeries(*told) if "vtu" in formats else None
         self._bp = BpWriter(*told) if "adios2" in formats else None
-        self._contact = ContactSeries(model, directory, times) if surfaces else None
-        self._tools = ToolSeries(model, directory, times) if problem.tools else None
+        # What the files of a step are called, and what writes them.
+        self._parts: list[tuple[str, Callable[[int, float, Sequence[Floats]], None]]] = []
+        found: list[Series | None] = []
+        if "vtu" in formats:
+            fields = FieldSeries(*told)
+            self._parts.append(("fields/{:06d}.vtu", fields.write))
+            found.append(fields.series)
+        if (bp := self._bp) is not None:
+            self._parts.append(("fields.bp and stress.bp", lambda _, when, p: bp.write(when, p)))
+        if surfaces:
+            contact = ContactSeries(model, directory, times)
+            self._parts.append(("contact/{:06d}.vtu", lambda n, when, _: contact.write(n, when)))
+            found += contact.series
+        if problem.tools:
+            tools = ToolSeries(model, directory, times)
+            self._parts.append(("tools/{:06d}.vtu", lambda n, when, _: tools.write(n, when)))
+            found.append(tools.series)
+        self._series = [series for series in found if series is not None]
         self.times: dict[int, float] = dict(times or {})
 
     def write(self, step: int, time: float) -> None:
@@ -240,31 +255,17 @@ class OutputFiles:
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
         pressures = [nodal_pressure(*pair) for pair in pairs]
-        if self._fields is not None:
+        for _, write in self._parts:
             with self._saving:
-                self._fields.write(step, time, pressures)
-        if self._bp is not None:
-            with self._saving:
-                self._bp.write(time, pressures)
-        if self._contact is not None:
-            with self._saving:
-                self._contact.write(step, time)
-        if self._tools is not None:
-            with self._saving:
-                self._tools.write(step, time)
+                write(step, time, pressures)
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
-        name = f"{step:06d}.vtu"
-        files = [f"fields/{name}"] if self._fields is not None else []
-        files += ["fields.bp and stress.bp"] if self._bp is not None else []
-        files += [f"contact/{name}"] if self._contact is not None else []
-        files += [f"tools/{name}"] if self._tools is not None else []
-        return ", ".join(files) or "no files"
+        return ", ".join(name.format(step) for name, _ in self._parts) or "no files"
 
     def write_indices(self) -> None:
         """Bring the indices by time up to date; not collective."""
-        for series in self._series():
+        for series in self._series:
             with self._saving:
                 series.write_index()
 
@@ -274,12 +275,6 @@ class OutputFiles:
         if self._bp is not None:
             with self._saving:
                 self._bp.close()
-
-    def _series(self) -> list[Series]:
-        contact = self._contact.series if self._contact is not None else []
-        fields = self._fields.series if self._fields is not None else None
-        tools = self._tools.series if self._tools is not None else None
-        return [*contact, *(series for series in (fields, tools) if series is not None)]
 
 
 # -- Fields of all bodies as a series of VTU files: deformed places, stress and strain -------------
@@ -309,7 +304,11 @@ class FieldSeries:
         self._strain = CellStrain(u, solids[0].section)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
         self._mesh = GatheredMesh(space)
-        body = self._mesh.cellwise(_numbers(solids, space.mesh))
+        topology = space.mesh.topology
+        number = np.zeros(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        for k, solid in enumerate(solids):
+            number[solid.cells] = k
+        body = self._mesh.cellwise(number)
         self.series: Series | None = None
         if self._comm.rank == 0:
             self.series = Series(directory, "fields", times)
@@ -321,7 +320,13 @@ class FieldSeries:
 
         ``pressures``: Pa, (v,) at the vertices of each slave surface.
         """
-        nodes = self._mesh.nodal(self._at_nodes(pressures))
+        # Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes.
+        out = np.zeros((self._owned, self._dim + 1))
+        out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]
+        if self._contact is not None:
+            self._contact.update(pressures)
+            out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
+        nodes = self._mesh.nodal(out)
         cells = {name: self._mesh.cellwise(own) for name, own in self._in_cells().items()}
         if self.series is None:
             return
@@ -336,15 +341,6 @@ class FieldSeries:
             step,
         )
         self.series.add(step, time)
-
-    def _at_nodes(self, pressures: Sequence[Floats]) -> Floats:
-        """Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes."""
-        out = np.zeros((self._owned, self._dim + 1))
-        out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]
-        if self._contact is not None:
-            self._contact.update(pressures)
-            out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
-        return out
 
     def _in_cells(self) -> dict[str, Floats | Singles]:
         """Stress, Pa, and strain (c,) or (c, 9) in this rank's own cells, by name.
@@ -376,14 +372,6 @@ class FieldSeries:
 def _single(values: NDArray[np.floating[Any]]) -> Singles:
     """Values (c, …) in single precision, tensors as rows of nine."""
     return values.reshape(len(values), *([9] if values.ndim > 1 else [])).astype(np.float32)
-
-
-def _numbers(solids: Sequence[Solid], mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Number of the body of each of this rank's own cells (c,)."""
-    out = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    for number, solid in enumerate(solids):
-        out[solid.cells] = number
-    return out
 
 
 # -- Fields by ADIOS2: displacement and contact pressure at nodes, stress in the cells -------------
@@ -442,13 +430,7 @@ class BpWriter:
         if self._contact is not None:
             self._contact.update(pressures)
         self._plain.update()
-        self._see_room()
-        for writer in self._writers:
-            with _errors_of_the_system(self._comm.size):
-                writer.write(time)
-
-    def _see_room(self) -> None:
-        """See that there is room: a rank that fails in ADIOS2 leaves the others waiting there."""
+        # See that there is room: a rank that fails in ADIOS2 leaves the others waiting there.
         local = sum(array.nbytes for array in self._arrays)
         needed = SHARE * self._comm.allreduce(local, op=MPI.SUM) + MARGIN
         try:
@@ -459,6 +441,9 @@ class BpWriter:
         if free < needed:
             number = errno.ENOENT if free < 0 else errno.ENOSPC
             raise OSError(number, os.strerror(number))
+        for writer in self._writers:
+            with _errors_of_the_system(self._comm.size):
+                writer.write(time)
 
     def close(self) -> None:
         """Finish the files.

@@ -113,25 +113,7 @@ class PointProbes:
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
-        sums, comm = self._sums(), self._problem.comm
-        total = np.empty_like(sums) if comm.rank == 0 else None
-        comm.Reduce(sums, total, op=MPI.SUM)
-        if total is None:
-            return []
-        labels = [
-            (probe.name, p, float(way), probe.bodies[p])
-            for probe in self._probes
-            for p, way in enumerate(probe.way)
-        ]
-        numbers: list[list[float]] = [list(map(float, row)) for row in self._columns(total)]
-        return [(*label, *row) for label, row in zip(labels, numbers, strict=True)]
-
-    def _sums(self) -> Floats:
-        """What this rank's cells add to displacement, Cauchy stress, log strain and plastic strain.
-
-        Returns:
-            (p, dim + 9 + 9 + 1) of all points, zero where this rank has no cell.
-        """
+        # What this rank's cells add to displacement, Cauchy stress, log strain and plastic strain.
         dim, problem = self._problem.dim, self._problem
         sums = np.zeros((len(self._place), dim + 19))
         nodal = problem.u.x.array.reshape(-1, dim)
@@ -145,7 +127,18 @@ class PointProbes:
             flow = np.zeros(len(F)) if flow is None else flow
             found = np.concatenate([part.rows.displacement(u), tensors, flow[:, None]], axis=1)
             np.add.at(sums, part.point, part.share[:, None] * found)
-        return sums
+        comm = problem.comm
+        total = np.empty_like(sums) if comm.rank == 0 else None
+        comm.Reduce(sums, total, op=MPI.SUM)
+        if total is None:
+            return []
+        labels = [
+            (probe.name, p, float(way), probe.bodies[p])
+            for probe in self._probes
+            for p, way in enumerate(probe.way)
+        ]
+        numbers: list[list[float]] = [list(map(float, row)) for row in self._columns(total)]
+        return [(*label, *row) for label, row in zip(labels, numbers, strict=True)]
 
     def _columns(self, total: Floats) -> Floats:
         """The columns of numbers (p, …) from all ranks' sums."""

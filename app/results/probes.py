@@ -69,13 +69,9 @@ class ProbeRecorder(Observer):
         self._waiting: dict[Path, list[tuple[object, ...]]] = {}
         if after is not None and self._problem.comm.rank == 0:
             with self._saving:
-                self._cut(after)
-
-    def _cut(self, after: int) -> None:
-        """Go on with the tables that are there, without the rows after a step."""
-        for path in self._tables:
-            if has_rows(path):
-                self._files[path] = GrowingTable(path, (), after)
+                for path in self._tables:
+                    if has_rows(path):
+                        self._files[path] = GrowingTable(path, (), after)
 
     def sync(self) -> None:
         """See that the rows written so far are on the disk; for the first rank."""

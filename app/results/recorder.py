@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import resource
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,20 +87,18 @@ class Recorder(Observer):
         self._tables: RunTables | None = None
         self._reserve: Reserve | None = None
         if resumed is not None:
-            self._restore(resumed)
+            self.load_steps = list(resumed["load_steps"])
+            self.warnings += resumed["warnings"]
+            self.resumed = list(resumed["resumed"])
         with self.saving:
-            self._begin()
+            if self.first:
+                write_case(self.model.case, self.directory, self._kept)
+                # Of a run that was killed at that moment; with it no status would be written.
+                (self.directory / "summary.json.part").unlink(missing_ok=True)
+                self.mark("running")
+                self._reserve = Reserve(self.directory)
         times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
         self._files = OutputFiles(model, directory, self.saving, times)
-
-    def _begin(self) -> None:
-        """Write what there is from the start."""
-        if self.first:
-            write_case(self.model.case, self.directory, self._kept)
-            # Of a run that was killed at that moment; it would keep the status from being written.
-            (self.directory / "summary.json.part").unlink(missing_ok=True)
-            self.mark("running")
-            self._reserve = Reserve(self.directory)
 
     def mark(self, status: str, failure: str | None = None) -> None:
         """Write a summary of what is known without the other ranks, on the first; not collective.
@@ -146,7 +144,18 @@ class Recorder(Observer):
         self._watches.roundoff.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         if load_step.stage.rate_dependent:
-            self._look_at_onset(load_step)
+            # Once for each contact whose film loses force below its onset.
+            problem = self.model.problem
+            pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
+            for index, (onset, term, trial) in enumerate(pairs):
+                lost = lost_below_onset(term, trial, onset, self.comm)
+                if lost > 0.0 and self._watches.first_time(f"onset {index}"):
+                    self.warnings.append(
+                        f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the "
+                        "film's force is lost where the pressure is below film_onset_pressure = "
+                        f"{onset:.3g} Pa: the film carries less than eta_b V/D (a lower "
+                        "film_onset_pressure)"
+                    )
         if state.inertia:
             self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
             self.warnings += notes_on_bouncing(state, load_step)
@@ -157,19 +166,6 @@ class Recorder(Observer):
             )
         with self.saving:
             self.mark("running")
-
-    def _look_at_onset(self, load_step: LoadStep) -> None:
-        """Warn, once, of each contact whose film loses force below its onset; collective."""
-        problem = self.model.problem
-        pairs = zip(self.model.film_onset, problem.contacts, problem.committed, strict=True)
-        for index, (onset, term, trial) in enumerate(pairs):
-            lost = lost_below_onset(term, trial, onset, self.comm)
-            if lost > 0.0 and self._watches.first_time(f"onset {index}"):
-                self.warnings.append(
-                    f"contact.{index}: stage {load_step.label}: {100.0 * lost:.2g} % of the film's "
-                    f"force is lost where the pressure is below film_onset_pressure = {onset:.3g} "
-                    "Pa: the film carries less than eta_b V/D (a lower film_onset_pressure)"
-                )
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
         """Write history and summary; after a failure also the last state; collective.
@@ -216,11 +212,6 @@ class Recorder(Observer):
             "times": list(self._files.times.items()),
             "resumed": self.resumed,
         }
-
-    def _restore(self, kept: Snapshot) -> None:
-        self.load_steps = list(kept["load_steps"])
-        self.warnings += kept["warnings"]
-        self.resumed = list(kept["resumed"])
 
     @property
     def inputs(self) -> dict[str, str]:
@@ -488,18 +479,21 @@ class RunTables:
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
-        motion = state.motion
-        self._driven = {stage.name for stage in state.model.case.stage if stage.is_driven}
-        self._history = GrowingTable(directory / "history.csv", COLUMNS, after)
-        self._surfaces = GrowingTable(directory / "surfaces.csv", motion.surface_columns, after)
-        self._bodies = GrowingTable(directory / "bodies.csv", motion.body_columns, after)
-        self._tools: GrowingTable | None = None
-        if state.model.problem.tools:
-            self._tools = GrowingTable(directory / "tools.csv", state.tools.columns, after)
-        self._contacts: GrowingTable | None = None
-        if state.model.case.contact:
-            self._contacts = GrowingTable(directory / "contacts.csv", state.pair_columns, after)
-
+        motion, model = state.motion, state.model
+        self._driven = {stage.name for stage in model.case.stage if stage.is_driven}
+        told: dict[str, tuple[Sequence[str], Callable[[RunState], Sequence[Any]]]] = {
+            "history": (COLUMNS, lambda now: now.rows),
+            "surfaces": (motion.surface_columns, lambda now: now.motion.surface_rows),
+            "bodies": (motion.body_columns, lambda now: now.motion.body_rows),
+        }
+        if model.problem.tools:
+            told["tools"] = (state.tools.columns, lambda now: now.tools.rows)
+        if model.case.contact:
+            told["contacts"] = (state.pair_columns, lambda now: now.pair_rows)
+        self._tables = {
+            name: (GrowingTable(directory / f"{name}.csv", columns, after), rows)
+            for name, (columns, rows) in told.items()
+        }
         path, tried = directory / "progress.csv", state.position.failures
         self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
 
@@ -509,24 +503,15 @@ class RunTables:
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
-        motion = state.motion
-        new = state.rows[self._history.written :]
-        self._history.extend(
-            [
-                astuple(row if row.stage in self._driven else replace(row, velocity=math.nan))
-                for row in new
-            ]
-        )
-        if self._contacts is not None:
-            self._contacts.extend(state.pair_rows[self._contacts.written :])
-        self._surfaces.extend(motion.surface_rows[self._surfaces.written :])
-        self._bodies.extend(motion.body_rows[self._bodies.written :])
-        if self._tools is not None:
-            self._tools.extend(state.tools.rows[self._tools.written :])
+        for name, (table, rows) in self._tables.items():
+            new = rows(state)[table.written :]
+            table.extend([self._values(row) for row in new] if name == "history" else new)
+
+    def _values(self, row: Row) -> tuple[Any, ...]:
+        """A row of the history; without a velocity where nothing is driven."""
+        return astuple(row if row.stage in self._driven else replace(row, velocity=math.nan))
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        tables = (self._history, self._contacts, self._surfaces, self._bodies, self._tools)
-        for table in (*tables, self._progress):
-            if table is not None:
-                table.sync()
+        for table in (*(table for table, _ in self._tables.values()), self._progress):
+            table.sync()

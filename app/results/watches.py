@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.snapshot import Snapshot
@@ -31,17 +32,18 @@ class Watches:
         self.contacts = ContactWarnings(problem, None if kept is None else kept["contacts"])
         # Points that run past the end of their master, films of points that come under pressure in
         # too long a step, bodies that nothing holds, how far bodies flow, films that are found.
-        self._of_rows = {
+        self._of_rows: dict[str, Any] = {
             "left": LeftMaster(model),
             "ends": PressedEnds(model),
             "flow": FlowWatch(problem),
             "films": FilmWatch(problem),
         }
-        self._of_results = {"late": LateFilm(model), "floating": FloatingWatch()}
+        self._of_results: dict[str, Any] = {"late": LateFilm(model), "floating": FloatingWatch()}
         self._named = {**self._of_rows, **self._of_results, "roundoff": self.roundoff}
         self.told: set[str] = set() if kept is None else set(kept["told"])
-        for name, watch in self._named.items() if kept is not None else ():
-            watch.restore(kept[name])
+        if kept is not None:
+            for name, watch in self._named.items():
+                watch.restore(kept[name])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""

@@ -15,7 +15,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import OwnLaw
 from tribox.app.errors import InputError
-from tribox.app.implicit.petsc_options import silence
+from tribox.app.implicit.linear_solver import silence
 from tribox.app.simulation.explicit_stage import notes_on_steps
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.law_faults import law_fault

@@ -20,7 +20,7 @@ from tribox.app.case.case import Case, given_keys
 from tribox.app.checkpoint.checkpointer import Checkpointer
 from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError
-from tribox.app.implicit.petsc_options import silence
+from tribox.app.implicit.linear_solver import silence
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import Claim, check_may_begin_anew
 from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs

@@ -17,15 +17,13 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.load_steps import LoadStep, load_steps_of
-from tribox.app.build.model import Model, initial_velocity
-from tribox.app.build.numbers import failures_as
+from tribox.app.build.model import Model, failures_as, initial_velocity
 from tribox.app.case.solver import Solver
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts, to_parts
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.energies import ExplicitError
-from tribox.app.explicit.options import ExplicitOptions
-from tribox.app.explicit.stable_step import ScaledMass
+from tribox.app.explicit.stable_step import ExplicitOptions, ScaledMass
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.simulation.contact_resultants import (
     ContactResultants,

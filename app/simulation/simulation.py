@@ -2,23 +2,190 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from tribox.app.build.load_steps import LoadStep, all_load_steps
-from tribox.app.build.model import Model
-from tribox.app.build.numbers import failures_as
+from tribox.app.build.model import Model, failures_as
 from tribox.app.case.stage import Stage, solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.history import Row
-from tribox.app.simulation.implicit_stage import ImplicitStage
-from tribox.app.simulation.run_state import Observer, RunState
+from tribox.app.simulation.failure_diagnosis import (
+    body_adrift,
+    explain,
+    is_unstable,
+    not_finite,
+)
+from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.motion_history import OutsideForces
+from tribox.app.simulation.run_state import Effort, Moved, Observer, RunState
+from tribox.forms.contact.law_faults import law_fault, law_not_finite
+from tribox.forms.contact.state import ContactTrial
+
+EASY_ITERATIONS = 6  # up to here a cut step may grow back
+SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have it cut
+
+
+class ImplicitStage:
+    """Runs the implicit load steps of a simulation.
+
+    Attributes:
+        state: what the run has come to; stepper: solves the steps.
+    """
+
+    def __init__(self, state: RunState) -> None:
+        """Make ready to start; collective.
+
+        Raises:
+            InputError: PETSc refuses an option of the case.
+        """
+        self.state, self.model = state, state.model
+        solver = state.model.case.solver
+        options = ImplicitOptions(
+            solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
+        )
+        try:
+            self.stepper = ImplicitStepper(state.model.problem, options)
+        except ValueError as error:
+            raise InputError(f"solver.petsc: {error}") from None
+        state.stepper = self.stepper
+        self._counted = 0  # linear iterations that rows hold so far
+
+    @property
+    def _loose(self) -> list[Loose]:
+        """The directions in which contact alone holds a body at present; collective."""
+        return loose_directions(self.model.problem)
+
+    def begin(self, load_step: LoadStep) -> None:
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
+
+    def run(self, load_step: LoadStep, observer: Observer) -> None:
+        """Run one load step, or what is left of it, to its end, or until steady; collective.
+
+        Raises:
+            SolutionError: a step failed however short it was made.
+        """
+        state, at = self.state, self.state.position
+        steady: bool | None = None
+        while at.count < (load_step.steps or load_step.stage.max_steps):
+            self._advance(load_step, observer)
+            at.count, at.done = at.count + 1, 0.0
+            if load_step.steps is None:
+                enough = at.count >= load_step.stage.min_steps
+                steady = enough and state.is_steady(load_step, at.row)
+                if steady:
+                    break
+        observer.load_step(state, load_step, state.rows[-1], steady)
+
+    def snapshot(self) -> Snapshot:
+        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
+        return self.stepper.snapshot()
+
+    def _advance(self, load_step: LoadStep, observer: Observer) -> None:
+        """One step of the load step, or the rest of it, in as many pieces as it takes.
+
+        The pieces end exactly where the whole step would have.
+        """
+        state, at = self.state, self.state.position
+        at.begin_step(state.time, state.driven)
+        start, driven = at.step_time, at.step_driven
+        since = start - at.time
+        while at.done < 1.0:
+            if not at.failures:
+                observer.ready(state)
+            end = min(1.0, at.done + at.piece)
+            moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
+            self.model.set_loads(start + end * load_step.dt, moved)
+            dt = (end - at.done) * load_step.dt
+            result = self.stepper.attempt(dt)
+            self._heed_laws(load_step)
+            half = 0.5 * (end - at.done)
+            least = max(SHORTEST, self.model.case.solver.min_step_fraction)
+            if result.converged and result.too_long and half >= least:
+                result = replace(result, converged=False)
+            observer.attempt(state, load_step, dt, result)
+            if not result.converged:
+                at.failures += 1
+                at.wasted += result.iterations
+                at.piece = half
+                if at.piece < self.model.case.solver.min_step_fraction:
+                    self._give_up(load_step, dt, result)
+                observer.cut(state, dt, result)
+                continue
+            self._take_resultants(load_step, bool(result.floating))
+            state.time, state.driven = start + end * load_step.dt, moved
+            easy = result.iterations <= EASY_ITERATIONS
+            result.iterations += at.wasted
+            self._commit(load_step, dt, result, at.failures, observer)
+            at.done, at.failures, at.wasted = end, 0, 0
+            if easy:
+                at.piece = 2.0 * at.piece
+
+    def _take_resultants(self, load_step: LoadStep, held: bool) -> None:
+        """Contact resultants of a solved step, before it is committed; collective."""
+        state, problem = self.state, self.model.problem
+        self._heed_laws(load_step, problem.trials)
+        resultants = state.resultants_of(problem.trials)
+        wrong = not_finite(resultants)
+        noise = problem.roundoff
+        pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
+        if wrong is None and not pressed and not held:
+            x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
+            loose = loose_directions(problem, sprung_dofs(problem))
+            wrong = body_adrift(problem, loose, x, trial)
+        if wrong is not None:
+            when = time_text(state.time, load_step.dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")
+        state.resultants = resultants
+
+    def _heed_laws(self, load_step: LoadStep, trials: Sequence[ContactTrial] = ()) -> None:
+        """End the run where a law of the user's has failed on any rank; collective."""
+        if fault := law_fault(self.model.problem.contacts, trials):
+            when = time_text(self.state.time, load_step.dt)
+            raise SolutionError(f"stage {load_step.label}, time {when}: {fault}")
+
+    def _commit(
+        self, load_step: LoadStep, dt: float, result: StepResult, failures: int, observer: Observer
+    ) -> None:
+        state = self.state
+        before = self.stepper.x.array_r.copy()
+        self.stepper.commit()
+        state.energy_balance.add(self.stepper.x, state.resultants)
+        outside = OutsideForces.at(self.model.problem, state.motion.held)
+        moved = Moved((self.stepper.x.array_r - before) / dt, outside)
+        counted, self._counted = self._counted, self.stepper.solver.iterations
+        effort = Effort(dt, result.iterations, failures + 1, self._counted - counted)
+        row = state.add_row(load_step, effort, moved)
+        observer.step(state, row, result)
+
+    def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
+        model = self.model
+        why = law_not_finite(model.problem.contacts)
+        if why is None:
+            contacts, stepper = model.case.contact, self.stepper
+            step = StepMode.of_stage(dt, model.problem.contacts, stepper.rate_dependent)
+            why = explain(
+                *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
+                unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
+            )
+        when = time_text(self.state.time, dt)
+        raise SolutionError(
+            f"stage {load_step.label}, time {when}: no solution even with a step of "
+            f"{dt:.3g} s: {why}"
+        )
+
+
+# -- All stages of a case, one load step after the other -------------------------------------------
 
 
 class StageRunner(Protocol):

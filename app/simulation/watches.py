@@ -1,7 +1,7 @@
 """What is noticed of a run's steps while they are made, to be told to the user at its end.
 
 Steps that ended at round-off, and so did not reach the tolerance that was asked for; bodies that
-float, held by weak springs (:mod:`tribox.app.implicit.weak_hold`); steps in which metal flowed
+float, held by weak springs (:mod:`tribox.app.implicit.loose_bodies`); steps in which metal flowed
 far, or that were long for a branch that relaxes.
 """
 

@@ -185,22 +185,22 @@ def fit_ellipse(x: Floats, values: Floats, area: Floats | None = None) -> tuple[
     return float(np.sqrt(-square / slope)), float(np.sqrt(square))
 
 
-def pressure_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
+def pressure_checks(profile: Profile) -> tuple[Check, ...]:
     """Half-width, peak and profile of the pressure against Hertz's."""
     exact, p = profile.exact, profile.pressure
     width, peak = fit_ellipse(profile.x, p)
     apart = (p - exact.pressure(profile.x)) / exact.peak
     rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
     return (
-        compare("half-width a", width * 1e6, exact.half_width * 1e6, bar, "µm"),
-        compare("peak pressure p0, fitted", peak * 1e-3, exact.peak * 1e-3, bar, "kPa"),
-        compare("largest pressure", p.max() * 1e-3, exact.peak * 1e-3, bar, "kPa"),
-        Check("pressure profile, rms / p0", rms, bar),
-        Check("pressure off the edges, max / p0", float(np.abs(apart[profile.middle]).max()), bar),
+        compare("half-width a", width * 1e6, exact.half_width * 1e6, BAR, "µm"),
+        compare("peak pressure p0, fitted", peak * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
+        compare("largest pressure", p.max() * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
+        Check("pressure profile, rms / p0", rms, BAR),
+        Check("pressure off the edges, max / p0", float(np.abs(apart[profile.middle]).max()), BAR),
     )
 
 
-def depth_checks(profile: Profile, bar: float = BAR) -> Iterator[Check]:
+def depth_checks(profile: Profile) -> Iterator[Check]:
     """Stress under the middle of the contact against that of the half-space."""
     if profile.below is None:
         return
@@ -212,10 +212,10 @@ def depth_checks(profile: Profile, bar: float = BAR) -> Iterator[Check]:
         ("shear stress", shear, 0.5 * (exact[0] - exact[1])),
     ):
         apart = (found - wanted) / profile.exact.peak
-        yield Check(f"{name} below the middle, rms / p0", float(np.sqrt(np.mean(apart**2))), bar)
+        yield Check(f"{name} below the middle, rms / p0", float(np.sqrt(np.mean(apart**2))), BAR)
 
 
-def traction_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
+def traction_checks(profile: Profile) -> tuple[Check, ...]:
     """Stick half-width and profile of the traction against Cattaneo's and Mindlin's."""
     x, limit, c = profile.x, profile.mu * profile.exact.peak, profile.stick_half_width
     # Where points slide the traction is mu p, or -mu p; what is left to that is an ellipse of
@@ -228,13 +228,13 @@ def traction_checks(profile: Profile, bar: float = BAR) -> tuple[Check, ...]:
     apart = (profile.traction - profile.exact_traction(x)) / limit
     rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
     return (
-        compare("stick half-width c", width * 1e6, c * 1e6, bar, "µm"),
-        compare("c by the regime of points", _stuck(profile) * 1e6, c * 1e6, bar, "µm"),
-        Check("traction profile, rms / (µ p0)", rms, bar),
+        compare("stick half-width c", width * 1e6, c * 1e6, BAR, "µm"),
+        compare("c by the regime of points", _stuck(profile) * 1e6, c * 1e6, BAR, "µm"),
+        Check("traction profile, rms / (µ p0)", rms, BAR),
         Check(
             "traction off the edges, max / (µ p0)",
             float(np.abs(apart[profile.middle]).max()),
-            bar,
+            BAR,
         ),
     )
 
@@ -311,9 +311,9 @@ def hertz_line(overrides: Sequence[str] = ()) -> Verification:
     )
 
 
-def hertz_two_cylinders(overrides: Sequence[str] = ()) -> Verification:
+def hertz_two_cylinders() -> Verification:
     """Two like elastomer cylinders."""
-    profile = press("hertz-two-cylinders", overrides)
+    profile = press("hertz-two-cylinders")
     return Verification(
         "hertz-two-cylinders",
         "Hertz's line contact, two like cylinders",
@@ -343,9 +343,9 @@ THERE_AND_BACK = (
 )
 
 
-def mindlin_reversal(overrides: Sequence[str] = ()) -> Verification:
+def mindlin_reversal() -> Verification:
     """Two like cylinders in partial slip, moved partly back."""
-    profile = press("cattaneo-mindlin", [*THERE_AND_BACK, *overrides])
+    profile = press("cattaneo-mindlin", [*THERE_AND_BACK])
     return Verification(
         "mindlin-reversal",
         "partial slip moved back, Mindlin and Deresiewicz, two like cylinders",
@@ -412,9 +412,9 @@ def _curves(curve: Curve) -> tuple[Line, Line]:
     )
 
 
-def film_sliding(overrides: Sequence[str] = ()) -> Verification:
+def film_sliding() -> Verification:
     """A layer sliding on a film, its effective viscosity against the closed form."""
-    case, simulation = solve("sfa", [*QUICK_LAYER, *overrides])
+    case, simulation = solve("sfa", [*QUICK_LAYER])
     law, film = case.contact[0].map, case.contact[0].film
     assert law is not None and film is not None
     thickness = film.thicknesses[0]
@@ -476,11 +476,11 @@ def _forces(rows: Sequence[Row]) -> tuple[tuple[str, float], ...]:
     )
 
 
-def penalty(overrides: Sequence[str] = ()) -> Verification:
+def penalty() -> Verification:
     """The pressed force as the penalty grows: its error falls as one over the penalty."""
     exact, errors, depths = REFERENCE[1][0], [], []
     for factor in PENALTY_FACTORS:
-        options = [f"contact.0.penalty_factor={factor}", *overrides]
+        options = [f"contact.0.penalty_factor={factor}"]
         _, simulation = solve("block-slide", [*options, 'stage=[{name="press", duration=1}]'])
         row = simulation.rows[-1]
         errors.append(1.0 - row.normal_force / exact)

@@ -120,9 +120,9 @@ def _slip(before: Frame, now: Frame, found: Extent) -> float:
     return slip_integral(new, old, found, now.row.time - before.row.time)
 
 
-def film_over_curve(overrides: Sequence[str] = ()) -> Verification:
+def film_over_curve() -> Verification:
     """Drag of a film over a curved tool against what it must be over the true extent."""
-    found = {nu: film_drag(nu, overrides) for nu in RATIOS}
+    found = {nu: film_drag(nu) for nu in RATIOS}
     checks, lines = [], []
     for nu, film in found.items():
         name = f"drag, ν = {nu:g}"
@@ -164,10 +164,10 @@ SPACE = (
 )
 
 
-def film_over_sphere(overrides: Sequence[str] = ()) -> Verification:
+def film_over_sphere() -> Verification:
     """Drag of a film between a sphere and a block against η V/D times the true area."""
     observer = Photographer()
-    solve("sphere-on-block", [*SPACE, *overrides], observer)
+    solve("sphere-on-block", [*SPACE], observer)
     slid = [frame for frame in observer.frames if frame.row.stage == "slide"]
     radius = np.array([disc(f.nodes[RUBBER], np.array([0.0, SPHERE, 0.0]), SPHERE) for f in slid])
     drag = np.array([2.0 * abs(f.row.friction_x) for f in slid])
@@ -244,11 +244,11 @@ def press_nodes(name: str, overrides: Sequence[str] = ()) -> Nodal:
     return Nodal(last.at[order, 0], last.nodal[order], exact)
 
 
-def pressed_curve(overrides: Sequence[str] = ()) -> Verification:
+def pressed_curve() -> Verification:
     """Nodal pressures of nearly incompressible cylinders against Hertz's."""
     checks, lines = [], []
     for way, (name, options) in WAYS.items():
-        found = press_nodes(name, [*options, *overrides])
+        found = press_nodes(name, [*options])
         exact, closed = found.exact, found.pressure > 0.0
         a, p0 = exact.half_width, exact.peak
         width, _ = fit_ellipse(found.x[closed], found.pressure[closed])
@@ -448,7 +448,14 @@ def extent(rubber: Floats, tool: Floats, undeformed: Floats, radius: float) -> E
         west, east = used & (x < middle), used & (x > middle)
         left = -_end(-x[west], gap[west], a, beyond_line)
         right = _end(x[east], gap[east], a, beyond_line)
-    return _measured(rubber, undeformed, left, right)
+    # Length of the surface between two x, now and before.
+    at = np.linspace(left, right, 801)
+    steps = np.linalg.norm(np.diff(undeformed, axis=0), axis=1)
+    s = np.concatenate([[0.0], np.cumsum(steps)])
+    here = CubicSpline(rubber[:, 0], rubber[:, 1])(at)
+    length = float(np.hypot(np.diff(at), np.diff(here)).sum())
+    before = CubicSpline(rubber[:, 0], s)(np.array([left, right]))
+    return Extent(left, right, length, float(before[1] - before[0]))
 
 
 def half_width(
@@ -552,22 +559,6 @@ def _end(x: Floats, gap: Floats, a: float, shape: Callable[[Floats], Floats]) ->
     bounds = (first - 0.6 * a, first - 1e-3 * a)
     found = minimize_scalar(misfit, bounds=bounds, options={"xatol": 1e-7 * a})
     return float(found.x)
-
-
-def _measured(rubber: Floats, undeformed: Floats, left: float, right: float) -> Extent:
-    """Length of the surface between two x, now and before."""
-    at = np.linspace(left, right, 801)
-    s = _arc(undeformed)
-    here = CubicSpline(rubber[:, 0], rubber[:, 1])(at)
-    length = float(np.hypot(np.diff(at), np.diff(here)).sum())
-    before = CubicSpline(rubber[:, 0], s)(np.array([left, right]))
-    return Extent(left, right, length, float(before[1] - before[0]))
-
-
-def _arc(nodes: Floats) -> Floats:
-    """Length (n,) of a polyline from its first node, m."""
-    steps = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def slip_integral(

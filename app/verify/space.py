@@ -92,7 +92,7 @@ def stress_errors(simulation: Simulation, pressure: float) -> PatchErrors:
     return PatchErrors(float(wrong[near].max()), float(wrong[~near].max()), float(at_points.max()))
 
 
-def patch_space(overrides: Sequence[str] = ()) -> Verification:
+def patch_space() -> Verification:
     """A uniform pressure through a flat interface of boxes whose nodes do not match."""
     checks = []
     for degree, bar in ((5, 0.02), (9, 0.01)):
@@ -100,7 +100,7 @@ def patch_space(overrides: Sequence[str] = ()) -> Verification:
             patch_errors(
                 (SLAVE_FACETS, 5, SLAVE_FACETS),
                 (along, 3, across),
-                [f"contact.0.quadrature_degree={degree}", *overrides],
+                [f"contact.0.quadrature_degree={degree}"],
             )
             for along, across in MISMATCHES
         ]
@@ -111,7 +111,7 @@ def patch_space(overrides: Sequence[str] = ()) -> Verification:
             Check(f"{name}, elsewhere", max(e.far for e in found), 0.5 * bar),
         ]
     matching = (SLAVE_FACETS, 3, SLAVE_FACETS)
-    same = patch_errors(matching, matching, ["contact.0.quadrature_degree=1", *overrides])
+    same = patch_errors(matching, matching, ["contact.0.quadrature_degree=1"])
     worst = max(same.near, same.far)
     checks.append(Check("stress, matching nodes, 1 point, max error", worst, 1e-6))
     under = ", ".join(f"{along} × {across}" for along, across in MISMATCHES)
@@ -138,10 +138,10 @@ def slide(angle: float, overrides: Sequence[str] = ()) -> tuple[Floats, float]:
     return np.array([row.friction_x, row.friction_y, row.friction_z]), row.normal_force
 
 
-def isotropy(overrides: Sequence[str] = ()) -> Verification:
+def isotropy() -> Verification:
     """The same friction, whatever the direction of gross sliding."""
     angles = np.radians(DIRECTIONS)
-    found = [slide(float(angle), [*QUICK_BOXES, *overrides]) for angle in angles]
+    found = [slide(float(angle), [*QUICK_BOXES]) for angle in angles]
     size = np.array([np.linalg.norm(friction) for friction, _ in found])
     load = np.array([normal for _, normal in found])
     way = np.array([[math.cos(a), 0.0, math.sin(a)] for a in angles])
@@ -221,7 +221,13 @@ def press_sphere(overrides: Sequence[str] = ()) -> Pressed:
     case, simulation = solve("sphere-on-block", overrides)
     geometry, row = case.geometry, simulation.rows[-1]
     assert isinstance(geometry, SphereGeometry)
-    r, pressure = _radial(simulation)
+    # Distances from the axis, m, and pressures, Pa, of the closed points (q,).
+    arrays = contact_arrays(simulation.model)
+    assert arrays is not None
+    position, pressure = arrays["position"], arrays["pressure"]
+    across = position[:, 2] if position.shape[1] == 3 else np.zeros(len(position))
+    closed = pressure > 0.0
+    r, pressure = np.hypot(position[:, 0], across)[closed], pressure[closed]
     if r.max() > 0.5 * geometry.contact_width - geometry.contact_size:
         raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
     whole = WHOLE[geometry.part]
@@ -235,16 +241,6 @@ def press_sphere(overrides: Sequence[str] = ()) -> Pressed:
         simulation.model.problem.space.dofmap.index_map.size_global,
         row.max_penetration,
     )
-
-
-def _radial(simulation: Simulation) -> tuple[Floats, Floats]:
-    """Distances from the axis, m, and pressures, Pa, of the closed points (q,)."""
-    arrays = contact_arrays(simulation.model)
-    assert arrays is not None
-    position, pressure = arrays["position"], arrays["pressure"]
-    across = position[:, 2] if position.shape[1] == 3 else np.zeros(len(position))
-    closed = pressure > 0.0
-    return np.hypot(position[:, 0], across)[closed], pressure[closed]
 
 
 def hertz_point(overrides: Sequence[str] = ()) -> Verification:
@@ -419,9 +415,9 @@ def roll(overrides: Sequence[str] = ()) -> tuple[Floats, Floats]:
     return 2.0 * np.array(normal), 2.0 * np.abs(np.array(drag))
 
 
-def curved_sliding(overrides: Sequence[str] = ()) -> Verification:
+def curved_sliding() -> Verification:
     """Sliding over a curved master, smooth and faceted."""
-    found = {"smooth": roll([SMOOTH, *overrides]), "faceted": roll(overrides)}
+    found = {"smooth": roll([SMOOTH]), "faceted": roll()}
     normal, drag = map(jumps, found["smooth"])
     rough = max(map(jumps, found["faceted"]))
     lines = tuple(

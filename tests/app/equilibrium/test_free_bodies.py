@@ -19,7 +19,7 @@ from tribox.app.equilibrium.supports import (
     rigid_motions,
     supports_at_hand,
 )
-from tribox.app.implicit.weak_hold import WeakHold
+from tribox.app.implicit.loose_bodies import WeakHold
 from tribox.app.run.run import run_case
 from tribox.forms.bodies.materials import Hencky
 from tribox.forms.bodies.solid import Solid

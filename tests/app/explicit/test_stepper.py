@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.forms.bodies.loads import FollowerPressure
 from tribox.forms.bodies.materials import NeoHookean

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from tests.app.figures.made_results import write_strip
 from tribox.app.figures.states import states_to_draw
-from tribox.app.figures.style import write_png
 from tribox.app.figures.units import fitting
 from tribox.app.results import read
 
@@ -102,20 +100,3 @@ def test_a_value_with_its_unit():
 def test_a_number_in_the_unit_of_the_largest(values, unit, text, name):
     scale = fitting(values, unit)
     assert (scale.number(values[0]), scale.name) == (text, name)
-
-
-# -- Pages are cut to what is drawn, and are the pictures that matplotlib makes --------------------
-
-
-def page(path) -> np.ndarray:
-    with Image.open(path) as picture:
-        assert picture.mode in ("RGB", "RGBA") and picture.info["dpi"] == pytest.approx(
-            (150, 150), 1e-3
-        )
-        return np.asarray(picture.convert("RGB"))
-
-
-def test_png_holds_the_pixels(tmp_path):
-    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3)).astype(np.uint8)
-    write_png(tmp_path / "one.png", pixels, 150.0)
-    np.testing.assert_array_equal(page(tmp_path / "one.png"), pixels)

@@ -12,7 +12,7 @@ from tribox import load_case
 from tribox.app.errors import InputError
 from tribox.app.friction_map import line_contact
 from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
-from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_to_steady
+from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_at_speeds
 from tribox.app.friction_map.run import run_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.directory import check_free
@@ -59,12 +59,18 @@ def built_in():
 def test_steady_sliding_takes_the_weakening_into_account():
     p = np.full(3, 3e6)
     D = np.array([0.0, 30e-9, 250e-9])
-    steady = slide_to_steady(law(), 1e-5, p, D)
+    steady = slide_at_speeds(law(), np.array([1e-5]), p, D)
     assert steady.steady.all()
-    assert steady.mu[:2] == pytest.approx(0.10, rel=1e-3)
+    assert steady.mu[0, :2] == pytest.approx(0.10, rel=1e-3)
     expected = [0.1 * 3e6, (1 - 0.9967) * 0.1 * 3e6 + 0.9967 * 0.8 * 1e-5 / 30e-9, 320e-7 / 1e-6]
-    assert steady.traction == pytest.approx(expected, rel=1e-3)
-    assert list(steady.regime) == [Regime.SLIP, Regime.MIXED, Regime.VISCOUS]
+    assert steady.traction[0] == pytest.approx(expected, rel=1e-3)
+    assert list(steady.regime[0]) == [Regime.SLIP, Regime.MIXED, Regime.VISCOUS]
+
+
+def test_a_point_that_still_sticks_is_not_called_steady():
+    dry, speed = np.array([0.0]), np.array([1e-5])
+    steady = slide_at_speeds(law(), speed, np.array([3e6]), dry, most_slip=1e-7, least_slip=1e-9)
+    assert not steady.steady.any()
 
 
 def test_programs_add_up_slip_and_time_and_book_the_work():

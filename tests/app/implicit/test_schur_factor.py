@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.matrix_values import values_in_place
 from tribox.app.implicit.condensed_bodies import ContactCompliance
-from tribox.app.implicit.schur_factor import SchurFactor
+from tribox.app.implicit.factor import SchurFactor
 
 SIZE = 40
 LEFT = np.array([0, 7, 8, 21, 39], dtype=np.int32)

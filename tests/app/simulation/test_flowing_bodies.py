@@ -9,7 +9,7 @@ import pytest
 from tests.grid import grid
 from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.explicit.options import ExplicitOptions
+from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper

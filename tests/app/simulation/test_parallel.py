@@ -9,8 +9,7 @@ import pytest
 
 from tests.app.conftest import BLOCK, FILM
 from tests.ranks import command
-from tribox.app.build.model import build_model
-from tribox.app.build.numbers import failures_as
+from tribox.app.build.model import build_model, failures_as
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
 from tribox.app.results.directory import read_table
