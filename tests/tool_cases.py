@@ -19,15 +19,7 @@ def block_mesh(
     scale: float = 1.0,
     halves: bool = False,
 ) -> Path:
-    """A block of quadrilaterals [0, 4] x [0, 1] mm, with its sides, as a gmsh file.
-
-    Args:
-        path: of the file.
-        counts: cells along x and y.
-        grading: how much finer it is towards the middle of the top; 0: even.
-        scale: factor of all coordinates.
-        halves: whether the right half of the top is a surface of its own, "right top".
-    """
+    """A block [0, 4] x [0, 1] mm as a gmsh file; ``halves``: with a surface right top."""
     nx, ny = counts
     x, y = np.linspace(-1.0, 1.0, nx + 1), np.linspace(-1.0, 0.0, ny + 1)
     if grading:
@@ -67,12 +59,7 @@ def block_mesh(
 
 
 def block_case(mesh: Path, **tables: Any) -> dict[str, Any]:
-    """A block of rubber on its fixed bottom, pressed by a plane from above by 50 um.
-
-    Args:
-        mesh: of :func:`block_mesh`.
-        tables: replace those of the case.
-    """
+    """A block of rubber on its fixed bottom, pressed by a plane from above by 50 um."""
     data = {
         "geometry": {"mesh": str(mesh), "thickness": "2 mm"},
         "bodies": {"block": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.4}},

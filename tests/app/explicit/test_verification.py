@@ -1,7 +1,4 @@
-"""Explicit dynamics against closed forms and against the implicit solution.
-
-Bars in impact, decelerating blocks, and the sliding test at speeds that both solvers reach.
-"""
+"""Explicit dynamics against closed forms and against the implicit solution."""
 
 from dataclasses import dataclass
 

@@ -34,11 +34,7 @@ def unaided(monkeypatch):
 
 
 def pressed_and_slid(pair, law, film=0.0, moves=(), tolerance=1e-13):
-    """Residual histories of steps that press the upper block and then drag it.
-
-    Args:
-        moves: (x, y) displacements of the top, one for each step.
-    """
+    """Residual histories of steps that move the top by each of ``moves`` (x, y)."""
     blocks = pair("quadrilateral", (8, 4), (13, 3))
     bottom = [blocks.held("bottom", 0), blocks.held("bottom", 1)]
     top = [blocks.held("top", 0), blocks.held("top", 1)]

@@ -103,13 +103,7 @@ class Turntable:
         self.energy_balance = EnergyBalance(self.problem, self.stepper.x)
 
     def step(self, shift: Sequence[float], angle: float = 0.0, dt: float = 1.0) -> State:
-        """Solve and commit one step.
-
-        Args:
-            shift: of the upper grip against the lower one, in axes that turn with the bodies.
-            angle: that both grips are turned by about ``CENTRE``.
-            dt: length of the step.
-        """
+        """Solve one step: the upper grip shifted, in axes that turn with both grips."""
         for grip in self.grips:
             moved = grip.where + (np.array(shift) if grip.upper else 0.0)
             target = rotation(angle) @ (moved - CENTRE) + CENTRE - grip.where

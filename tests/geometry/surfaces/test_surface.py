@@ -147,11 +147,7 @@ PLACES = np.array([0.1, 0.5, 0.8])  # of the points on each facet, from its firs
 
 
 def prepared(position, closed=False, seed=0):
-    """Normals over a chain of vertices with the body to its right; facets numbered either way.
-
-    Returns:
-        The normals, and of each point its facet and its place along the chain.
-    """
+    """Normals over a chain of vertices, the body to its right; facet and place of each point."""
     rng = np.random.default_rng(seed)
     count = len(position)
     start = np.repeat(np.arange(count if closed else count - 1), len(PLACES))
