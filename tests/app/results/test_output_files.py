@@ -27,7 +27,6 @@ from tribox.app.simulation.history import COLUMNS
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
-ROOT = Path(__file__).parents[3]
 SERIES = ("fields", "contact", "contact_points")
 
 

@@ -161,9 +161,6 @@ def test_velocities_end_when_steady_or_say_that_they_are_not(film):
     assert [step for _, step, _ in load_steps] == [3, 8, 13]
 
 
-# -- steps without a solution ---------------------------------------------------------------------
-
-
 # -- files ----------------------------------------------------------------------------------------
 
 POINT_DATA = {

@@ -225,6 +225,3 @@ def test_slip_and_friction_do_not_depend_on_penalty_and_step_that_close_the_cont
         friction[kind, penalty, above] = trial.response.traction
     for traction in friction.values():
         np.testing.assert_allclose(traction, [[60.0 * 0.07, 0.0]] * 18, atol=1e-12)
-
-
-# -- modes ----------------------------------------------------------------------------------------

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
-from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
 
 POINTS, STEPS = 60, 10
 V_STAR, P, K_T = 1e-3, 3e6, 1e12
-TABLE = PRESETS["friction-map"]["alpha"]
 
 
 @dataclasses.dataclass
