@@ -195,16 +195,7 @@ def _collect() -> Iterator[None]:
 def make_sheet(
     cell: str, degree: int, count: tuple[int, ...], height: Callable[..., np.ndarray]
 ) -> tuple[FacetShape, np.ndarray, np.ndarray]:
-    """A surface over the unit interval or square, its normal upwards.
-
-    Args:
-        cell, degree: of the facets.
-        count: facets (in the plane) or squares (in space) along each axis; two triangles each.
-        height: of the surface over the coordinates, one argument for each.
-
-    Returns:
-        The shape, the facets (f, a) and the nodes (n, i).
-    """
+    """Shape, facets (f, a) and nodes (n, i) of a surface over the unit interval or square."""
     shape = facet_shape(cell, degree)
     lines = [np.linspace(0.0, 1.0, degree * n + 1) for n in count]
     grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(count))

@@ -1,9 +1,4 @@
-"""Two boxes that do not match at their interface, in the plane or in space, and their contact.
-
-The upper box is the slave; in space it is turned against the lower one. They are moved by functions
-that bend and warp the facets. There is no solid: the contact's own forces and blocks are summed up
-densely.
-"""
+"""Two boxes that do not match at their interface, and their contact, without a solid."""
 
 from functools import lru_cache
 
@@ -46,15 +41,7 @@ def take_all_for_kinked(patch):
 
 @lru_cache
 def two_boxes(cell, fine, master=None, parallel=False):
-    """A small box above a larger one with a gap, in one mesh, and the facets that face each other.
-
-    Args:
-        cell: of the mesh; fine: whether the slave has more facets than the master or fewer.
-        master: facets along each side of the master; parallel: over all ranks.
-
-    Returns:
-        The mesh, the slave's and the master's facets.
-    """
+    """The mesh of a small box above a larger one with a gap, and the facets of slave and master."""
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     many = (5, 4) if fine else (2, 3)
     upper = box(cell, [*many[: dim - 1], 1], [0.3] * (dim - 1) + [GAP], [0.8] * (dim - 1) + [0.5])

@@ -10,11 +10,7 @@ from tribox.app.figures.run_figures import draw_figures
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a run.
-
-    Attributes:
-        figure: its file; field: that bodies are coloured by, if not the usual one.
-    """
+    """The file of a figure, and the field that bodies are coloured by, if not the usual one."""
 
     figure: str
     field: str = ""

@@ -160,21 +160,13 @@ def main(directory: Path, names: list[str]) -> None:
 
 
 def command(comm: MPI.Comm, *words: object) -> tuple[list[Any], str]:
-    """Call tribox on all ranks as if they had been started for it.
-
-    Returns:
-        What each rank would end with, and all that they print to standard output and error.
-    """
+    """Call tribox on all ranks: what each would end with, and all that they print."""
     code, said = called(*words)
     return comm.allgather(code), "".join(comm.allgather(said))
 
 
 def called(*words: object) -> tuple[int, str]:
-    """Call tribox in this process, where a process of its own takes a second for its imports.
-
-    Returns:
-        What it would end with, and all that it prints to standard output and error.
-    """
+    """Call tribox in this process, which saves its imports: its end, and all that it prints."""
     from tribox.app.cli import main as tribox
 
     with pytest.MonkeyPatch.context() as patch:

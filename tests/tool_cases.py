@@ -5,12 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 WIDTH, HEIGHT = 4e-3, 1e-3  # m
 SIDES = {"bottom": 1, "right": 2, "top": 3, "left": 4}
@@ -23,15 +19,7 @@ def block_mesh(
     scale: float = 1.0,
     halves: bool = False,
 ) -> Path:
-    """A block of quadrilaterals [0, 4] x [0, 1] mm, with its sides, as a gmsh file.
-
-    Args:
-        path: of the file.
-        counts: cells along x and y.
-        grading: how much finer it is towards the middle of the top; 0: even.
-        scale: factor of all coordinates.
-        halves: whether the right half of the top is a surface of its own, "right top".
-    """
+    """A block [0, 4] x [0, 1] mm as a gmsh file; ``halves``: with a surface right top."""
     nx, ny = counts
     x, y = np.linspace(-1.0, 1.0, nx + 1), np.linspace(-1.0, 0.0, ny + 1)
     if grading:
@@ -71,12 +59,7 @@ def block_mesh(
 
 
 def block_case(mesh: Path, **tables: Any) -> dict[str, Any]:
-    """A block of rubber on its fixed bottom, pressed by a plane from above by 50 um.
-
-    Args:
-        mesh: of :func:`block_mesh`.
-        tables: replace those of the case.
-    """
+    """A block of rubber on its fixed bottom, pressed by a plane from above by 50 um."""
     data = {
         "geometry": {"mesh": str(mesh), "thickness": "2 mm"},
         "bodies": {"block": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.4}},
@@ -101,12 +84,3 @@ def circle(radius: float = 2e-3, **motion: Any) -> dict[str, Any]:
 def case_of(data: dict[str, Any]) -> Case:
     """The checked case."""
     return Case.model_validate(data)
-
-
-def run(
-    data: dict[str, Any], comm: MPI.Comm = MPI.COMM_SELF, observer: Observer | None = None
-) -> Simulation:
-    """The case, solved to its end."""
-    simulation = Simulation(build_model(case_of(data), comm))
-    simulation.run(observer or Observer())
-    return simulation

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tribox
@@ -10,6 +11,14 @@ from benchmarks import law as bench_law
 from benchmarks import probe as bench_probe
 from benchmarks.bench import CONTACT, PARTS, Measured, Options, measure, run_bench, tables
 from benchmarks.comparison import Job
+from benchmarks.explicit import contact_table, kernel_table, sliding, step_table
+from benchmarks.law_figures import (
+    FLOWS,
+    draw_law,
+    film_stress,
+    traction_over_pressure,
+    velocity_jumps,
+)
 from tribox.app.errors import InputError, SolutionError
 
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]
@@ -148,3 +157,74 @@ def test_bench_is_a_command(tribox):
     assert done.stderr.strip() == (
         'tribox: bench: "no-level" is neither a mesh level (1 to 64) nor one of: law, explicit'
     )
+
+
+# -- The figures of the law: what they show, and that they are drawn -------------------------------
+
+
+def test_the_literal_rule_takes_energy_from_nowhere_and_the_consistent_one_does_not():
+    literal, consistent = velocity_jumps("literal"), velocity_jumps("consistent")
+    # At each return below V*: half (1 - alpha) K_T (mu p/K_T)^2, times 3 of the 4 cycles.
+    gained = 0.5 * 0.5 * 1e12 * (0.1 * 3e6 / 1e12) ** 2
+    assert consistent.least >= 0.0
+    assert np.isclose(literal.least, -gained, rtol=0.1)
+    assert (np.diff(consistent.dissipated) >= 0.0).all()
+    assert (np.diff(literal.dissipated) < -0.9 * gained).sum() == 3
+
+
+def test_the_film_flows_as_its_options_say():
+    speed = np.geomspace(1e-4, 1.0, 50)
+    plain, limit, thin, thick = (film_stress(speed, **flow) for flow in FLOWS.values())
+    np.testing.assert_allclose(plain, 0.8 * speed / 250e-9)
+    assert (limit < 8e4 * (1 + 1e-12)).all() and limit[-1] > 7.9e4
+    assert (thin < plain).all() and np.allclose(thick, plain * np.exp(0.9))
+    pressure = np.array([1e-9, 1e-3])
+    assert traction_over_pressure(0.0, pressure).min() > 1e3
+    assert traction_over_pressure(1e4, pressure).max() < 1.0
+
+
+def test_every_figure_is_drawn(tmp_path):
+    files = draw_law(tmp_path / "figures")
+    assert len(files) == 3 and all(file.stat().st_size > 1e4 for file in files)
+
+
+# -- The table of explicit timings, on meshes that cost nothing ------------------------------------
+
+
+def cells_of(line):
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_kernels_and_steps_are_measured():
+    lines = list(kernel_table(cells=6))
+    assert len(lines) == 2 + 6 and "36 cells" in lines[0]
+    for line in lines[2:]:
+        assert all(float(number) > 0.0 for number in cells_of(line)[1:])
+    head, _, *rows = step_table((0.2,))
+    for row in rows:
+        found = dict(zip(cells_of(head), cells_of(row), strict=True))
+        assert int(found["cells"]) == 8 * 4 + 12 * 3
+        assert float(found["ms per step"]) > 0.0
+        shares = [
+            float(found[part].rstrip("% ")) for part in ("assembly", "contact", "time integration")
+        ]
+        assert sum(shares) == pytest.approx(100.0, abs=3.0)
+    assert len(rows) == 2
+
+
+def test_contact_pairs_are_measured():
+    head, _, *rows = contact_table(0.2)
+    assert len(rows) == 2
+    for row in rows:
+        found = dict(zip(cells_of(head), cells_of(row), strict=True))
+        ratio = float(found["numpy (ms)"]) / float(found["compiled (ms)"])
+        assert float(found["ratio"]) == pytest.approx(ratio, abs=0.2)
+
+
+@pytest.mark.parametrize("friction", ["film", "coulomb"])
+def test_what_is_measured_slides(friction):
+    case = sliding(0.3, friction)
+    case.run(600)
+    trial = case.stepper.problem.trials[0]
+    assert (trial.pressure > 0.0).mean() > 0.5
+    assert trial.response.traction[:, 0].max() > 0.0

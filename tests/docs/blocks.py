@@ -35,14 +35,7 @@ class PageError(AssertionError):
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block.
-
-    Attributes:
-        page, line: where its first fence stands.
-        language: the word behind the fence.
-        text: what is in it, without the indent of a list that it stands in.
-        marks: the comments above it, by their first words.
-    """
+    """A fenced block: where it starts, language, text, and comments above it by first words."""
 
     page: Path
     line: int
@@ -61,11 +54,7 @@ class Block:
 
 
 def find_blocks(page: Path) -> list[Block]:
-    """All fenced blocks of a page in order.
-
-    Raises:
-        PageError: a block is not closed, or there is a comment above it that is no mark.
-    """
+    """All fenced blocks of a page in order; a PageError tells of what is not closed or no mark."""
     lines = page.read_text(encoding="utf-8").splitlines()
     return list(_blocks(page, lines))
 

@@ -44,11 +44,7 @@ class Done:
 
 
 class Checkout:
-    """The directory, and how commands are run in it.
-
-    Args:
-        directory: an empty directory.
-    """
+    """An empty directory that becomes one, and how commands are run in it."""
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / "tribox"
@@ -66,12 +62,7 @@ class Checkout:
         self.environment = _environment(self._bin, home)
 
     def run(self, script: str, words: str = "") -> Done:
-        """Run commands one after the other; the first that fails is the last.
-
-        Args:
-            script: for bash.
-            words: put behind each command of tribox that takes keys ("--set ...").
-        """
+        """Run commands up to the first that fails; ``words`` go behind those of tribox."""
         if calls := _plain(script):
             return self._call(calls, shlex.split(words))
         quoted = shlex.join(shlex.split(words))

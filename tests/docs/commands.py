@@ -24,12 +24,7 @@ _TREE = re.compile(r"(?:benchmarks|cases|docs|examples|tests)/[\w./-]+")
 
 
 def problems(script: str, ran: bool = False) -> list[str]:
-    """What is wrong with the commands of a block; empty if nothing is.
-
-    Args:
-        script: the block.
-        ran: whether the block is run too, so that the files it names show there.
-    """
+    """What is wrong with the commands of a block; ``ran``: it is run too, and files show there."""
     found = _syntax(script)
     if found:
         return found

@@ -22,11 +22,7 @@ Table = dict[str, Any]
 
 
 def parsed(block: Block) -> Table:
-    """The block as TOML.
-
-    Raises:
-        PageError: it is none.
-    """
+    """The block as TOML."""
     try:
         return tomllib.loads(block.text)
     except tomllib.TOMLDecodeError as error:
@@ -39,11 +35,7 @@ def is_whole(data: Mapping[str, Any]) -> bool:
 
 
 def check_block(block: Block, directory: Path) -> None:
-    """Check a block of TOML in a directory that looks like a checkout.
-
-    Raises:
-        PageError: the program finds something wrong with it.
-    """
+    """Check a block of TOML in a directory that looks like a checkout."""
     data = parsed(block)
     if not data and not block.text.strip().startswith("#"):
         raise block.error("an empty block")

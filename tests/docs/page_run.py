@@ -28,14 +28,7 @@ _FOR = {
 
 
 def check_page(page: Path) -> list[str]:
-    """Look at all blocks of a page without running any.
-
-    Returns:
-        A line for each block that is not run, with its reason.
-
-    Raises:
-        PageError: a block is wrong.
-    """
+    """Look at all blocks of a page; a line for each that is not to be run, with its reason."""
     left: list[str] = []
     for block in find_blocks(page):
         _check_language(block)
@@ -98,11 +91,7 @@ def _nothing_kept(directory: Path) -> Iterator[None]:
 
 
 class PageRun:
-    """Blocks of one page, run in one directory, those of Python in one namespace.
-
-    Args:
-        directory: an empty directory.
-    """
+    """Blocks of one page, run in one empty directory, those of Python in one namespace."""
 
     def __init__(self, directory: Path) -> None:
         self.checkout = Checkout(directory)
@@ -111,11 +100,7 @@ class PageRun:
         self.left_out = False  # whether the block before was not run
 
     def run(self, page: Path) -> None:
-        """Run all of a page, also behind a block that fails.
-
-        Raises:
-            PageError: a block fails, or does not print what is shown; a line or more on each.
-        """
+        """Run all of a page, also behind a block that fails: a PageError tells of each."""
         found: list[str] = []
         with _nothing_kept(self.checkout.path):
             for block in find_blocks(page):

@@ -25,12 +25,7 @@ LONG = ("boxes-3d", "effective_viscosity")  # in the figure's path: they take se
 
 @dataclass(frozen=True)
 class Entry:
-    """One picture of the page.
-
-    Attributes:
-        picture: in docs; figure: the file that the commands write.
-        commands: the words of each; changes: words behind those of `run` that reduce the case.
-    """
+    """A picture in docs, the figure its commands write, and words that reduce the case."""
 
     picture: str
     figure: Path

@@ -45,13 +45,7 @@ pytestmark = [
 
 
 class Page(HTMLParser):
-    """What a page of the site refers to.
-
-    Attributes:
-        links: where its links lead.
-        loads: what a browser fetches to show it.
-        anchors: places in it that a link may lead to.
-    """
+    """Where the links of a page lead, what a browser loads to show it, and its anchors."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

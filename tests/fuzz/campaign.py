@@ -49,14 +49,7 @@ if find_spec("tribox.geometry.meshes.own_process") is not None:
 
 @dataclass
 class Tally:
-    """What inputs came to.
-
-    Attributes:
-        counts: by outcome in a word.
-        faults: how often, by what is wrong, without what differs from input to input.
-        first: the first input of each fault, and the whole line.
-        slowest: s.
-    """
+    """Counts of outcomes and of faults, the first input of each fault, and the slowest, s."""
 
     counts: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
@@ -101,14 +94,7 @@ def strategy(kind: str, work: Path) -> st.SearchStrategy[object]:
 
 
 def run(kind: str, inputs: int, start: int, work: Path) -> Tally:
-    """Run inputs of one kind.
-
-    Args:
-        kind: one of ``SHARES``.
-        inputs: how many.
-        start: the seed they follow from.
-        work: directory for what they write.
-    """
+    """Run so many inputs of a kind, from a seed on, in a directory for what they write."""
     tally, act, place = Tally(), acts()[kind], work / "input"
 
     @seed(start)

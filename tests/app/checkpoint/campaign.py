@@ -47,13 +47,7 @@ CASES = {
 
 @dataclass(frozen=True, slots=True)
 class Killed:
-    """What became of a run that was killed.
-
-    Attributes:
-        kind: of the case; row: after which of its rows it was killed, of so many.
-        after: step that it went on after; None: it began anew. Of a sweep those of its values.
-        unlike: in what its files differ from those of a run that was left alone.
-    """
+    """A run killed after a row of so many, and the steps it went on after; None: anew."""
 
     kind: str
     row: int
@@ -141,13 +135,7 @@ def left_alone(kind: str, directory: Path) -> tuple[Path, Path]:
 
 
 def campaign(kinds: Sequence[str], seed: int, directory: Path) -> Iterator[Killed]:
-    """Kill a run of each of these kinds of cases at a random moment, and let it go on.
-
-    Args:
-        kinds: as many as there are to be moments.
-        seed: of the moments.
-        directory: for the results, ``KIND SEED NUMBER``.
-    """
+    """Kill a run of each of these kinds of cases at a random moment, and let it go on."""
     chance = random.Random(seed)
     for number, kind in enumerate(kinds):
         path, reference = left_alone(kind, directory)

@@ -189,7 +189,6 @@ def pairs(directory: Path, **solver: Any) -> Data:
 
 
 _TOP = {"surface": "top", "displacement": {"x": TRAVEL}}
-_SLOW = {"contact.0.film": {"thickness": "30 nm"}, "contact.0.friction": MAP}
 _ROUND = """
 bodies.elastomer = { material = "hencky", E = "70 GPa", nu = 0.33 }
 bodies.aluminium = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
@@ -274,7 +273,11 @@ _OBLIQUE = [
 
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
-    "cut": block(stage=[STAGES[0], STAGES[1] | {"steps": 2}], solver={"max_iterations": 2}),
+    "cut": block(
+        stage=[STAGES[0], STAGES[1] | {"steps": 2}],
+        solver={"max_iterations": 2},
+        boundary__1__displacement__x=[["1 s", "0 mm"], ["2 s", "0.2 mm"]],
+    ),
     "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
     "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),
     "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),

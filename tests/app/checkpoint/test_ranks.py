@@ -36,12 +36,7 @@ FEW = ("coulomb", "thrown")
 def switched(
     comm: MPI.Comm, directory: Path, names: Sequence[str] = FEW
 ) -> dict[str, dict[str, Any]]:
-    """Some cases, begun on one rank or on two, and gone on with on all of them, or from two on one.
-
-    Returns:
-        Of each way the history's differences from one rank that never stopped, where they are more
-        than allowed, and Newton iterations beside those of the run that was gone on with.
-    """
+    """Cases that go on on other ranks: differences too large, iterations of both runs."""
     before = comm.Split(int(comm.rank >= 2), comm.rank)  # the first two ranks
     found: dict[str, Any] = {}
     for name in names:

@@ -35,7 +35,6 @@ SURE = (
     *("time", "normal_force", "tangential_force", "contact_area", "strain_energy"),
     *("dissipation", "external_work"),
 )
-Out = Callable[..., Path]
 
 
 def settings(keys: dict[str, str]) -> list[str]:

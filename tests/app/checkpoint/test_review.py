@@ -68,9 +68,6 @@ def done(tmp_path_factory) -> Path:
     return directory
 
 
-# -- stops ------------------------------------------------------------------------------------
-
-
 # -- checkpoints that are not as they were written ----------------------------------------------
 
 
@@ -242,12 +239,6 @@ def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypat
     with pytest.raises(Interrupted):
         run(case_of(), out, resume=True)
     assert (found["status"], found["steps"], found["resumed"]) == ("running", 3, [3])
-
-
-# -- other cases ----------------------------------------------------------------------------------
-
-
-# -- what a run remembers ----------------------------------------------------------------------
 
 
 # -- sweeps, and runs that are done ---------------------------------------------------------------

@@ -1,11 +1,18 @@
 """Places in the undeformed bodies, found and put into words."""
 
 import dolfinx
+import dolfinx.fem.petsc
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from tribox.app.equilibrium.unknowns import place_of_largest, place_text
+from tribox.app.equilibrium.bodies import CellPlaces
+from tribox.app.equilibrium.equilibrium import load_residuals
+from tribox.app.equilibrium.matrix_values import own_block, values_in_place
+from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest, place_text
+from tribox.forms.bodies.loads import FollowerPressure
 
 
 def test_places_are_read_without_roundoff():
@@ -21,3 +28,125 @@ def test_the_place_of_the_largest_number():
         values = np.zeros(where.shape)
         values[:, component] = np.exp(-((where - [1.5, 1.0]) ** 2).sum(axis=1))
         assert place_of_largest(values.reshape(-1), space) == pytest.approx((1.5, 1.0))
+
+
+# -- Element matrices added where they lie, against PETSc's own addition ---------------------------
+
+
+def matrix_of(mesh):
+    """A displacement space and a matrix with its pattern, on the ranks of the mesh."""
+    dim = mesh.geometry.dim
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    A = dolfinx.fem.petsc.assemble_matrix(pattern_form(space))
+    A.assemble()
+    A.zeroEntries()
+    A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+    return space, A
+
+
+def difference(mesh, every=1, condensed=None):
+    """Largest difference between both ways of adding, each done twice, and of what is inside."""
+    space, A = matrix_of(mesh)
+    if condensed is not None:
+        numbers = condensed(A.getLGMap()[0].indices)
+        lgmap = PETSc.LGMap().create(numbers, bsize=1, comm=mesh.comm)
+        A.setLGMap(lgmap, lgmap)
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+    dim, count = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    nodes = np.asarray(space.dofmap.list)[:count:every]
+    shape = (len(nodes), nodes.shape[1], dim)
+    values = np.random.default_rng(mesh.comm.rank).uniform(-1, 1, (*shape, *shape[1:]))
+    for _ in range(2):
+        for cell, matrix in zip(nodes, values, strict=True):
+            unknowns = (cell[:, None] * dim + np.arange(dim)).reshape(-1).astype(PETSc.IntType)
+            block = matrix.reshape(len(unknowns), -1)
+            A.setValuesLocal(unknowns, unknowns, block, addv=PETSc.InsertMode.ADD_VALUES)
+    A.assemble()
+    wanted = A.copy()
+    A.zeroEntries()
+    places = CellPlaces(A, nodes, dim)
+    for _ in range(2):
+        places.add(A, values)
+    A.assemble()
+    A.axpy(-1.0, wanted)
+    inside = mesh.comm.allreduce(int(places.inside.sum())), mesh.comm.allreduce(len(nodes))
+    return A.norm(PETSc.NormType.INFINITY) / wanted.norm(PETSc.NormType.INFINITY), inside
+
+
+def rectangle(comm, cell="quadrilateral"):
+    return dolfinx.mesh.create_rectangle(
+        comm, [[0, 0], [1, 1]], [5, 4], dolfinx.mesh.CellType[cell]
+    )
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_a_body_that_is_part_of_the_mesh(cell):
+    apart, (inside, cells) = difference(rectangle(MPI.COMM_SELF, cell), every=2)
+    assert apart < 1e-15
+    assert inside == cells
+
+
+def test_unknowns_that_follow_another():
+    """The cells of a platen are outside: their columns are not in order."""
+
+    def onto_the_first(numbers):
+        return np.where(np.isin(numbers, [7, 13, 21]), 1, numbers).astype(PETSc.IntType)
+
+    apart, (inside, cells) = difference(rectangle(MPI.COMM_SELF), condensed=onto_the_first)
+    assert apart < 1e-15
+    assert 0 < inside < cells
+
+
+def both_meshes(comm, directory):
+    box = dolfinx.mesh.create_box(
+        comm, [[0, 0, 0], [1, 1, 1]], [3, 4, 2], dolfinx.mesh.CellType.hexahedron
+    )
+    return [difference(mesh) for mesh in (rectangle(comm), box)]
+
+
+@pytest.mark.mpi(both_meshes, 2, 3)
+def test_rows_and_columns_of_other_ranks(on_ranks):
+    for ranks in (1, 2, 3):
+        for apart, (inside, cells) in on_ranks(both_meshes, ranks):
+            assert apart < 1e-15
+            assert 0 < inside < cells if ranks > 1 else inside == cells
+
+
+def test_values_are_changed_in_place():
+    _, A = matrix_of(rectangle(MPI.COMM_SELF))
+    before = A.stateGet()
+    with values_in_place(A) as values:
+        values[:] = np.arange(len(values))
+    assert A.stateGet() > before  # or a solver would keep its factors
+    np.testing.assert_array_equal(own_block(A).getValuesCSR()[2], np.arange(len(values)))
+
+
+# -- Forces on single unknowns: in the residual, in the loads, and scaled by their factor ----------
+
+
+def test_nodal_loads_enter_the_residual_beside_those_with_forms(pair):
+    blocks = pair()
+    x = blocks.displaced(lambda X: 0.1 * X, lambda X: -0.05 * X)
+    side = FollowerPressure(blocks.u, blocks.named.facets("elastomer_left"))
+    force = NodalLoad(np.array([3, 8], dtype=np.int32), np.array([2.0, -0.5]))
+    f = x.duplicate()
+    without = blocks.problem(None)
+    without.residual(None, x, f)
+    bare, reference = f.array_r.copy(), without.reference_force
+    problem = blocks.problem(None, loads=[side], nodal_loads=[force])
+    side.set(0.3)
+    force.factor = 4.0
+    problem.residual(None, x, f)
+    form, nodal = load_residuals(problem)
+    expected = np.zeros(problem.owned)
+    expected[[3, 8]] = [8.0, -2.0]
+    np.testing.assert_array_equal(-nodal[: problem.owned], expected)
+    np.testing.assert_allclose(f.array_r - bare, form + nodal, atol=1e-14)
+    np.testing.assert_allclose(problem.load_forces(), -form - nodal, atol=1e-14)
+    # Bodies that nothing but loads acts on are judged by these.
+    assert reference == 0.0
+    assert problem.reference_force == pytest.approx(np.linalg.norm(form + nodal))
+    force.factor = 0.0
+    side.set(0.0)
+    problem.residual(None, x, f)
+    np.testing.assert_array_equal(f.array_r, bare)

@@ -1,28 +1,19 @@
-"""Explicit dynamics against closed forms and against the implicit solution.
-
-Bars in impact, decelerating blocks, and the sliding test at speeds that both solvers reach.
-"""
+"""Explicit dynamics against closed forms and against the implicit solution."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from scipy.optimize import brentq
 
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
-from tribox.app.simulation.run_state import Observer
+from tests.solved import solved
 from tribox.app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}
 
 
 def simulate(data: dict) -> Simulation:
-    data = data | {"output": {"figures": False}}
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
-    return simulation
+    return solved(data | {"output": {"figures": False}})
 
 
 def history(run: Simulation, name: str) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""Results directories made by hand: what figures are drawn from, without a run.
-
-The strip: three blocks one on the other, with the pairs "upper" and "lower". Its numbers are simple
-functions of step and place, so that a test can say what a figure has to show.
-"""
+"""Results directories made by hand: numbers are simple functions of step and place."""
 
 import csv
 import json

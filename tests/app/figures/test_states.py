@@ -5,6 +5,7 @@ import pytest
 
 from tests.app.figures.made_results import write_strip
 from tribox.app.figures.states import states_to_draw
+from tribox.app.figures.units import fitting
 from tribox.app.results import read
 
 
@@ -63,3 +64,39 @@ def test_the_title_says_how_a_run_ended(tmp_path, status, said):
 
 def test_nothing_to_draw_without_fields(tmp_path):
     assert drawn(tmp_path, outputs=()) == {}
+
+
+# -- Units that fit the values ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "name", "factor"),
+    [
+        ([2e-9, 3e-8], "m", "nm", 1e9), ([1e-3 * (1 - 1e-12)], "m", "mm", 1e3),
+        ([25.0], "m", "m", 1.0), ([2500.0], "m", "m", 1.0), ([-3e6, np.nan], "Pa", "MPa", 1e-6),
+        ([1e-4], "Pa", "Pa", 1.0), ([0.0], "N", "N", 1.0), ([3.0], "", "", 1.0),
+        ([1e-14], "N", "pN", 1e12),
+    ],
+)  # fmt: skip
+def test_the_largest_value_has_one_to_three_digits(values, unit, name, factor):
+    found = fitting(values, unit)
+    assert found.name == name
+    assert found.factor == pytest.approx(factor)
+
+
+def test_a_value_with_its_unit():
+    assert fitting([2e-4], "m/s").text(2e-4) == "200 µm/s"
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "text", "name"),
+    [
+        ([1e-3, 2e-3], "m", "1", "mm"), ([3e-8, 1e-9], "m", "30", "nm"),
+        ([1e-6], "m²", "1", "mm²"), ([2.0, 1e4], "N", "0.002", "kN"), ([1e-20], "m", "1e-08", "pm"),
+        ([0.0], "m", "0", "m"), ([float("nan"), 1e3], "Pa", "–", "kPa"), ([5e3], "", "5000", ""),
+        ([2e6, 1e-9], "Pa", "2", "MPa"),
+    ],
+)  # fmt: skip
+def test_a_number_in_the_unit_of_the_largest(values, unit, text, name):
+    scale = fitting(values, unit)
+    assert (scale.number(values[0]), scale.name) == (text, name)

@@ -15,8 +15,7 @@ from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.app.implicit.test_linear_solver import new_solver
 from tests.conftest import SOFT
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import built, solved
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks
@@ -25,8 +24,6 @@ from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
 from tribox.app.implicit.multigrid import MultigridSolver
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.contact.penalty import ContactTerm
 
@@ -151,7 +148,7 @@ def test_what_the_user_chooses_is_left_to_petsc(pair):
     ways = {}
     for key, value in {"pc_type": "lu", "mat_mumps_icntl_14": 40, "snes_max_it": 30}.items():
         data["solver"] = {"petsc": {key: value}}
-        sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        sim = built(data)
         ways[key] = type(sim.stepper.solver.way)
         assert sim.stepper.solver.direct
     assert list(ways.values()) == [CoupledFactor, BodyBlocks, BodyBlocks]
@@ -161,7 +158,7 @@ def test_an_option_that_mumps_cannot_take_is_refused_with_its_reason():
     data = tomllib.loads(BLOCK)
     data["solver"] = {"petsc": {"mat_mumps_icntl_20": 1}}
     with pytest.raises(InputError, match=r"ICNTL\(20\)=1 is not supported"):
-        Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        built(data)
 
 
 # -- where it does not work -----------------------------------------------------------------------
@@ -215,9 +212,7 @@ TIGHT = {"solver": {"tolerance": 1e-10}}
 
 
 def simulated(keys):
-    sim = Simulation(build_model(Case.model_validate(changed(BLOCK, keys)), MPI.COMM_SELF))
-    sim.run(Observer())
-    return sim
+    return solved(changed(BLOCK, keys))
 
 
 @pytest.fixture(scope="module")
@@ -241,9 +236,7 @@ def test_a_run_is_that_with_the_whole_factorised(by, with_the_whole):
 def boxes(comm, linear):
     """Boxes in space, the lower one a thousand times stiffer, are pressed and slid."""
     keys = {"solver": {"linear": linear, "tolerance": 1e-9}, "bodies.elastomer.nu": 0.45}
-    sim = Simulation(build_model(Case.model_validate(changed(BOXES, keys)), comm))
-    sim.run(Observer())
-    return sim
+    return solved(changed(BOXES, keys), comm)
 
 
 def forces_of(sim):

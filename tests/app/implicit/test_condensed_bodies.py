@@ -5,19 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import scipy.sparse
-from mpi4py import MPI
 
 from tests.app.checkpoint.small_cases import BOTTOM, COARSE, STAGES, changed, pairs
 from tests.app.conftest import BLOCK, FILM
 from tests.app.implicit.test_body_blocks import METAL, assembled, exact, forces, forces_left, sunk
 from tests.conftest import SOFT
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import solved
 from tribox.app.implicit import condensed_bodies
 from tribox.app.implicit.body_blocks import BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, ContactCompliance
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 
 @pytest.fixture(autouse=True)
@@ -223,9 +219,7 @@ def bent(directory):
 
 def simulated(data, **solver):
     data = data | {"solver": solver}
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    sim.run(Observer())
-    return sim
+    return solved(data)
 
 
 @pytest.mark.parametrize("case", [platen, tied, axisymmetric, q2, swapped, bent])

@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.tool_cases import run
-from tribox.app.implicit.interior_point import (
-    OPENINGS_FLOWING,
-)
+from tests.solved import solved as run
+from tribox.app.implicit.interior_point import OPENINGS_FLOWING
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab

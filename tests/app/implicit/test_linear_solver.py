@@ -12,8 +12,7 @@ from tests.app.conftest import BLOCK, BOXES
 from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import built, solved
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
@@ -21,7 +20,6 @@ from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear
 from tribox.app.implicit.multigrid import KRYLOV, BlockSweeps, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.solid import Solid
 
 
@@ -41,7 +39,7 @@ class CoarseStates(Observer):
 def simulated(linear, observer=None):
     data = tomllib.loads(BLOCK)
     data["solver"] = {"linear": linear, "tolerance": 1e-10}
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim = built(data)
 
     sim.run(observer or Observer())
     return sim
@@ -67,9 +65,9 @@ def test_nearly_incompressible_in_space_with_friction_and_a_platen():
     """The multigrid neither breaks down nor creeps: the force is right, and no step is cut."""
     data = tomllib.loads(BOXES)
     data["solver"] = {"linear": "direct"}
-    direct = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    direct = built(data)
     data["solver"] = {"linear": "krylov"}
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    sim = built(data)
     counts, count = [], sim.stepper.solver.way.count
 
     def seen(iterations):
@@ -104,9 +102,7 @@ def slid(linear):
     }
     data["stage"][0]["steps"] = 1
     data["solver"] = {"linear": linear, "tolerance": 1e-9}
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    sim.run(Observer())
-    return sim
+    return solved(data)
 
 
 def test_a_slide_of_many_facets_in_space_is_one_step():
@@ -280,7 +276,7 @@ def test_a_linear_solve_that_fails_is_tried_with_a_new_preconditioner(monkeypatc
     data["solver"] = {"linear": "krylov", "petsc": {"ksp_rtol": 1e-8}}
     runs = []
     for failing in (None, 4):
-        sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+        sim = built(data)
         test = FailsOnce(failing)
         sim.stepper.solver.ksp.setConvergenceTest(test)
         sim.run(Observer())

@@ -5,17 +5,14 @@ import tomllib
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import tribox.app.implicit.predictor
 from tests.app.conftest import BLOCK
+from tests.solved import built
 from tribox.app.build.load_steps import load_steps_of
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.predictor import Predictor, lagrange_weights
 from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 
 def test_extrapolation_is_exact_for_a_cubic_on_uneven_parameters():
@@ -34,7 +31,7 @@ def simulation(**changes):
     data = tomllib.loads(BLOCK)
     for key, value in changes.items():
         data["stage"][1][key] = value
-    return Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    return built(data)
 
 
 class Results(Observer):
@@ -91,7 +88,7 @@ def test_the_path_is_continued_through_uneven_steps():
         {"name": f"press {i}", "duration": f"{length} s", "steps": 1}
         for i, length in enumerate((0.1, 0.1, 0.2, 0.05, 0.3, 0.25))
     ]
-    sim = Simulation(build_model(Case.model_validate(copy.deepcopy(data)), MPI.COMM_SELF))
+    sim = built(copy.deepcopy(data))
     results = run(sim)
     # Increments repeated without regard to their lengths would start from a third of the force.
     assert all(result.residuals[0] < 2e-2 for result in results[3:]), [

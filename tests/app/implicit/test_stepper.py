@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.conftest import BOXES
+from tests.solved import solved
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.checkpoint.layout import Layout
@@ -121,8 +122,7 @@ def test_a_force_finds_the_other_body_from_the_first_touch():
         "displacement": {"x": 0},
         "platen": {"direction": "y", "force": [["0 s", "0 N"], ["1 s", "0.05 N"]]},
     }
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    sim.run(Observer())
+    sim = solved(data)
     assert [row.attempts for row in sim.rows] == [1, 1]
     assert [row.normal_resultant for row in sim.rows] == pytest.approx([0.025, 0.05], rel=1e-6)
     # None of the pull is left in the solution.
@@ -142,9 +142,7 @@ def aligned(**contact):
     data["boundary"][1]["platen"]["pressure"] = [[0.0, 0.0], [1.0, 0.3e6]]
     data["contact"][0] |= contact
     data["solver"] = {"tolerance": 1e-10}
-    sim = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    sim.run(Observer())
-    return sim
+    return solved(data)
 
 
 def test_points_on_edges_of_the_master_do_not_stop_the_iteration():

@@ -11,14 +11,17 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pandas import DataFrame
 from PIL import Image
 
 from tests.ranks import LIMIT
 from tribox.app.case.case import given_keys
+from tribox.app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.app.report.page import pictures_of, write_report
+from tribox.app.report.page import pictures_of, readable, write_report
 from tribox.app.report.tables import frame_table
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
@@ -390,3 +393,26 @@ def test_a_picture_is_called_what_it_shows(tmp_path, stem, said):
     Image.new("RGB", (2, 1)).save(tmp_path / "figures" / f"{stem}.png")
     [picture] = pictures_of(tmp_path, "it")
     assert picture.title == f"Deformed bodies: {said}" and said in picture.alt
+
+
+# -- Numbers with units as a person writes them ----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("3e-08 m", "30 nm"), ("0.0005 m", "500 µm"), ("0.35 m", "0.35 m"), ("0.0 m", "0 m"),
+        ("70000000000.0 Pa", "70 GPa"), ("100000000000.0 Pa/m", "100 GPa/m"),
+        ("0.8 Pa*s", "0.8 Pa s"), ("0.02 Pa*s", "20 mPa s"), ("1000000.0 1/m", "1e6 1/m"),
+        ("1100.0 kg/m^3", "1100 kg/m³"), ("-1e-05 m/s", "-10 µm/s"), ("5e-13 s", "0.5 ps"),
+        ("0.33", "0.33"), ("30.0", "30"), ("neo-hookean", "neo-hookean"), ("1.2.3", "1.2.3"),
+    ],
+)  # fmt: skip
+def test_quantities_are_readable(text, said):
+    assert readable(text) == said
+
+
+@settings(deadline=None)  # the first call loads the unit library
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([*COMMON_UNITS]))
+def test_readable_quantities_are_exact(value, unit):
+    assert parse_quantity(readable(str(format_quantity(value, unit))), unit) == value

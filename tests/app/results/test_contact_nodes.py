@@ -7,15 +7,13 @@ import meshio
 import numpy as np
 import pytest
 import pyvista
-from mpi4py import MPI
 
-from tribox.app.build.model import Model, build_model
-from tribox.app.case.case import Case
+from tests.solved import solved
+from tribox.app.build.model import Model
 from tribox.app.results import vtu
 from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
 from tribox.app.results.vtu import Cells, Grid, UnknownVtuError, read_vtu, write_vtu
-from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
 SPACE = """
@@ -51,11 +49,10 @@ steps = 2
 """
 
 
-def solved(text: str, **contact: object) -> tuple[Simulation, ContactNodes]:
+def pressed(text: str, **contact: object) -> tuple[Simulation, ContactNodes]:
     data = tomllib.loads(text)
     data["contact"][0] |= contact
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
+    simulation = solved(data)
     found = contact_nodes(simulation.model)
     assert found is not None
     return simulation, found
@@ -80,7 +77,7 @@ def matched(places: np.ndarray, among: np.ndarray) -> np.ndarray:
 def test_forces_and_places_in_space(cell, pressure):
     """Areas times tractions are the forces of the history; vertices are where the body is."""
     text = SPACE.replace('"two-boxes"', f'"two-boxes"\ncell = "{cell}"')
-    simulation, nodes = solved(text, pressure=pressure)
+    simulation, nodes = pressed(text, pressure=pressure)
     values, row = nodes.values, simulation.rows[-1]
     assert values["area"].sum() == pytest.approx(0.6e-6)
     assert values["area"] @ values["pressure"] == pytest.approx(row.normal_force)
@@ -108,7 +105,7 @@ def test_forces_and_places_in_space(cell, pressure):
 def test_facets_go_round(cell):
     """Their corners do not cross: the areas of the polygons add up to that of the surface."""
     text = SPACE.replace('"two-boxes"', f'"two-boxes"\ncell = "{cell}"')
-    _, nodes = solved(text)
+    _, nodes = pressed(text)
     assert (nodes.kind, len(nodes.facets)) == (("quad", 6) if cell[0] == "h" else ("triangle", 12))
     corners = nodes.values["reference"][nodes.facets][:, :, [0, 2]]
     following = np.roll(corners, -1, axis=1)
@@ -122,8 +119,7 @@ def test_pairs_follow_each_other(block, tmp_path):
     data = tomllib.loads(block)
     data["contact"].append({**data["contact"][0], "slave": "elastomer_left"})
     data["stage"] = data["stage"][:1]
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
+    simulation = solved(data)
     nodes = contact_nodes(simulation.model)
     assert nodes is not None
     values = nodes.values

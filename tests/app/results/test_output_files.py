@@ -1,5 +1,8 @@
 """What a run leaves: indices whole at any moment, contact files, formats; read back as one."""
 
+import errno
+import os
+import shutil
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -13,17 +16,17 @@ from mpi4py import MPI
 from tests.app.results.test_contact_nodes import SPACE
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, OutputError
 from tribox.app.results import Results, read
-from tribox.app.results.directory import prepare
+from tribox.app.results.directory import GrowingTable, prepare, read_table
 from tribox.app.results.output_files import Series
 from tribox.app.results.recorder import Recorder
+from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Together
 from tribox.app.simulation.history import COLUMNS
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
-ROOT = Path(__file__).parents[3]
 SERIES = ("fields", "contact", "contact_points")
 
 
@@ -157,3 +160,67 @@ def test_every_file_is_listed_with_its_time(tmp_path):
     series.write_index()
     assert listed(tmp_path)[1] == (2.0, "fields/1234567.vtu")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["fields", "fields.pvd"]
+
+
+# -- Errors of writing: nothing is torn, all ranks hear of them, and room is kept for the end ------
+
+
+def full(*arguments: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def short(descriptor: int, data: memoryview, at: int) -> int:
+    """A disk that becomes full in the middle of what is written."""
+    if len(data) < 4:
+        full()
+    return WRITE(descriptor, data[: len(data) // 2], at)
+
+
+WRITE = os.pwrite
+
+
+def test_a_row_is_appended_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "history.csv"
+    table = GrowingTable(path, ("step", "time"))
+    table.extend([(1, 0.1)])
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", short)
+        with pytest.raises(OSError, match="No space left"):
+            table.extend([(2, 0.2)])
+    assert path.read_text() == "step,time\n1,0.1\n" and table.written == 1
+    table.extend([(2, 0.2), (3, 0.3)])
+    assert [row["step"] for row in read_table(path)] == [1.0, 2.0, 3.0]
+
+
+def test_rows_do_not_go_into_the_file_of_another_run(tmp_path):
+    directory = tmp_path / "out"
+    directory.mkdir()
+    table, saving = GrowingTable(directory / "t.csv", ("step",)), Saving(directory)
+    shutil.rmtree(directory)
+    with pytest.raises(FileNotFoundError):
+        table.extend([(1,)])
+    with pytest.raises(FileNotFoundError):
+        saving.place.check()
+    directory.mkdir()
+    (directory / "t.csv").write_text("step\n")
+    with pytest.raises(FileNotFoundError, match="another one is there"):
+        table.extend([(1,)])
+    with pytest.raises(FileNotFoundError, match="another one is there"):
+        saving.regain_directory()
+    assert (directory / "t.csv").read_text() == "step\n"
+    shutil.rmtree(directory)
+    saving.regain_directory()
+    saving.place.check()
+
+
+def test_the_first_error_is_kept_and_others_pass(tmp_path):
+    saving = Saving(tmp_path)
+    saving.raise_together(MPI.COMM_SELF)
+    with saving:
+        full()
+    with saving:
+        (tmp_path / "a" / "b").touch()
+    with pytest.raises(OutputError, match=r"cannot be written \(No space left on device\)$"):
+        saving.raise_together(MPI.COMM_SELF)
+    with pytest.raises(ZeroDivisionError), saving:
+        raise ZeroDivisionError

@@ -13,6 +13,7 @@ from scipy.optimize import fsolve
 
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.read_log import read_log
+from tests.solved import built
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
@@ -510,7 +511,7 @@ def numbers(comm, directory):
     data = tomllib.loads(BLOCK + PROBES)
     data["solver"] = {"tolerance": 1e-11}
     data["stage"][1] |= {"steps": 2}
-    simulation = Simulation(build_model(Case.model_validate(data), comm))
+    simulation = built(data, comm)
     recorder = ProbeRecorder(simulation.model, directory)
     with pytest.MonkeyPatch.context() as patch:
         # What a rank does not fill must not be used: it may be a number, or none.

@@ -113,9 +113,6 @@ def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
     assert "time step 400, " in terminal
 
 
-# -- How far a run is within its stages, and how long the rest takes -------------------------------
-
-
 # -- What is told of rigid tools at the end of a run: on the terminal, and in the report -----------
 
 DOWN = {"y": [["0 s", "0 m"], ["1 s", "-50 um"], ["2 s", "-10 um"]]}

@@ -224,7 +224,7 @@ def test_an_edge_of_the_slave_meets_the_facets_with_its_points(over_an_edge):
 
 def facets_of(comm, directory):
     """What is found of an edge on any number of ranks: in the plane and in space."""
-    from tests.tool_cases import run as run_data
+    from tests.solved import solved as run_data
     from tribox.app.simulation.surface_faults import SunkVertices
 
     found = []

@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from tests.app.checkpoint.going_on import case_of
 from tests.app.checkpoint.going_on import run as run_on
-from tests.tool_cases import block_mesh, run
+from tests.solved import solved as run
+from tests.tool_cases import block_mesh
 
 ROOT = Path(__file__).parents[3]
 PRONY = [(0.3, 0.1), (0.2, 1.0)]

@@ -1,17 +1,23 @@
 """The energy balance closes, and with which order of the step it does."""
 
 import tomllib
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.contact_boxes import PENALTY, Scene
+from tests.solved import solved
 from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tribox.app.case.reading import load_case
+from tribox.app.simulation.contact_resultants import contact_columns, measure_contact
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 
 def slid(text: str, refined: int) -> list[Row]:
@@ -19,8 +25,7 @@ def slid(text: str, refined: int) -> list[Row]:
     data = tomllib.loads(text)
     data["stage"][0]["steps"], data["stage"][1]["steps"] = 10 * refined, 15 * refined
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.5e-4]]
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(data)
     return run.rows
 
 
@@ -54,8 +59,7 @@ def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
     data["contact"][0]["pressure"] = pressure
     data["stage"] = [{"name": name, "duration": "1 s", "steps": 2} for name in ("press", "lift")]
     data["output"] = {"figures": False}
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(data)
     work = max(row.external_work for row in run.rows)
     assert len(run.rows) == 4
     assert max(abs(row.energy_error) for row in run.rows) < 3e-4 * work
@@ -100,10 +104,155 @@ def test_friction_of_points_that_open_within_a_step_is_in_the_balance():
 
     Without its half at the rear 1.1 % of the drive's work is missing.
     """
-    run = Simulation(build_model(Case.model_validate(tomllib.loads(ROUND)), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(tomllib.loads(ROUND))
     first, last = run.rows[-9], run.rows[-1]
     work, error = (
         getattr(last, name) - getattr(first, name) for name in ("external_work", "energy_error")
     )
     assert last.viscous_fraction > 0.99 and abs(error) < 1e-3 * work
+
+
+# -- Resultants of a contact in the plane, in space and round an axis, in numbers ------------------
+
+DEPTH = 0.02
+PRESSURE = PENALTY * DEPTH
+STICKY = CoulombLaw(CoulombParameters(mu=1e3, K_T=60.0))
+
+
+def pressed(shape, law=STICKY):
+    scene = Scene(shape, law)
+    scene.term.commit(scene.term.evaluate(scene.moved(lambda x: 0.0 * x), 1.0))
+    return scene
+
+
+def measured(scene, motion, driven=None):
+    x = scene.moved(motion)
+    return measure_contact(scene.term, scene.term.evaluate(x, 1.0), MPI.COMM_SELF, driven)
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "tet10"])
+def test_sliding_in_space(shape):
+    """The slave's square of side 0.5 is dragged along an oblique way; μ p A resists."""
+    way = np.array([0.6, -0.8, 0.0])
+    scene = pressed(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    normal, friction = PRESSURE * 0.25, 0.3 * PRESSURE * 0.25
+    for driven, share in ((None, 1.0), (way, 1.0), ([1.0, 0.0, 0.0], 0.6), ([0, 0, -1.0], 1.0)):
+        m = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), driven)
+        assert m.normal_force == pytest.approx(normal, rel=1e-10)
+        assert m.tangential_force == pytest.approx(share * friction, rel=1e-10)
+        assert m.drag == pytest.approx(share * friction, rel=1e-10)
+        np.testing.assert_allclose(m.friction, friction * way, atol=1e-12)
+        np.testing.assert_allclose(m.force, [*-(friction * way)[:2], normal], atol=1e-12)
+        assert m.twist_moment == pytest.approx(0.0, abs=1e-12)
+        assert m.area == pytest.approx(0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27"])
+def test_twist(shape):
+    """Turned by a small angle about its middle while it sticks: M = K_T θ ∫ r² dA, no resultant."""
+    scene = pressed(shape)
+    angle, middle = 1e-6, np.array([0.55, 0.55, 0.0])
+    turn = angle * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    m = measured(scene, lambda x: (x - middle) @ turn.T)
+    assert m.twist_moment == pytest.approx(60.0 * angle * 0.5**4 / 6.0, rel=1e-5)
+    np.testing.assert_allclose(m.friction, 0.0, atol=1e-6 * m.twist_moment)
+    # About another point there is a force too, and still the moment through the middle.
+    m = measured(scene, lambda x: x @ turn.T)
+    assert m.twist_moment == pytest.approx(60.0 * angle * 0.5**4 / 6.0, rel=1e-5)
+    force = 60.0 * angle * 0.25 * 0.55
+    np.testing.assert_allclose(m.friction, [-force, force, 0.0], rtol=1e-5, atol=1e-12)
+
+
+def test_a_dry_pair_beside_a_film_leaves_its_viscosity_alone():
+    """D and η_eff are those of the pairs with a film; μ is weighted by the normal force."""
+    scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    way = np.array([0.6, -0.8, 0.0])
+    found = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), way)
+    wet = replace(found, film=3.0)
+    dry = replace(found, normal_force=3.0 * found.normal_force, friction_coefficient=0.7, area=9.0)
+    alone = contact_columns([wet], 2.0, True, 0.5)
+    both = contact_columns([wet, dry], 2.0, True, 0.5)
+    assert both["film_thickness"] == alone["film_thickness"] == pytest.approx(3.0, rel=1e-12)
+    assert both["effective_viscosity"] == pytest.approx(alone["effective_viscosity"], rel=1e-12)
+    assert both["mu"] == pytest.approx(0.25 * 0.3 + 0.75 * 0.7, rel=1e-12)
+
+
+# -- cases/block-slide.toml: forces of other codes, Newton iterations, energies, and variants ------
+
+CASE = Path(__file__).parents[3] / "cases" / "block-slide.toml"
+
+FRICTIONLESS = ['contact.0.friction={ law = "frictionless" }']
+# Without a film all the map can do is Coulomb friction; mu_d below mu_s adds slip weakening.
+LITERAL = [
+    'contact.0.friction={ law = "friction-map", mu_s = 0.2, mu_d = 0.15, A_d = "10 um", '
+    'B = "1e5 1/m", K_T = "1e13 Pa/m", eta_b = "0.8 Pa*s", D_max = "250 nm", alpha = 0.5, '
+    'V_star = "1 m/s", V_star_at = "10 nm", flow_rule = "literal" }',
+    'contact.0.film={ thickness = "10 nm" }',
+]
+
+
+def run(*overrides: str) -> list:
+    simulation = Simulation(build_model(load_case(CASE, overrides), MPI.COMM_SELF))
+    simulation.run(Observer())
+    return simulation.rows
+
+
+@pytest.fixture(scope="module")
+def rows() -> list:
+    return run()
+
+
+def relative_energy_error(rows: list) -> float:
+    return max(abs(r.energy_error) for r in rows) / max(abs(r.external_work) for r in rows)
+
+
+def test_forces_are_those_of_codes_that_enforce_the_constraint_exactly(rows):
+    assert rows[9].stage == "press" and rows[10].stage == "slide"
+    assert rows[9].normal_force == pytest.approx(0.9684, rel=3e-3)
+    assert rows[-1].normal_force == pytest.approx(0.8778, rel=3e-3)
+    assert rows[-1].tangential_force == pytest.approx(0.1756, rel=3e-3)
+
+
+def test_newton_needs_few_iterations(rows):
+    assert len(rows) == 40 and all(row.attempts == 1 for row in rows)
+    assert sum(row.newton_iterations for row in rows) <= 107
+    gross = [
+        row
+        for before, last, row in zip(rows, rows[1:], rows[2:], strict=False)
+        # The predictor repeats the step before: that, too, must have slid from its beginning.
+        if before.stick_fraction == last.stick_fraction == row.stick_fraction == 0.0
+    ]
+    assert len(gross) >= 20
+    assert max(row.newton_iterations for row in gross) <= 3
+
+
+def test_all_points_slide_with_the_coefficient_of_friction(rows):
+    gross = [row for row in rows if row.stage == "slide" and row.stick_fraction == 0.0]
+    assert [row.friction_coefficient for row in gross] == pytest.approx([0.2] * len(gross), 1e-5)
+
+
+def test_energies_balance_and_dissipation_grows(rows):
+    assert relative_energy_error(rows) <= 1e-3
+    dissipation = [row.dissipation for row in rows]
+    assert all(b >= a for a, b in pairwise(dissipation))
+    assert dissipation[-1] > 0.5 * rows[-1].external_work
+
+
+def test_without_friction_nothing_drags_and_nothing_is_lost(rows):
+    free = run(*FRICTIONLESS)
+    assert all(row.tangential_force == 0.0 and row.dissipation == 0.0 for row in free)
+    assert relative_energy_error(free) <= 1e-3
+    # Friction holds the sliding surface back from spreading: without, the block is softer.
+    assert 0.8 * rows[9].normal_force < free[9].normal_force < rows[9].normal_force
+    # Sliding sideways over a flat body without friction changes nothing.
+    assert free[-1].normal_force == pytest.approx(free[9].normal_force, rel=2e-2)
+
+
+def test_literal_flow_rule_keeps_the_whole_threshold(rows):
+    literal, weighted = run(*LITERAL), run(*LITERAL, "contact.0.friction.flow_rule=weighted")
+    film = [0.5 * 0.8 * 1e-4 / 10e-9 * r[-1].contact_area for r in (literal, weighted)]
+    for share, stress, one in zip((1.0, 0.5), film, (literal, weighted), strict=True):
+        last = one[-1]
+        friction = share * last.mu * last.normal_force
+        assert last.tangential_force == pytest.approx(friction + stress, rel=1e-2)
+        assert relative_energy_error(one) <= 2e-3

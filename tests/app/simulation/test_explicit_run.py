@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from tests.app.conftest import FILM, SLID
 from tests.ranks import LIMIT
-from tribox.app.build.model import build_model
+from tests.solved import solved
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
@@ -65,13 +65,6 @@ figures = false
 """
 
 
-def simulate(data: dict | str, observer: Observer | None = None) -> Simulation:
-    data = tomllib.loads(data) if isinstance(data, str) else data
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(observer or Observer())
-    return simulation
-
-
 def column(run: Simulation, name: str) -> np.ndarray:
     return np.array([getattr(row, name) for row in run.rows])
 
@@ -81,7 +74,7 @@ def column(run: Simulation, name: str) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def thrown() -> Simulation:
-    return simulate(THROWN)
+    return solved(tomllib.loads(THROWN))
 
 
 def test_a_row_stands_for_many_steps(thrown):
@@ -120,7 +113,7 @@ def test_energies_balance_in_impact_with_friction(thrown):
 def test_mean_forces_do_not_depend_on_how_often_rows_are_written(thrown):
     data = tomllib.loads(THROWN)
     data["stage"][0]["steps"] = 10
-    rare = simulate(data)
+    rare = solved(data)
     often = column(thrown, "normal_force").reshape(10, 3).mean(axis=1)
     assert np.allclose(column(rare, "normal_force"), often, atol=0.02 * often.max())
     mine, theirs = column(rare, "dissipation")[-1], column(thrown, "dissipation")[-1]
@@ -144,7 +137,7 @@ def test_velocities_end_when_the_mean_force_is_steady():
         def load_step(self, simulation, load_step, row, steady):
             load_steps.append((load_step.label, steady, row.step, row.time))
 
-    run = simulate(data, LoadSteps())
+    run = solved(data, observer=LoadSteps())
     assert [(label, steady) for label, steady, _, _ in load_steps] == [
         ("press", None),
         ("slide 0.3 m/s", True),
@@ -165,7 +158,7 @@ def test_mass_proportional_damping_slows_a_free_body():
     data = tomllib.loads(THROWN)
     data["bodies"]["elastomer"]["velocity"] = {"x": 2.0, "y": 1.0}  # away from the other
     data["solver"]["damping"] = 2e4
-    run = simulate(data)
+    run = solved(data)
     speed = run.state.motion.of_body("elastomer", "velocity_x")
     time = column(run, "time")
     assert np.allclose(speed, 2.0 * np.exp(-2e4 * time), rtol=1e-2)
@@ -183,10 +176,10 @@ def test_relaxation_ends_in_the_implicit_equilibrium():
         {"name": "press", "duration": "40 us", "steps": 8, "relax": True, "rate_dependent": False}
     ]
     data["boundary"][1]["displacement"] = {"x": 0.0}
-    relaxed = simulate(data)
+    relaxed = solved(data)
     data["solver"] = {"tolerance": 1e-11}
     del data["stage"][0]["relax"]
-    implicit = simulate(data)
+    implicit = solved(data)
     mine, theirs = relaxed.rows[-1], implicit.rows[-1]
     assert mine.normal_force == pytest.approx(0.5 * 0.6, rel=2e-3)
     assert mine.strain_energy == pytest.approx(theirs.strain_energy, rel=1e-2)
@@ -194,7 +187,7 @@ def test_relaxation_ends_in_the_implicit_equilibrium():
     assert mine.damping_dissipation > 0.0
     assert abs(mine.energy_error) < 0.01 * mine.external_work
     data["solver"] = {"kind": "explicit"}
-    free = simulate(data)
+    free = solved(data)
     assert free.rows[-1].kinetic_energy > 10.0 * mine.kinetic_energy
 
 
@@ -214,7 +207,7 @@ def test_without_rates_no_viscosity_counts_from_the_first_forces_on():
         data["solver"] = {"kind": "explicit"}
         slide = {"name": "slide", "duration": "20 ns", "steps": 2, "rate_dependent": False}
         data["stage"] = [{**data["stage"][0], "solver": "implicit"}, slide]
-        runs.append(simulate(data))
+        runs.append(solved(data))
     for name in ("tangential_force", "kinetic_energy", "strain_energy", "dissipation"):
         np.testing.assert_array_equal(column(runs[0], name), column(runs[1], name), err_msg=name)
     assert column(runs[0], "kinetic_energy")[-1] > 0.0
@@ -277,7 +270,7 @@ def test_scaled_mass_is_reported(tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     mass = (1100 * 0.6 * 0.05 + 2700 * 1.0 * 0.2) * 1e-6 * 1e-3
     assert summary["explicit"]["added_mass"] == pytest.approx(8.0 * mass, rel=1e-9)
-    plain = simulate(SLID)
+    plain = solved(tomllib.loads(SLID))
     assert run.explicit.shortest == pytest.approx(3.0 * plain.explicit.shortest, rel=0.01)
     assert run.explicit.steps == pytest.approx(plain.explicit.steps / 3, rel=0.1)
 
@@ -327,7 +320,7 @@ def test_runaway_energy_stops_the_run(monkeypatch):
     data["stage"][0] = {"name": "fly", "duration": "100 us", "steps": 2}
     wrong = r"^stage fly, time \S+ s: (the energy runs away|an element has been turned inside out)"
     with pytest.raises(SolutionError, match=wrong) as caught:
-        simulate(data)
+        solved(data)
     assert re.search(r"at \(\S+, \S+\) m", str(caught.value))
 
 

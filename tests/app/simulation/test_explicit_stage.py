@@ -9,6 +9,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 import tribox.forms.contact.explicit
+from tests.solved import solved
 from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, resolved_toml
@@ -132,9 +133,7 @@ def sprung(text: str, **changes) -> Simulation:
     pressure = [["0 s", 0.0], ["1 s", 3e5]]
     top = {"surface": "top", "platen": {"direction": "y", "pressure": pressure}}
     data["boundary"][1] = {**top, "spring": SPRING | changes}
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
-    return simulation
+    return solved(data)
 
 
 def test_a_spring_draws_the_surface_until_friction_gives_way(block):
@@ -159,8 +158,7 @@ def test_a_stiff_spring_is_a_driven_surface(block):
     data["solver"] = {"tolerance": 1e-11}
     data["boundary"][1]["displacement"] = {"x": SPRING["end"]}
     data["boundary"][1]["platen"] = {"direction": "y", "pressure": [["0 s", 0], ["1 s", 3e5]]}
-    rigid = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    rigid.run(Observer())
+    rigid = solved(data)
     drawn = sprung(block, stiffness=1e9)
     for mine, theirs in zip(drawn.rows, rigid.rows, strict=True):
         assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=1e-5, abs=1e-9)
@@ -262,8 +260,7 @@ def test_a_block_stays_on_the_plane_that_it_is_drawn_over(share, monkeypatch):
     if share is not None:
         monkeypatch.setattr(tribox.forms.contact.explicit, "DAMPING", share)
     told = Bouncing()
-    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(DRAWN)), MPI.COMM_SELF))
-    simulation.run(told)
+    simulation = solved(tomllib.loads(DRAWN), observer=told)
     first, *rows = simulation.rows
     half = rows[len(rows) // 2 :]
     area = np.mean([row.contact_area for row in half]) / first.contact_area

@@ -5,6 +5,7 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
+from tests.solved import built
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
@@ -12,7 +13,6 @@ from tribox.app.equilibrium.supports import loose_directions
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.failure_diagnosis import explain, is_unstable
 from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
@@ -77,7 +77,7 @@ def test_a_strut_past_its_buckling_load_is_told_to_snap(strain, said):
         ],
         "stage": [{"name": "press", "duration": 1}],
     }
-    stepper = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)).stepper
+    stepper = built(data).stepper
     problem, x = stepper.problem, stepper.trial
     at = problem.space.tabulate_dof_coordinates()
     x.array[::2] = strain * at[:, 0]
@@ -115,7 +115,7 @@ friction = { law = "coulomb", mu = 0.2 }
 
 def test_a_body_of_revolution_may_shrink_before_it_touches():
     """Its radial displacement is no drift: pressed from outside it is held by its hoop stress."""
-    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(RING)), MPI.COMM_SELF))
+    simulation = built(tomllib.loads(RING))
     assert {
         (one.body, one.component) for one in loose_directions(simulation.model.problem)
     } == set()

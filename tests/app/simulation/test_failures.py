@@ -18,11 +18,10 @@ from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
+from tribox.forms.friction.coulomb import CoulombLaw
 
 # Give up soon: what is tested is how.
 SOON = {"min_step_fraction": 0.3, "max_iterations": 12}
-LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
 
 
 def plain(text: str) -> dict:

@@ -7,8 +7,11 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
+from tests.solved import solved
 from tribox.app.case.case import Case
-from tribox.app.errors import SolutionError
+from tribox.app.case.reading import load_case
+from tribox.app.case.toml_files import toml_text
+from tribox.app.errors import InputError, SolutionError
 from tribox.app.run.run import run_case
 
 UNLOAD = """
@@ -74,3 +77,102 @@ def test_a_load_that_nothing_balances_is_not_held_by_weak_springs(tmp_path):
     away = {"surface": "elastomer_left", "pressure": [["2 s", "0 Pa"], ["2.5 s", "0.01 MPa"]]}
     with pytest.raises(SolutionError, match="elastomer"):
         run(tmp_path, boundaries=[away])
+
+
+# -- Contacts that act in some stages only, and friction that changes with time --------------------
+
+
+def table(block, **contact):
+    data = tomllib.loads(block)
+    data["geometry"]["upper"]["elements"], data["geometry"]["lower"]["elements"] = [6, 3], [9, 2]
+    friction = contact.pop("friction", {})
+    data["contact"][0] |= contact
+    data["contact"][0]["friction"] |= {"K_T": "2e11 Pa/m"} | friction
+    return data
+
+
+def test_a_constant_factor_is_a_factor_of_coefficient_and_stiffness(block):
+    rows = solved(table(block, friction_factor=0.5)).rows
+    other = solved(table(block, friction={"mu": 0.1, "K_T": "1e11 Pa/m"})).rows
+    for name in ("normal_force", "tangential_force", "dissipation", "interface_energy", "mu"):
+        ours, theirs = (np.array([getattr(r, name) for r in one]) for one in (rows, other))
+        assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max(), name
+
+
+@pytest.mark.parametrize("what", ["friction_factor", "mu"])
+def test_sliding_friction_follows_its_program(block, what):
+    """T/N is what the program says at each time at which all slides, and the energies balance."""
+    program = [["1.4 s", 1.0], ["1.8 s", 0.2]]
+    keys = {"friction_factor": program, "friction": {"mu": 0.1}}
+    if what == "mu":
+        keys = {"friction": {"mu": [[t, 0.1 * f] for t, f in program]}}
+    simulation = solved(table(block, **keys))
+    for row in simulation.rows[5:]:
+        expected = 0.1 * np.interp(row.time, [1.4, 1.8], [1.0, 0.2])
+        assert row.mu == pytest.approx(expected, rel=1e-12)
+        assert row.stick_fraction < 1e-12
+        assert row.friction_coefficient == pytest.approx(expected, rel=1e-9)
+    assert all(one.least_dissipation > -1e-9 for one in simulation.state.resultants)
+    last = simulation.rows[-1]
+    assert abs(last.energy_error) < 0.02 * last.external_work
+
+
+def test_a_contact_of_later_stages_is_not_there_before(block):
+    """The bodies pass through each other; where they then overlap one line says how deep."""
+    data = table(block, stages=["slide"])
+    with pytest.raises(SolutionError, match=r"stage slide: contact\.0 .* 5e-05 m inside"):
+        solved(data)
+    data["boundary"][1]["displacement"]["y"] = [["1 s", "0 mm"], ["2 s", "-0.03 mm"]]
+    rows = solved(data).rows
+    assert all(row.normal_force == 0.0 for row in rows[:3])
+    assert rows[-1].normal_force > 0.0
+
+
+def test_a_contact_that_is_switched_off_lets_go(block):
+    data = table(block, stages=["press", "slide"])
+    data["stage"].append({"name": "free", "duration": "1 s", "steps": 1})
+    simulation = solved(data)
+    before, after = simulation.rows[-2:]
+    assert before.normal_force > 0.0 and after.normal_force == after.interface_energy == 0.0
+    assert after.strain_energy < 1e-9 * before.strain_energy
+    assert after.dissipation - before.dissipation == pytest.approx(before.interface_energy)
+    assert simulation.model.problem.contacts[0].state.friction.elastic_slip.max() == 0.0
+
+
+def test_explicit_steps_switch_contacts_too(block):
+    data = table(block, stages=["press"])
+    del data["contact"][0]["friction"]["K_T"]
+    data["solver"] = {"kind": "explicit"}
+    for name, density in (("elastomer", "1000 kg/m^3"), ("aluminium", "2700 kg/m^3")):
+        data["bodies"][name] |= {"density": density, "E": "5 MPa", "nu": 0.3}
+    data["boundary"][1]["displacement"] = {"x": 0, "y": [["0 s", "0 mm"], ["1 ms", "-0.02 mm"]]}
+    data["stage"] = [
+        {"name": "press", "duration": "1 ms", "steps": 2},
+        {"name": "free", "duration": "0.2 ms", "steps": 1},
+    ]
+    rows = solved(data).rows
+    assert rows[1].normal_force > 0.0 and rows[2].normal_force == 0.0
+    assert rows[2].contact_area == 0.0 and rows[2].max_penetration == 0.0
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"stages": ["press", "pull"]}, "no such stage; there are press, slide"),
+        ({"stages": ["press", "press"]}, "is in the list twice"),
+        ({"stages": []}, "must have at least 1 entry"),
+        ({"friction_factor": -1}, "must be >= 0 at all times"),
+        ({"friction_factor": [["0 s", 1], ["1 s", -1]]}, "must be >= 0 at all times"),
+        ({"friction": {"mu": [["0 s", -0.1]]}}, "must be >= 0 at all times"),
+        ({"friction": {"mu": "1 m"}}, '"m" has the wrong dimension'),
+        ({"friction": {"law": "frictionless"}, "friction_factor": 2}, "has no effect with law"),
+    ],
+)
+def test_wrong_keys_are_refused(block, keys, line, tmp_path):
+    path, data = tmp_path / "case.toml", table(block, **keys)
+    if data["contact"][0]["friction"]["law"] == "frictionless":
+        data["contact"][0]["friction"] = {"law": "frictionless"}
+    path.write_text(toml_text(data))
+    with pytest.raises(InputError) as error:
+        load_case(path)
+    assert line in str(error.value) and "contact.0." in str(error.value)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.tool_cases import HEIGHT, block_mesh, run
+from tests.solved import solved as run
+from tests.tool_cases import HEIGHT, block_mesh
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.simulation import Simulation
 
@@ -34,13 +35,7 @@ def turned_mesh(path: Path, angle: float, metre: float = 1.0) -> Path:
 
 
 def pressed(path: Path, angle: float = 0.0, metre: float = 1.0, pascal: float = 1.0) -> dict:
-    """The case: a round tool pressed into the block and drawn along, all turned by an angle.
-
-    Args:
-        path: of its mesh, to be written.
-        angle: rad.
-        metre, pascal: units of the numbers.
-    """
+    """A round tool pressed into the block and drawn along, all turned by an angle, rad."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
     def moved(x: float, y: float) -> list[float]:

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import tribox.app.build.model
 import tribox.app.implicit.globalisation
+from tests.solved import Cuts, solved
 from tribox.app.build.mesh import make_mesh
-from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 from tribox.app.simulation.run_state import Observer
@@ -37,16 +36,6 @@ SHAPES = {
     "quarter": (QUARTER, 0.0025),
     "pad": (PAD, 1.0),
 }
-
-
-class Cuts(Observer):
-    """Counts the attempts that failed."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def cut(self, simulation, dt, result):
-        self.count += 1
 
 
 def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
@@ -83,8 +72,8 @@ def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
 
 def simulate(data: dict) -> tuple[Simulation, int]:
     """The case solved, and how often a step was cut."""
-    run, cuts = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)), Cuts()
-    run.run(cuts)
+    cuts = Cuts()
+    run = solved(data, observer=cuts)
     return run, cuts.count
 
 
@@ -159,8 +148,7 @@ def both() -> tuple[Simulation, list[float]]:
             (platen,) = simulation.model.problem.platens
             seen.append(float(simulation.stepper.x.array_r[platen.dofs].mean()))
 
-    run = Simulation(build_model(Case.model_validate(switched()), MPI.COMM_SELF))
-    run.run(Watch())
+    run = solved(switched(), observer=Watch())
     return run, seen
 
 
@@ -197,8 +185,7 @@ def forces_and_energies(comm, directory) -> list[list[float]]:
     found = []
     for data in (switched(), pressed("sphere", 0.495, 1)):
         data["solver"] = data.get("solver", {}) | {"tolerance": 1e-10}
-        run = Simulation(build_model(Case.model_validate(data), comm))
-        run.run(Observer())
+        run = solved(data, comm)
         found += [[r.newton_iterations, r.normal_force, r.external_work] for r in run.rows]
     return found
 

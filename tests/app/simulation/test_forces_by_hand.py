@@ -1,9 +1,4 @@
-"""Forces per pair, surface and body against integrals by hand, where resultants would mislead.
-
-A plug in a tube (its pressures cancel round the ring), a strip between two pads (frictions of
-opposite sign along the surfaces), a roller that brakes (a moment). The integrals are made from the
-files: places, weights, normals and tractions of the contact points, or of the nodes.
-"""
+"""Forces per pair, surface and body against integrals by hand, where resultants would mislead."""
 
 import tomllib
 from pathlib import Path

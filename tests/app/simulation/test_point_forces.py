@@ -4,10 +4,8 @@ from typing import Any
 
 import gmsh
 import pytest
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import built
 from tribox.app.errors import InputError
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -44,7 +42,7 @@ def mesh(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def built(mesh: str, boundary: list[dict], **parts: Any) -> Simulation:
+def bent(mesh: str, boundary: list[dict], **parts: Any) -> Simulation:
     data = {
         "geometry": {"mesh": mesh, "thickness": THICKNESS},
         "bodies": {"beam": {"material": "hencky", "E": 70e9, "nu": 0.33, "formulation": "q1"}},
@@ -52,7 +50,7 @@ def built(mesh: str, boundary: list[dict], **parts: Any) -> Simulation:
         "stage": [{"name": "bend", "duration": 1.0, "steps": 2}],
         "solver": {"tolerance": 1e-10},
     }
-    return Simulation(build_model(Case.model_validate(data | parts), MPI.COMM_SELF))
+    return built(data | parts)
 
 
 WALL = {"surface": "wall", "displacement": {"x": 0, "y": 0}}
@@ -60,7 +58,7 @@ WALL = {"surface": "wall", "displacement": {"x": 0, "y": 0}}
 
 def test_a_point_force_is_carried_by_the_wall_with_its_moment(mesh):
     force = {"x": [["0 s", 0], ["1 s", "200 N"]], "y": [["0 s", 0], ["1 s", "-300 N"]]}
-    simulation = built(mesh, [WALL, {"surface": "tip", "force": force}])
+    simulation = bent(mesh, [WALL, {"surface": "tip", "force": force}])
     simulation.run(Observer())
     of = simulation.state.motion.of_surface
     found = [[of(name, f"force_{axis}")[-1] for axis in "xy"] for name in ("wall", "tip")]
@@ -79,11 +77,11 @@ def test_a_point_force_is_carried_by_the_wall_with_its_moment(mesh):
 def test_a_prop_under_a_point_carries_what_the_force_over_its_displacement_says(mesh):
     """Betti: the prop's reaction takes back the deflection, small as it is."""
     push = {"surface": "tip", "force": {"y": -1e-3}}
-    free = built(mesh, [WALL, push])
+    free = bent(mesh, [WALL, push])
     free.run(Observer())
     sunk = free.state.motion.of_surface("tip", "displacement_y")[-1]
     moved = {"surface": "tip", "displacement": {"y": sunk}}
-    held = built(mesh, [WALL, moved])
+    held = bent(mesh, [WALL, moved])
     held.run(Observer())
     assert held.state.motion.of_surface("tip", "force_y")[-1] == pytest.approx(-1e-3, rel=1e-7)
 
@@ -99,7 +97,7 @@ def test_the_fewest_supports_of_points_let_a_body_spring_back(mesh):
         {"name": "bend", "duration": 1.0, "steps": 2},
         {"name": "release", "duration": 1.0, "steps": 2, "release": ["wall"]},
     ]
-    simulation = built(mesh, [away, *points], stage=stages)
+    simulation = bent(mesh, [away, *points], stage=stages)
     assert not any(note.startswith("stage") for note in simulation.model.notes)
     simulation.run(Observer())
     rows = simulation.rows
@@ -115,6 +113,6 @@ def test_the_fewest_supports_of_points_let_a_body_spring_back(mesh):
 
 def test_a_group_has_no_area(mesh):
     with pytest.raises(InputError, match=r'boundary\.1\.pressure: "tip" is a group of points or'):
-        built(mesh, [WALL, {"surface": "tip", "pressure": 1.0}])
+        bent(mesh, [WALL, {"surface": "tip", "pressure": 1.0}])
     with pytest.raises(InputError, match=r"boundary\.1\.surface: no surface named 'tap'; did you"):
-        built(mesh, [WALL, {"surface": "tap", "force": {"y": 1.0}}])
+        bent(mesh, [WALL, {"surface": "tap", "force": {"y": 1.0}}])

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, unlike
 from tests.app.checkpoint.going_on import run as run_into
-from tests.tool_cases import run as run_in_memory
+from tests.solved import solved as run_in_memory
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 

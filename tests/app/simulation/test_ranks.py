@@ -1,7 +1,4 @@
-"""Results do not depend on the number of ranks: in the plane, round an axis and in space.
-
-The cases are as small as they can be with stick, slip, film and lift-off in them.
-"""
+"""Results do not depend on the number of ranks: in the plane, round an axis and in space."""
 
 import json
 import math

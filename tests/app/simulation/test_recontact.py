@@ -8,15 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from benchmarks.curved_contact.shapes import ridge
 from tests.rectangles import Rectangle, Rectangles
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import Cuts, solved
 from tribox.app.implicit import globalisation
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.meshes.gmsh_model import write_msh
 
@@ -24,20 +21,10 @@ MM = 1e-3
 ROOT = Path(__file__).resolve().parents[3]
 
 
-class Cuts(Observer):
-    """Counts the attempts that failed."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def cut(self, simulation, dt, result):
-        self.count += 1
-
-
 def simulate(data: dict) -> tuple[Simulation, int]:
     """The case solved with the default settings; and how often a step was cut."""
-    run, cuts = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)), Cuts()
-    run.run(cuts)
+    cuts = Cuts()
+    run = solved(data, observer=cuts)
     return run, cuts.count
 
 

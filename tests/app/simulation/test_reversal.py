@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from tests.forms.friction import test_friction_ode as ode
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import solved
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Observer, RunState
-from tribox.app.simulation.simulation import Simulation
 
 MU, K_T, PRESSURE = 0.2, 1e11, 0.5e6
 ONSET = MU * PRESSURE / K_T  # pre-sliding displacement
@@ -85,8 +82,7 @@ def cycled(contact: dict, E: float, height: float, elements: int = 8) -> list[Ro
         ],
         "solver": {"tolerance": 1e-10},
     }
-    run = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    run.run(Observer())
+    run = solved(data)
     return run.rows
 
 
@@ -237,8 +233,8 @@ def slowed_block(steps: int, velocity: float, pressure: str) -> tuple[list[Row],
             {"name": "rest", "duration": ode.LENGTH, "steps": steps, "velocity": velocity},
         ],
     }
-    run, cuts = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF)), Cuts()
-    run.run(cuts)
+    cuts = Cuts()
+    run = solved(data, observer=cuts)
     return run.rows, cuts.too_long
 
 

@@ -212,6 +212,3 @@ def test_one_command_gives_tables_and_figures(sfa, points):
         assert list((part / "fields").glob("*.vtu"))
         assert {p.name for p in (part / "figures").iterdir()} >= {"history.png", "deformed.png"}
         assert list((part / "contact").glob("*.vtu"))
-
-
-# -- figures --------------------------------------------------------------------------------------

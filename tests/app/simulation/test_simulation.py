@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tribox.app.build.model import build_model
+from tests.solved import Cuts, solved
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results.directory import read_table
@@ -25,27 +25,11 @@ TIGHT = {"tolerance": 1e-11}
 SAME = 1e-9
 
 
-class Cuts(Observer):
-    """Keeps the lengths of the steps that were cut."""
-
-    def __init__(self) -> None:
-        self.lengths: list[float] = []
-
-    def cut(self, simulation, dt, result):
-        self.lengths.append(dt)
-
-
 def plain(text: str, **solver) -> dict:
     """The case as plain data, solved tightly, without figures."""
     data = tomllib.loads(text)
     data["solver"] = {**TIGHT, **solver}
     return data
-
-
-def simulate(data: dict, observer: Observer | None = None) -> Simulation:
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(observer or Observer())
-    return simulation
 
 
 def film_at_one_velocity(text: str, **solver) -> dict:
@@ -72,7 +56,7 @@ def replay(data: dict, rows: list[Row]) -> Simulation:
         for row in rows
     ]
     again["solver"] = dict(TIGHT)
-    return simulate(again)
+    return solved(again)
 
 
 def assert_same_history(mine: list[Row], theirs: list[Row], tolerance: float = SAME) -> None:
@@ -116,7 +100,7 @@ def test_a_step_that_was_cut_ends_where_its_pieces_would_have(monkeypatch, block
     spent: list[int] = []
     monkeypatch.setattr(ImplicitStepper, "attempt", fail_twice)
     seen = Cuts()
-    run = simulate(data, seen)
+    run = solved(data, observer=seen)
     monkeypatch.undo()
     whole = run.rows[3].dt
     assert seen.lengths == pytest.approx([whole, whole / 2])
@@ -141,16 +125,16 @@ def test_stages_continue_each_other(block):
         {**slide, "name": "a", "duration": 0.5, "steps": 3},
         {**slide, "name": "b", "duration": 0.5, "steps": 3},
     ]
-    assert_same_history(simulate(halves).rows, simulate(data).rows, 1e-12)
+    assert_same_history(solved(halves).rows, solved(data).rows, 1e-12)
 
 
 def test_film_comes_into_play_with_the_first_stage_that_feels_rates(film):
     data = film_at_one_velocity(film)
-    run = simulate(data)
+    run = solved(data)
     assert all(row.viscous_fraction == 0.0 for row in run.rows[:3])
     # Without rate effects the film's traction is missing, and with it its share of friction.
     data["stage"][1]["rate_dependent"] = False
-    dry = simulate(data)
+    dry = solved(data)
     carried = run.rows[-1].tangential_force / dry.rows[-1].tangential_force
     assert carried != pytest.approx(1.0, rel=0.05)
 
@@ -163,7 +147,7 @@ def test_velocities_end_when_steady_or_say_that_they_are_not(film):
         def load_step(self, simulation, load_step, row, steady):
             load_steps.append((load_step.label, row.step, steady))
 
-    simulate(data, LoadSteps())
+    solved(data, observer=LoadSteps())
     assert [(label, steady) for label, _, steady in load_steps] == [
         ("press", None),
         ("slide 1e-05 m/s", True),
@@ -172,12 +156,9 @@ def test_velocities_end_when_steady_or_say_that_they_are_not(film):
     assert load_steps[2][1] - load_steps[1][1] >= 5  # min_steps
     load_steps.clear()
     data["stage"][1] |= {"max_steps": 5, "steady_tolerance": 1e-13}
-    simulate(data, LoadSteps())
+    solved(data, observer=LoadSteps())
     assert [steady for _, _, steady in load_steps] == [None, False, False]
     assert [step for _, step, _ in load_steps] == [3, 8, 13]
-
-
-# -- steps without a solution ---------------------------------------------------------------------
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -366,8 +347,8 @@ DIMENSIONS = {
 @pytest.mark.parametrize("kind", ["coulomb", "film"])
 @pytest.mark.parametrize("units", [(1e3, 1.0, 1.0), (1e6, 1e3, 1e-3)], ids=["mm-N-s", "um-mN-ms"])
 def test_history_does_not_depend_on_the_units(kind, units):
-    si = simulate(in_units(kind, 1.0, 1.0, 1.0)).rows
-    other = simulate(in_units(kind, *units)).rows
+    si = solved(in_units(kind, 1.0, 1.0, 1.0)).rows
+    other = solved(in_units(kind, *units)).rows
     assert [row.newton_iterations for row in other] == [row.newton_iterations for row in si]
     for row in other:
         for name, powers in DIMENSIONS.items():

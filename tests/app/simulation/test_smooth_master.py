@@ -1,14 +1,26 @@
 """`smoothing_angle` of a contact: reaches the surface, and is refused where it cannot work."""
 
 import math
+from itertools import pairwise
 
+import dolfinx
+import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.contact_boxes import GAP, Scene
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import check_case, load_case
+from tribox.app.equilibrium.constraints import Prescribed
+from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
+from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.contact_resultants import measure_contact
 from tribox.app.verify.result import CASES
+from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.solid import Solid
+from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 SMOOTH = 'contact.0.smoothing_angle="30 deg"'
@@ -50,3 +62,70 @@ def test_a_mesh_of_triangles_is_refused(tmp_path):
     path.write_text(f'{head}[geometry]\nmesh = "triangles.msh"\n{rest}', encoding="utf-8")
     with pytest.raises(InputError, match=r"contact\.0\.smoothing_angle: needs .* on triangles"):
         build_model(load_case(path, [SMOOTH]), MPI.COMM_SELF)
+
+
+# -- A deformable pair pressed and dragged: in space, on second-order elements, on a smooth mas
+
+SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
+STIFF = NeoHookean(shear_modulus=3.0, bulk_modulus=8.0)
+MU = 0.3
+FORMULATION = {"Q4": "q1", "T6": "q2", "tet4": "q1", "hex8": "q1", "hex27": "q2"}
+
+
+def held(scene, side, component, value=0.0):
+    """The bottom or the top, in one direction."""
+    height = -0.5 if side == "bottom" else 0.5
+    at = np.nonzero(np.isclose(scene.where[:, -1], height))[0]
+    return Prescribed((at * scene.dim + component).astype(np.int32), value)
+
+
+def problem_of(shape, smoothing_angle):
+    """Both boxes as solids; the top is driven, the bottom fixed."""
+    scene = Scene(
+        shape, CoulombLaw(CoulombParameters(mu=MU, K_T=60.0)), smoothing_angle=smoothing_angle
+    )
+    mesh = scene.space.mesh
+    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    middle = dolfinx.mesh.compute_midpoints(mesh, mesh.topology.dim, cells)[:, scene.dim - 1]
+    u = dolfinx.fem.Function(scene.space)
+    solids = [
+        Solid(name, u, cells[part], material, FORMULATION[shape])
+        for name, part, material in (("upper", middle > 0.0, SOFT), ("lower", middle < 0.0, STIFF))
+    ]
+    bottom = [held(scene, "bottom", i) for i in range(scene.dim)]
+    top = [held(scene, "top", i) for i in range(scene.dim)]
+    return scene, top, Equilibrium(u, solids, [scene.term], [*bottom, *top])
+
+
+@pytest.mark.parametrize(
+    ("shape", "smoothing_angle"),
+    [("T6", None), ("tet4", None), ("hex8", None), ("hex8", 0.5), ("Q4", 0.5), ("hex27", None)],
+)
+def test_pressed_and_dragged(shape, smoothing_angle):
+    """Newton is quadratic; friction is μ times the load, against the motion; forces balance."""
+    scene, top, problem = problem_of(shape, smoothing_angle)
+    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-12))
+    way = np.array([1.0, 0.0] if scene.dim == 2 else [0.6, 0.8, 0.0])
+    down = np.eye(scene.dim)[-1]
+    path = [-(GAP + 0.01 * k) * down for k in (1, 2)]
+    path += [path[-1] + 0.02 * k * way for k in (1, 2, 3, 4, 5)]
+    counted = 0
+    for move in path:
+        for part, value in zip(top, move, strict=True):
+            part.value = value
+        result = stepper.attempt(1.0)
+        assert result.converged, result
+        measure = measure_contact(scene.term, problem.trials[0], MPI.COMM_SELF, way)
+        for before, after in pairwise(result.residuals):
+            if before < 1e-3:
+                assert after < 50.0 * before**2 + 1e-12, result.residuals
+                counted += 1
+        stepper.commit()
+    assert counted >= 5
+    assert measure.stick == 0.0
+    # Of the deformed, nearly flat interface: friction μ p everywhere, along the way on the whole.
+    assert measure.tangential_force == pytest.approx(MU * measure.normal_force, rel=0.02)
+    assert measure.friction_coefficient == pytest.approx(MU, rel=1e-12)
+    reaction = problem.unbalanced.reshape(-1, scene.dim)
+    below = np.isclose(scene.where[:, -1], -0.5)
+    np.testing.assert_allclose(reaction[below].sum(axis=0), measure.force, rtol=0, atol=1e-10)

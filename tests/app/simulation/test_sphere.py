@@ -4,10 +4,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from tribox.app.build.model import build_model
-from tribox.app.case.case import Case
+from tests.solved import built, solved
 from tribox.app.results.contact_points import contact_nodes
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -45,9 +43,7 @@ def pressed(part: str, **geometry: str) -> Simulation:
             for body in ("elastomer", "aluminium")
             for axis in "xz"
         ]
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
-    simulation.run(Observer())
-    return simulation
+    return solved(data)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +74,7 @@ def test_sphere_pressed_and_twisted():
     }
     data["geometry"] |= {"contact_size": "0.35 mm", "growth": 2.0}
     data["stage"].append({"name": "twist", "duration": "1 s", "steps": 2})
-    simulation = Simulation(build_model(Case.model_validate(data), MPI.COMM_SELF))
+    simulation = built(data)
     torques = []
 
     class Torque(Observer):

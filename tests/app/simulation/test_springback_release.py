@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
+from tests.solved import solved as run_data
 from tests.tool_cases import block_case, block_mesh, circle
-from tests.tool_cases import run as run_data
 from tribox.app.build.model import body_dofs
 from tribox.app.case.case import Case
 from tribox.app.results.recorder import force_balance

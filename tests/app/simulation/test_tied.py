@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
+from tests.solved import solved
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
@@ -16,8 +17,6 @@ from tribox.app.equilibrium.supports import free_bodies
 from tribox.app.errors import InputError
 from tribox.app.results.contact_points import contact_nodes
 from tribox.app.run.run import run_case
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 
 def tied(block, **contact):
@@ -34,12 +33,6 @@ def tied(block, **contact):
     data["stage"] = data["stage"][:1]
     data["solver"] = {"tolerance": 1e-11}
     return data
-
-
-def solved(data, comm=MPI.COMM_SELF):
-    simulation = Simulation(build_model(Case.model_validate(data), comm))
-    simulation.run(Observer())
-    return simulation
 
 
 def test_a_uniform_tension_passes_through_meshes_that_do_not_match(block):

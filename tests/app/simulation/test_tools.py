@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane, run
+from tests.solved import solved as run
+from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane
 from tribox.app.simulation.run_state import Observer
 
 THICKNESS = 2e-3  # m, of the slab

@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.rectangles import Rectangle, Rectangles
+from tests.solved import Cuts
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.results.contact_points import contact_nodes
@@ -36,16 +37,6 @@ stage = [{{ name = "press", duration = "1 s", steps = 2 }},
 pad = {{ material = "neo-hookean", E = "5 MPa", nu = {nu} }}
 {bodies}
 """
-
-
-class Cuts(Observer):
-    """Counts steps that were cut."""
-
-    def __init__(self):
-        self.count = 0
-
-    def cut(self, *arguments):
-        self.count += 1
 
 
 def case_of(directory, dies, steps=2, slide=0.0, nu=0.0, friction=FRICTION):

@@ -2,7 +2,7 @@
 
 import math
 
-from tests.tool_cases import run
+from tests.solved import solved as run
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.run_state import Observer
 

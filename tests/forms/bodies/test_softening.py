@@ -11,7 +11,7 @@ from scipy.special import erf
 from tests.app.checkpoint.going_on import case_of
 from tests.app.simulation.test_creeping_bodies import block
 from tests.forms.bodies.test_viscous_points import BRANCHES, PLANE, identity, some
-from tests.tool_cases import run
+from tests.solved import solved as run
 from tribox.app.results.probes import BodyProbes
 from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
 from tribox.forms.bodies.softening import LARGEST, Mullins, PointsBeside, SofteningPoints

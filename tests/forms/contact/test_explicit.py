@@ -49,8 +49,18 @@ LAWS = {
 }
 
 
-NORMAL = ("gap", "nodal_pressure", "active")
-FADED = ("share", "sunk", "lost")
+PROJECTION = ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface")
+NORMAL = ("gap", "nodal_pressure", "active", "cover")
+STATE = (
+    *("facet", "xi", "ahead", "slip_components", "slip_length", "gap", "area_ratio"),
+    *("share", "sunk"),
+)
+
+
+def compare(mine, theirs, names, step, atol=1e-12):
+    for name in names:
+        a, b = getattr(mine, name), getattr(theirs, name)
+        np.testing.assert_allclose(a, b, rtol=1e-11, atol=atol, err_msg=f"{name}, step {step}")
 
 
 def uneven(surface, kind):
@@ -130,26 +140,19 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
         out.owned[:] = 1.0
         trial = contact.evaluate(u, 0.5)
         contact.add_forces(out)
-        for part in ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface"):
-            mine, theirs = (getattr(t.projection, part) for t in (trial, expected))
-            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
-        for part in ("closed", "slip", "elastic_slip"):
-            mine, theirs = (getattr(t.kinematics, part) for t in (trial, expected))
-            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
-        for part in NORMAL if kind == "averaged" else ():
-            mine, theirs = (getattr(t.normal_contact, part) for t in (trial, expected))
-            np.testing.assert_allclose(mine, theirs, atol=1e-13, err_msg=f"{part}, step {step}")
-        for part in ("position", "area_ratio", "pressure", "film", "traction"):
-            mine, theirs = (getattr(t, part) for t in (trial, expected))
-            np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
-        for part in FADED if kind == "averaged" else ():
-            mine, theirs = (getattr(t.faded, part) for t in (trial, expected))
-            np.testing.assert_allclose(mine, theirs, atol=1e-12, err_msg=f"{part}, step {step}")
+        at = expected.projection
+        compare(trial.projection, at, PROJECTION, step, 1e-13)
+        kinematics = trial.kinematics, expected.kinematics
+        compare(*kinematics, ("closed", "slip", "elastic_slip"), step, 1e-13)
+        names = ("position", "area_ratio", "pressure", "film", "traction")
+        compare(trial, expected, names, step, 1e-11)
+        if kind == "averaged":
+            compare(trial.normal_contact, expected.normal_contact, NORMAL, step, 1e-13)
+            compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
         seen |= {("lost", bool(kind == "averaged" and expected.faded.lost.any()))}
         force = residual(reference, expected, len(out.owned) // 2)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
-        at = expected.projection
         seen |= {("clamped", bool((at.clamped & k.closed).any()))}
         seen |= {("off", bool((~at.on_surface).any()))}
         closes = k.closed & (reference.state.gap > 0.0)
@@ -159,9 +162,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
         expected.slave_tangents = None
         reference.commit(expected)
         contact.commit()
-        for part in ("facet", "xi", "ahead", "slip_components", "slip_length", "gap", "area_ratio"):
-            mine, theirs = (getattr(t.state, part) for t in (contact.term, reference))
-            np.testing.assert_allclose(mine, theirs, atol=1e-11, err_msg=f"{part}, step {step}")
+        compare(contact.term.state, reference.state, STATE, step, 1e-11)
     assert {("clamped", True), ("off", True), ("closes", True)} <= seen
     assert ("closes from nowhere", True) in seen
     assert (("lost", True) in seen) == (kind == "averaged")

@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import GAP, PENALTY, Scene
-from tests.forms.contact.test_explicit import LAWS
+from tests.forms.contact.test_explicit import LAWS, NORMAL, PROJECTION, STATE, compare
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.exchange import NodalVector
-
-PROJECTION = ("facet", "xi", "foot", "normal", "tangents", "gap", "clamped", "on_surface")
-STATE = (
-    *("facet", "xi", "ahead", "slip_components", "slip_length", "gap", "area_ratio"),
-    *("share", "sunk"),
-)
 
 
 def path():
@@ -53,12 +47,6 @@ def _law(name, penalty):
     return law, penalty, film
 
 
-def compare(mine, theirs, names, step, atol=1e-12):
-    for name in names:
-        a, b = getattr(mine, name), getattr(theirs, name)
-        np.testing.assert_allclose(a, b, rtol=1e-11, atol=atol, err_msg=f"{name}, step {step}")
-
-
 @pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize(("shape", "law"), [("hex8", "map"), ("tet4", "coulomb")])
 def test_the_same_contact_along_a_path(shape, law, kind):
@@ -78,7 +66,7 @@ def test_the_same_contact_along_a_path(shape, law, kind):
         compare(trial, expected, ("position", "area_ratio", "pressure", "film", "traction"), step)
         if kind == "averaged":
             normals = trial.normal_contact, expected.normal_contact
-            compare(*normals, ("gap", "nodal_pressure", "active", "cover"), step)
+            compare(*normals, NORMAL, step)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
             seen["lost"] |= bool(expected.faded.lost.any())
         nodes, values = reference.nodal_forces(expected)

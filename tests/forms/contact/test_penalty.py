@@ -36,30 +36,8 @@ def still(X):
     return np.zeros_like(X)
 
 
-def bent(size, phase=0.0):
-    def motion(X):
-        along = 0.3 * size * np.cos(2.0 * X[:, 0] - phase)
-        return np.stack([along, size * np.sin(2.6 * X[:, 0] + phase)], axis=1)
-
-    return motion
-
-
 def summed(*motions):
     return lambda X: sum(motion(X) for motion in motions)
-
-
-def rigid(angle, shift=(0.0, 0.0)):
-    """Current positions to displacements of a rigid motion that follows ``motion``."""
-    turn = rotation(angle)
-
-    def after(motion):
-        return lambda X: (X + motion(X)) @ turn.T + np.asarray(shift) - X
-
-    return after
-
-
-def rotation(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def nodal(term, trial, size):
@@ -116,28 +94,6 @@ def test_slip_is_the_way_since_the_last_step_over_a_master_that_stretches(pair):
     x = blocks.displaced(shifted(0.05, DOWN), lambda X: 0.1 * X * [1.0, 0.0])
     slip = term.evaluate(x, 1.0).kinematics.slip
     np.testing.assert_allclose(slip[:, 0], 0.05 - 0.1 * term.surface.slave.position[:, 0])
-
-
-@pytest.mark.parametrize("angle", [0.7, 2.5])
-def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(pair, angle):
-    """After a step with friction: no slip, the same elastic slip, forces that turn along."""
-    blocks = pair()
-    term = term_of(blocks, coulomb(0.5))
-    upper, lower = summed(bent(0.08), shifted(0.01, -0.06)), bent(0.08)
-    committed(term, blocks.displaced(summed(bent(0.05), shifted(0.0, -0.06)), bent(0.05)))
-    first = committed(term, blocks.displaced(upper, lower))
-    turned = rigid(angle, (0.4, -0.3))
-    trial = term.evaluate(blocks.displaced(turned(upper), turned(lower)), 1.0)
-    slip = np.linalg.norm(trial.kinematics.slip, axis=1)
-    before = np.linalg.norm(first.response.state.elastic_slip, axis=1)
-    now = np.linalg.norm(trial.kinematics.elastic_slip, axis=1)
-    assert before.max() > 1e-3
-    np.testing.assert_allclose(slip, 0.0, atol=1e-13)
-    np.testing.assert_allclose(now, before, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(
-        trial.response.traction, first.response.traction @ rotation(angle).T, rtol=0, atol=1e-11
-    )
-    assert term.interface_energy(trial) == pytest.approx(term.interface_energy(first), rel=1e-10)
 
 
 def test_another_duration_or_rate_is_another_evaluation(pair):
@@ -269,6 +225,3 @@ def test_slip_and_friction_do_not_depend_on_penalty_and_step_that_close_the_cont
         friction[kind, penalty, above] = trial.response.traction
     for traction in friction.values():
         np.testing.assert_allclose(traction, [[60.0 * 0.07, 0.0]] * 18, atol=1e-12)
-
-
-# -- modes ----------------------------------------------------------------------------------------

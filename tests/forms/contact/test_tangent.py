@@ -141,20 +141,26 @@ def test_gross_sliding_is_the_same_in_all_directions(shape):
         np.testing.assert_allclose(trial.response.traction[:, :-1], expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27", "tet10"])
+@pytest.mark.parametrize("shape", ["Q4", "tet4", "hex8", "hex27", "tet10"])
 def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
-    """After a step with friction: no slip, the same elastic slip and forces, turned."""
+    """After a step with friction: no slip, the same elastic slip and energy, forces turned."""
     scene, x = prepared(shape, STATES["stick"], fine=True)
     first = scene.term.evaluate(x, 1.0)
     scene.term.commit(first)
-    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    dim, moved = scene.dim, x.copy()
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(dim, dim)))[0]
     turn[0] *= np.linalg.det(turn)
-    moved = x.copy()
-    now = scene.where + x.array_r.reshape(-1, 3)
-    moved.array[:] = (now @ turn.T + [0.4, -0.3, 0.2] - scene.where).reshape(-1)
+    now = scene.where + x.array_r.reshape(-1, dim)
+    shift = [0.4, -0.3, 0.2][:dim]
+    moved.array[:] = (now @ turn.T + shift - scene.where).reshape(-1)
     trial = scene.term.evaluate(moved, 1.0)
     np.testing.assert_allclose(trial.kinematics.slip, 0.0, atol=1e-12)
     np.testing.assert_allclose(trial.traction, first.traction @ turn.T, rtol=0, atol=1e-10)
+    before, after = first.response.state.elastic_slip, trial.kinematics.elastic_slip
+    np.testing.assert_allclose(after, before @ turn.T, rtol=0, atol=1e-13)
+    assert np.linalg.norm(before, axis=1).max() > 1e-3
+    energies = [scene.term.interface_energy(one) for one in (trial, first)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-10)
     assert np.linalg.norm(first.response.traction, axis=1).max() > 0.1
 
 

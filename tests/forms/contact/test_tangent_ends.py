@@ -93,6 +93,3 @@ def test_only_films_take_the_cover():
         plain = scene.tangent(x)
         scene.term.modulus, scene.term._last = None, None
         assert np.array_equal(scene.tangent(x), plain) == (name == "slip")
-
-
-# -- each term is needed --------------------------------------------------------------------------

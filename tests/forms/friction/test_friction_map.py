@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
-from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
 
 POINTS, STEPS = 60, 10
 V_STAR, P, K_T = 1e-3, 3e6, 1e12
-TABLE = PRESETS["friction-map"]["alpha"]
 
 
 @dataclasses.dataclass
@@ -135,17 +134,20 @@ def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # Bounds and energy
 
 
-@PROFILE
-@given(laws, seeds, dims)
-def test_elastic_traction_stays_below_the_threshold(law, seed, dim):
+@settings(PROFILE, max_examples=120)
+@given(laws, seeds, dims, st.sampled_from(["consistent", "literal"]))
+def test_the_threshold_bounds_and_the_work_is_stored_or_dissipated(law, seed, dim, reentry):
+    """And no part of the dissipation is negative, but for the literal re-entry rule."""
+    law = FrictionMap(dataclasses.replace(law.parameters, reentry=reentry))
     p = law.parameters
-    for step, _, response in history(law, random_path(seed, dim)):
+    for step, before, response in history(law, random_path(seed, dim)):
         state = response.state
         solid = 1.0 - state.alpha
         elastic = (solid * p.K_T)[:, None] * state.elastic_slip
         omega = solid if p.flow_rule == "weighted" else 1.0
         threshold = omega * p.friction.coefficient(state.slip_path) * step.pressure
-        assert (np.linalg.norm(elastic, axis=1) <= threshold * (1 + 1e-12)).all()
+        if reentry == "consistent":
+            assert (np.linalg.norm(elastic, axis=1) <= threshold * (1 + 1e-12)).all()
         wet = step.film > p.D_min
         thickness = np.where(wet, step.film, 1.0)
         rate = np.linalg.norm(step.slip, axis=1) / step.dt / thickness
@@ -155,30 +157,15 @@ def test_elastic_traction_stays_below_the_threshold(law, seed, dim):
         np.testing.assert_allclose(
             response.traction, elastic + film[:, None] * step.slip, rtol=1e-9, atol=1e-9 * P
         )
-
-
-@PROFILE
-@given(laws, seeds, dims, st.sampled_from(["consistent", "literal"]))
-def test_work_is_stored_or_dissipated(law, seed, dim, reentry):
-    law = FrictionMap(dataclasses.replace(law.parameters, reentry=reentry))
-    for step, state, response in history(law, random_path(seed, dim)):
+        size = np.linalg.norm(response.traction, axis=1) * np.linalg.norm(step.slip, axis=1)
+        stored = [law.stored_energy(one) for one in (before, state)]
+        parts = response.dissipation
+        scale = size + sum(stored) + np.abs(dataclasses.astuple(parts)).sum(axis=0)
         work = inner(response.traction, step.slip)
-        before, after = law.stored_energy(state), law.stored_energy(response.state)
-        size = np.linalg.norm(response.traction, axis=1) * np.linalg.norm(step.slip, axis=1)
-        parts = dataclasses.astuple(response.dissipation)
-        scale = size + before + after + np.abs(parts).sum(axis=0)
-        error = np.abs(work - (after - before) - response.dissipation.total)
-        assert (error <= 1e-12 * scale).all()
-
-
-@PROFILE
-@given(laws, seeds, dims)
-def test_no_part_of_the_dissipation_is_negative(law, seed, dim):
-    for step, state, response in history(law, random_path(seed, dim)):
-        size = np.linalg.norm(response.traction, axis=1) * np.linalg.norm(step.slip, axis=1)
-        scale = size + law.stored_energy(state) + law.stored_energy(response.state)
-        for field in dataclasses.fields(response.dissipation):
-            assert (getattr(response.dissipation, field.name) >= -1e-12 * scale).all(), field.name
+        assert (np.abs(work - (stored[1] - stored[0]) - parts.total) <= 1e-12 * scale).all()
+        for field in dataclasses.fields(parts) if reentry == "consistent" else ():
+            bar = -1e-12 * (size + sum(stored))
+            assert (getattr(parts, field.name) >= bar).all(), field.name
 
 
 def test_literal_reentry_breaks_the_second_law():
@@ -518,21 +505,6 @@ def test_effective_viscosity_of_steady_sliding(speed):
     assert (np.diff(found["literal"]) > 0).all()
     if speed < 1e-2:
         assert (np.diff(found["weighted"]) < 0).all()
-
-
-@pytest.mark.parametrize("rule", ["literal", "weighted"])
-def test_above_the_threshold_speed_or_in_a_thick_film_the_response_is_newtonian(rule):
-    values = {"mu_s": 0.1, "K_T": K_T, "V_star": 1e-3, "V_star_at": 10e-9, "flow_rule": rule}
-    law = FrictionMap(FrictionMapParameters(**with_preset("friction-map", values)))
-    film = np.array([10e-9, 30e-9, 180e-9])
-    fast = steady(law, 2e-3, film)
-    np.testing.assert_allclose(np.linalg.norm(fast.traction, axis=1) * film / 2e-3, 0.8, rtol=1e-12)
-    assert (fast.regime == Regime.VISCOUS).all()
-    for speed in (1e-8, 1e-4):
-        thick = steady(law, speed, np.array([250e-9, 1e-6]))
-        eta = np.linalg.norm(thick.traction, axis=1) * np.array([250e-9, 1e-6]) / speed
-        np.testing.assert_allclose(eta, 0.8, rtol=1e-12)
-        assert (thick.regime == Regime.VISCOUS).all()
 
 
 def test_a_film_up_to_D_min_is_dry_at_every_speed_without_a_warning():

@@ -1,14 +1,24 @@
 """Laws put to the test: the built-in ones pass, each kind of mistake is found."""
 
+import dataclasses
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tribox.forms import closed_forms
+from tribox.forms.friction.checks import (
+    fixed_threshold_note,
+    tabulation_note,
+    threshold_speed_warning,
+    uniqueness_warning,
+)
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.film import threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.law import Regime
 from tribox.forms.friction.law_check import Conditions, check_law
-from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=1e12))
@@ -146,3 +156,154 @@ def test_the_literal_rule_breaks_the_second_law():
     findings = {f.quantity: f for f in check_law(literal, AT)}
     assert not findings["dissipation, below 0"].good
     assert findings["dissipation, its parts"].good
+
+
+# -- Checks of parameters against a run, and the closed forms of homogeneous sliding ---------------
+
+P = 3e6
+BASE = FrictionMapParameters(
+    **with_preset(
+        "friction-map",
+        {"mu_s": 0.12, "mu_d": 0.10, "K_T": 1e12, "V_star": 1e-3, "V_star_at": 10e-9},
+    )
+)
+
+
+def test_uniqueness_is_told_with_its_numbers():
+    # t_N (mu_s - mu_d) B = 6e4 B: unique up to B = 1e12/6e4 = 1.67e7 1/m.
+    unique = dataclasses.replace(BASE, B=1.6e7)
+    assert uniqueness_warning(BASE, P, 10e-9) is None
+    assert uniqueness_warning(unique, P, 10e-9) is None
+    message = uniqueness_warning(dataclasses.replace(BASE, B=2e7), P, 10e-9)
+    assert message is not None and "\n" not in message
+    for number in ("1e+12 Pa/m", "1.2e+12 Pa/m", "3e+06 Pa", "2.5e+06 Pa"):
+        assert number in message
+    # The literal rule: (1 - alpha) K_T, here 0.0033e12 at 30 nm; nothing to weaken at alpha = 1.
+    literal = dataclasses.replace(unique, flow_rule="literal")
+    message = uniqueness_warning(literal, P, np.array([10e-9, 30e-9, 250e-9]))
+    assert message is not None and "(1 - alpha) K_T = 3.3e+09 Pa/m" in message
+    assert uniqueness_warning(literal, P, 250e-9) is None
+
+
+def test_where_uniqueness_fails_stick_and_slip_coexist():
+    """Two states, both within the threshold, that the same slip leads to."""
+    law = FrictionMap(dataclasses.replace(BASE, B=1e8, mu_d=0.0))
+    assert uniqueness_warning(law.parameters, P, 0.0) is not None
+    reach = 0.12 * P / 1e12
+    state = law.initial_state(1, 1)
+    tractions = []
+    for slip in (0.999 * reach, 0.002 * reach):
+        response = law.update(np.array([[slip]]), 1.0, np.array([P]), np.zeros(1), state)
+        state = response.state
+        tractions.append(response.traction[0, 0])
+    # From just below the threshold to just above it: the traction falls at once.
+    assert response.regime[0] == Regime.SLIP
+    assert tractions[1] < 0.1 * tractions[0]
+
+
+def test_a_threshold_speed_out_of_reach_is_told():
+    printed = FrictionMapParameters(**with_preset("paper-printed", {"mu_s": 0.1, "K_T": 1e12}))
+    within = {"position_error": 1e-15, "dt": 1e-4}
+    message = threshold_speed_warning(printed, np.array([10e-9, 180e-9]), **within)
+    assert message is not None and "\n" not in message
+    for part in ("gamma = 4e-25", "8.3e-13 m/s", "1.8e-07 m", "within round-off", "1e-11 m/s"):
+        assert part in message
+    slow = threshold_speed_warning(printed, 10e-9, position_error=1e-16, dt=10.0, slowest=1e-8)
+    assert slow is not None and "below every speed of sliding (from 1e-08 m/s)" in slow
+    assert threshold_speed_warning(BASE, 10e-9, **within, slowest=1e-8) is None
+    # No threshold speed plays a part in a dry contact or in a thick film.
+    assert threshold_speed_warning(printed, np.array([0.0, 300e-9]), **within) is None
+
+
+FILM = np.array([0.0, 10e-9, 30e-9, 180e-9, 250e-9, 400e-9])
+
+
+@pytest.mark.parametrize("rule", ["weighted", "literal"])
+@pytest.mark.parametrize("speed", [1e-8, 1e-6, 1e-4, 1e-2])
+def test_long_sliding_ends_on_the_closed_form(rule, speed):
+    parameters = dataclasses.replace(BASE, flow_rule=rule, B=1e6, A_d=1e-6, D_min=1e-9)
+    law = FrictionMap(parameters)
+    n = len(FILM)
+    state = law.initial_state(n, 2)
+    for _ in range(30):
+        slip = np.tile([1e-3, 0.0], (n, 1))
+        response = law.update(slip, 1e-3 / speed, np.full(n, P), FILM, state)
+        state = response.state
+    mu = parameters.friction.coefficient(state.slip_path)
+    expected = closed_forms.steady_traction(speed, FILM, P, mu, parameters)
+    np.testing.assert_allclose(response.traction[:, 0], expected, rtol=1e-9)
+    eta = closed_forms.effective_viscosity(speed, FILM, P, mu, parameters)
+    np.testing.assert_allclose(response.traction[:, 0] * FILM / speed, eta, rtol=1e-9)
+    np.testing.assert_allclose(
+        response.state.alpha, closed_forms.film_fraction(speed, FILM, parameters), atol=1e-15
+    )
+
+
+def test_effective_viscosity_written_out():
+    eta = closed_forms.effective_viscosity(1e-4, [10e-9, 30e-9], P, 0.1, BASE)
+    np.testing.assert_allclose(eta, [0.961 * 30 + 0.039 * 0.8, 0.0033 * 90 + 0.9967 * 0.8])
+    literal = dataclasses.replace(BASE, flow_rule="literal")
+    eta = closed_forms.effective_viscosity(1e-4, [10e-9, 30e-9], P, 0.1, literal)
+    np.testing.assert_allclose(eta, [30 + 0.039 * 0.8, 90 + 0.9967 * 0.8])
+
+
+def test_speeds_that_mark_the_map():
+    np.testing.assert_allclose(
+        closed_forms.threshold_speed(FILM[:3], BASE), [np.inf, 1e-3, 1e-3 / np.sqrt(3.0)]
+    )
+    assert closed_forms.crossover_speed(10e-9, P, 0.1, 0.8) == pytest.approx(3.75e-3)
+    above = closed_forms.film_fraction([0.999e-3, 1e-3], 10e-9, BASE)
+    np.testing.assert_allclose(above, [0.039, 1.0])
+
+
+@pytest.mark.parametrize("rule", ["weighted", "literal"])
+@pytest.mark.parametrize("film", [0.0, 10e-9, 180e-9])
+def test_presliding_length_is_where_the_asperities_give_way(rule, film):
+    parameters = dataclasses.replace(BASE, flow_rule=rule)
+    law = FrictionMap(parameters)
+    alpha = closed_forms.film_fraction(0.0, film, parameters)
+    reach = closed_forms.presliding_length(P, 0.12, alpha, parameters)
+    # Slowly: below the threshold speed throughout.
+    for factor, regime in ((0.999, Regime.STICK), (1.001, (Regime.SLIP, Regime.MIXED))):
+        slip = factor * np.full((1, 2), float(reach) / np.sqrt(2.0))
+        response = law.update(slip, 1e6, np.array([P]), np.array([film]), law.initial_state(1, 2))
+        assert response.regime[0] in np.atleast_1d(regime)
+    expected = {"weighted": 3.6e-7, "literal": 3.6e-7 / (1.0 - alpha)}[rule]
+    assert reach == pytest.approx(expected, rel=1e-12)
+    literal = dataclasses.replace(BASE, flow_rule="literal")
+    assert closed_forms.presliding_length(P, 0.12, 1.0, literal) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("changes", "film", "told"),
+    [
+        ({}, [10e-9, 30e-9, 180e-9], None),
+        # Outside D_min < D < D_max alpha is 0 or 1, whatever the table says.
+        ({}, [0.0, 250e-9, 300e-9], None),
+        # 0.9967 + 70/150 (0.9999 - 0.9967)
+        ({}, [30e-9, 100e-9], "alpha = 0.9982 at D = 1e-07 m (interpolated);"),
+        ({}, [5e-9], "alpha = 0.039 at D = 5e-09 m (end of the table);"),
+        ({"alpha": 0.5}, [100e-9], None),
+        ({"alpha": None, "beta": ((10e-9, 1.0), (30e-9, 1.0))}, [25e-9], "no row for some"),
+        ({}, [11e-9, 12e-9, 13e-9, 14e-9, 15e-9, 16e-9], "at D = 1.4e-08 m (interpolated), and 2"),
+    ],
+)
+def test_film_fractions_that_a_table_does_not_hold_are_told(changes, film, told):
+    note = tabulation_note(dataclasses.replace(BASE, **changes), np.array(film))
+    assert (note is None) is (told is None)
+    if note is not None:
+        assert told in note and "such values are no data" in note
+        assert f"the table of {'beta' if 'beta' in changes else 'alpha'} has no row" in note
+
+
+def test_a_threshold_speed_that_does_not_move_with_the_viscosity_names_the_gamma_that_does():
+    assert fixed_threshold_note(BASE, 0.8) is None
+    note = fixed_threshold_note(dataclasses.replace(BASE, eta_b=3.2), 0.8)
+    assert note is not None and "V_star is given directly and does not move with eta_b" in note
+    gamma = float(note.split("gamma = ")[1].split(" ")[0])
+    moving = dataclasses.replace(BASE, V_star=None, V_star_at=None, gamma=gamma)
+    # At the preset's viscosity it is V_star at V_star_at, at four times that half of it.
+    for viscosity, speed in ((0.8, 1e-3), (3.2, 0.5e-3)):
+        parameters = dataclasses.replace(moving, eta_b=viscosity)
+        assert threshold_speed(parameters, np.array([10e-9])) == pytest.approx(speed, rel=1e-3)
+        assert fixed_threshold_note(parameters, 0.8) is None

@@ -115,11 +115,7 @@ def damaged(files: list[bytes], seed: int) -> bytes:
 
 
 def outcome(path: Path) -> str:
-    """What reading a file comes to: "read", or the line that refuses it.
-
-    Raises:
-        Exception: anything else is a fault of the program.
-    """
+    """What reading a file comes to: "read", or the line that refuses it; all else is a fault."""
     try:
         bodies_sharing_nodes(read(path, MPI.COMM_SELF))
     except MeshError as error:

@@ -111,6 +111,3 @@ def test_more_parts_than_cells():
     parts = Parts(TwoBlocks(block, block))
     for count in (4, 12):
         assert sorted(parts.shared_out(count)) == [0, 1, 2, 3]
-
-
-# -- METIS ----------------------------------------------------------------------------------------

@@ -1,9 +1,13 @@
 """Facet shapes: nodes, derivatives, sides and the boundary of the reference domain."""
 
+import dolfinx
 import numpy as np
 import pytest
 
+from tests.grid import grid
+from tribox.geometry.surfaces.body_facets import OuterFacets, displacement_facet, outward_facets
 from tribox.geometry.surfaces.facets import facet_shape
+from tribox.geometry.surfaces.projection import EndDistance
 
 KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 KINDS += [("interval", 3), ("quadrilateral", 3)]
@@ -54,3 +58,96 @@ def test_bound_on_the_sum_of_the_functions(shape):
     largest = np.abs(shape.values(inside)).sum(axis=1).max()
     assert largest <= shape.lebesgue + 1e-14
     assert largest >= 0.99 * shape.lebesgue
+
+
+# -- Where named surfaces end on the boundary of their body: at its corners, or amid it ------------
+
+CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
+
+
+def space_on(dim: int, cell: str, degree: int) -> dolfinx.fem.FunctionSpace:
+    """A unit box of four cells to a side."""
+    return dolfinx.fem.functionspace(grid(cell, [4] * dim), ("Lagrange", degree, (dim,)))
+
+
+def top(space: dolfinx.fem.FunctionSpace, low: float, high: float) -> np.ndarray:
+    """Nodes (f, a) of the facets on top of the box, from one x to another."""
+    dim = space.mesh.topology.dim
+
+    def inside(x: np.ndarray) -> np.ndarray:
+        return np.isclose(x[dim - 1], 1.0) & (low <= x[0]) & (x[0] <= high)
+
+    found = dolfinx.mesh.locate_entities_boundary(space.mesh, dim - 1, inside)
+    return outward_facets(space, displacement_facet(space), found)[0].astype(np.int64)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(("dim", "cell"), [(d, c) for d, cells in CELLS.items() for c in cells])
+def test_a_surface_ends_smoothly_only_where_its_face_goes_on(dim, cell, degree):
+    """Half of the top of a box; all of it; half of it, and the other half beside it."""
+    space = space_on(dim, cell, degree)
+    half, rest, whole = (top(space, *ends) for ends in ((-0.1, 0.6), (0.4, 1.1), (-0.1, 1.1)))
+    outer = OuterFacets(space)
+    assert len(outer.smooth_ends(whole, whole[:0])) == 0
+    assert len(outer.smooth_ends(half, rest)) == 0
+    ends = outer.smooth_ends(half, whole[:0])
+    assert len(ends) == (1 if dim == 2 else 4)
+    places = space.tabulate_dof_coordinates()[ends.reshape(-1)]
+    assert np.allclose(places[:, 0], 0.5) and np.allclose(places[:, dim - 1], 1.0)
+
+
+# -- Distances from the open end of a surface, and the share that counts there ---------------------
+
+CHAIN = facet_shape("interval", 1)
+
+
+def chain(count, closed=False):
+    """A polygon of unit segments round a corner, (n, i), and its facets."""
+    angle = np.arange(count + 1) * (2 * np.pi / count if closed else 0.4)
+    steps = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    nodes = np.cumsum(steps, axis=0)[: count + (not closed)]
+    row = np.arange(count)
+    return nodes, np.stack([row, (row + 1) % len(nodes)], axis=1).astype(np.int32)
+
+
+def test_the_way_is_measured_along_the_surface():
+    nodes, facets = chain(7)
+    is_open = np.isin(np.arange(8), [0, 7])
+    end = EndDistance.measured(CHAIN, facets, nodes, is_open, 2.5)
+    assert np.allclose(end.corners, np.minimum(facets, 7 - facets))
+    share, slope = end.share(np.array([0, 1, 2, 6]), np.array([[0.0], [0.25], [0.6], [0.5]]))
+    s = np.array([0.0, 0.5, 1.0, 0.2])
+    assert np.allclose(share, s**2 * (3 - 2 * s))
+    assert np.allclose(slope[:, 0], [0.0, 1.5 / 2.5, 0.0, -0.96 / 2.5])
+
+
+def test_a_surface_without_an_end_counts_in_full():
+    nodes, facets = chain(6, closed=True)
+    end = EndDistance.measured(CHAIN, facets, nodes, np.zeros(6, dtype=bool), 100.0)
+    share, slope = end.share(np.arange(6), np.full((6, 1), 0.3))
+    assert np.all(share == 1.0) and np.all(slope == 0.0)
+
+
+def test_in_space_the_nearest_open_edge_counts():
+    x, y = np.meshgrid(np.arange(4.0), np.arange(6.0), indexing="ij")
+    nodes = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    number = np.arange(24).reshape(4, 6)
+    facets = np.stack(
+        [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]], axis=-1
+    ).reshape(-1, 4)
+    is_open = (x == 0) | (x == 3) | (y == 0) | (y == 5)
+    end = EndDistance.measured(
+        facet_shape("quadrilateral", 1), facets.astype(np.int32), nodes, is_open.ravel(), 0.5
+    )
+    expected = np.minimum(np.minimum(x, 3 - x), np.minimum(y, 5 - y)).ravel()
+    assert np.allclose(end.corners, expected[facets])
+    share, slope = end.share(np.array([2]), np.array([[0.2, 0.7]]))
+    s = 0.2 / 0.5
+    assert np.allclose(share, s**2 * (3 - 2 * s))
+    assert np.allclose(slope, [[6 * s * (1 - s) / 0.5, 0.0]])
+
+
+def test_a_surface_that_would_fade_everywhere_is_refused():
+    nodes, facets = chain(4)
+    with pytest.raises(ValueError, match=r"fade_length = 2\.5 m: no part of the master"):
+        EndDistance.measured(CHAIN, facets, nodes, np.isin(np.arange(5), [0, 4]), 2.5)
