@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tribox.app.results.table import Table, joined
+from tribox.app.results.reading import Table, joined
 
 TEXT = 'step,stage,value\n1,press,0.5\n\n2,"slide, slowly",1e3\n3,press,-2\n'
 
