@@ -136,10 +136,9 @@ def _page(scale: ColourScale, states: list[Bodies], shape: float) -> tuple[Figur
     figure = Figure(figsize=(width, float(np.clip(width * shape + 1.2, 3.0, 7.5))))
     axes = figure.subplots()
     figure.subplots_adjust(left=0.1, right=0.86, bottom=0.12, top=0.86)
-    words = f" ({scale.unit.name})" if scale.unit.name else ""
     bar = figure.add_axes((0.885, 0.14, 0.02, 0.68))
     figure.colorbar(ScalarMappable(scale.norm, scale.colours), cax=bar, extend=scale.extend,
-                    label=states[0].field.label + words)  # fmt: skip
+                    label=scale.label(states[0].field))  # fmt: skip
     return figure, axes
 
 

@@ -123,6 +123,10 @@ class ColourScale:
     unit: Unit
     extend: str
 
+    def label(self, field: CellField) -> str:
+        """Text of the colour bar."""
+        return field.label + (f" ({self.unit.name})" if self.unit.name else "")
+
 
 def common_scale(fields: Sequence[CellField]) -> ColourScale:
     """One scale for several states of a run, so that a colour means the same in all of them."""

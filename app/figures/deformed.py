@@ -102,9 +102,7 @@ def _mesh_figure(
 ) -> tuple[Figure, str]:
     """The bodies with their cells in the plane, and what to say of their proportions."""
     frame = frame_round([bodies], axis_names(results))
-    width, height = frame.high - frame.low
-    tall = 4.0 if frame.stretched else float(np.clip(7.4 * height / width, 2.0, 8.0))
-    figure = Figure(figsize=(8.4, tall + 1.2), layout="constrained")
+    figure = Figure(figsize=(8.4, frame.height_over(7.4, 2.0, 8.0) + 1.2), layout="constrained")
     axes = figure.subplots()
     draw_bodies(axes, bodies, scale, frame)
     if nodes is not None:
@@ -116,7 +114,7 @@ def _mesh_figure(
             slave.set_label(f"slave of {names[pair]}")
             axes.add_collection(slave, autolim=False)
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return figure, _stretched_words(frame)
+    return figure, frame.words
 
 
 def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
@@ -137,11 +135,10 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
         draw_tools(beside, lines, near)
         draw_slaves(beside, nodes, pairs, near.unit)
         beside.set_title("close-up", fontsize=9)
-    unit = f" ({scale.unit.name})" if scale.unit.name else ""
     whole = [top] if beside is None else [top, beside]
-    figure.colorbar(cells, ax=whole, label=bodies.field.label + unit, extend=scale.extend,
+    figure.colorbar(cells, ax=whole, label=scale.label(bodies.field), extend=scale.extend,
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
-    figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
+    figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
     _fill_panels(panels, nodes, points, pairs, len(names))
     return figure
 
@@ -149,22 +146,12 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
 def _bodies_alone(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies of a case without contact."""
     frame = frame_round([bodies], axis_names(results))
-    width, height = frame.high - frame.low
-    tall = 4.0 if frame.stretched else float(np.clip(6.4 * height / width, 2.0, 7.0))
-    figure = Figure(figsize=(8.0, tall + 1.0), layout="constrained")
+    figure = Figure(figsize=(8.0, frame.height_over(6.4, 2.0, 7.0) + 1.0), layout="constrained")
     axes = figure.subplots()
     cells = draw_bodies(axes, bodies, scale, frame)
-    unit = f" ({scale.unit.name})" if scale.unit.name else ""
-    figure.colorbar(cells, ax=axes, label=bodies.field.label + unit, extend=scale.extend)
-    figure.suptitle(heading(results, state.title + _stretched_words(frame)), fontsize=9)
+    figure.colorbar(cells, ax=axes, label=scale.label(bodies.field), extend=scale.extend)
+    figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
     return figure
-
-
-def _stretched_words(frame: Frame) -> str:
-    if not frame.stretched:
-        return ""
-    width, height = frame.high - frame.low
-    return f" ({frame.names[1] if width > height else frame.names[0]} stretched)"
 
 
 def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes | None, list[Axes]]:

@@ -98,8 +98,7 @@ def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourSc
     bar = ScalarMappable(scale.norm, scale.colours)
     axes = figure.add_subplot()
     draw_space(axes, view, bodies.names)
-    words = f" ({scale.unit.name})" if scale.unit.name else ""
-    figure.colorbar(bar, ax=axes, label=bodies.field.label + words, extend=scale.extend,
+    figure.colorbar(bar, ax=axes, label=scale.label(bodies.field), extend=scale.extend,
                     orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip
 
 

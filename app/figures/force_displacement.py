@@ -20,11 +20,10 @@ from tribox.app.figures.units import (
     fitting,
     heading,
 )
-from tribox.app.results.table import Table, joined
+from tribox.app.results.reading import Table, joined
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.table import Table
 
 MOST_PANELS = 8
 STILL = 1e-4  # of the largest displacement of all surfaces: what moves less is a support

@@ -28,7 +28,7 @@ from tribox.app.figures.units import (
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.table import Table
+    from tribox.app.results.reading import Table
 
 MOST_PAIRS = 12  # with a line of their own
 DECADES = 100.0  # largest over smallest value from which on an axis is logarithmic

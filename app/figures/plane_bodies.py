@@ -84,6 +84,17 @@ class Frame:
         width, height = self.high - self.low
         return bool(not self.stretched and height > 1.2 * width)
 
+    @property
+    def words(self) -> str:
+        """What to say of its proportions."""
+        width, height = self.high - self.low
+        return f" ({self.names[bool(width > height)]} stretched)" if self.stretched else ""
+
+    def height_over(self, across: float, least: float, most: float) -> float:
+        """Inches for bodies ``across`` wide, between two limits."""
+        width, height = self.high - self.low
+        return 4.0 if self.stretched else float(np.clip(across * height / width, least, most))
+
 
 def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
     """A frame round all states, and round what they were before."""

@@ -24,7 +24,7 @@ from tribox.app.results.reading import files_of_one_run
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
     from tribox.app.results import Results
-    from tribox.app.results.table import Table
+    from tribox.app.results.reading import Table
 
 
 def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:

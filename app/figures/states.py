@@ -14,7 +14,7 @@ from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.table import Table
+    from tribox.app.results.reading import Table
 
 AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
 HIGHEST = "highest load"

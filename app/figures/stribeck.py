@@ -31,7 +31,7 @@ from tribox.forms.friction.parameters import FrictionMapParameters
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
     from tribox.app.results import Results
-    from tribox.app.results.table import Table
+    from tribox.app.results.reading import Table
 
 
 @dataclass(frozen=True, slots=True)
