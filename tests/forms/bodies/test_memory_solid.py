@@ -21,10 +21,10 @@ from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.kinematics import circumference, radius
 from tribox.forms.bodies.materials import Hencky, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid, fit_weights, make_solid
-from tribox.forms.bodies.plastic_points import PlasticPoints
+from tribox.forms.bodies.point_state import MaterialPoints, PointUpdate
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.solid import DEGREE
-from tribox.forms.bodies.viscous_points import Branch, Viscoelastic, ViscousPoints
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
 G, K = 1.0, 5.0
 NEVER = ElastoPlastic(G, K, Linear(1e3))
@@ -103,7 +103,7 @@ def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulatio
 
 
 def by_forms(u, solid, dt):
-    """Forces and stiffness by forms of DOLFINx, with stress and moduli of the update in numpy."""
+    """Forces and stiffness by forms of DOLFINx, with what points give by themselves."""
     mesh, p, d = u.function_space.mesh, 9 if solid.section == "3D" else 5, solid.full_degree
     test, trial = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
 
@@ -123,13 +123,8 @@ def by_forms(u, solid, dt):
     xi, _ = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], d)
     F = dolfinx.fem.Expression(gradient(u, 1.0), xi).eval(mesh, solid.cells).reshape(-1, p)
     law = solid.law
-    slow = (
-        PlasticPoints(law.material, p == 9, compiled=False)
-        if law.flows
-        else ViscousPoints(law.branches, p == 9, compiled=False)
-    )
     reduced = not law.added and solid.reduced
-    found = slow.update(F, solid.points.committed, dt, True, volumetric=not reduced)
+    found = law.update(F, solid.points.committed, dt, True, volumetric=not reduced)
     stress, moduli = field((p,)), field((p, p))
     rows = stress.function_space.dofmap.list[solid.cells].reshape(-1)
     stress.x.array.reshape(-1, p)[rows] = found.P
@@ -418,50 +413,34 @@ def test_a_rank_without_cells_of_the_body_takes_part():
     assert none.stress_at(none.cells, None).cauchy(F, F).shape == (0, 3, 3)
 
 
-@dataclass(frozen=True)
-class Relaxed:
-    """What an update of the toy below gives."""
-
-    P: np.ndarray
-    state: np.ndarray
-    A: np.ndarray | None
-    elastic: np.ndarray
-    dissipation: np.ndarray
-    valid: bool = True
-
-
-@dataclass(frozen=True)
-class ToyBranch:
+class ToyBranch(MaterialPoints):
     """A spring and a dashpot in line, P = g (F − V) with V' = (F − V)/τ: a toy, not objective."""
 
-    g: float
-    tau: float
-    components: int = 5
-    flows, added, rated = False, True, True
+    added = rated = True
 
-    @property
-    def columns(self):
-        return {"viscous_gradient": slice(0, self.components)}
-
-    def start(self, points):
-        rest = [1.0, 0, 0, 1, 1] if self.components == 5 else np.eye(3).reshape(-1)
-        return np.tile(rest, (points, 1))
+    def __init__(self, g, tau, space=False):
+        self.g, self.tau = g, tau
+        rest = np.eye(3).reshape(-1)
+        rest = rest if space else rest[[0, 1, 3, 4, 8]]
+        super().__init__(space, {"viscous_gradient": slice(0, len(rest))}, rest)
 
     def update(self, F, state, dt, tangent, volumetric=True):
         share = 1.0 if dt == math.inf else dt / (self.tau + dt)
         V = state + share * (F - state)
         spring, lost = F - V, share * (F - state)
         A = (1.0 - share) * self.g * np.eye(self.components)
-        return Relaxed(
+        return PointUpdate(
             self.g * spring,
             V,
             np.broadcast_to(A, (len(F), *A.shape)).copy() if tangent else None,
             0.5 * self.g * (spring**2).sum(axis=1),
             self.g * ((spring + 0.5 * lost) * lost).sum(axis=1),
+            np.zeros(len(F)),
+            True,
         )
 
     def frozen(self):
-        return ToyBranch(self.g, 1e300, self.components)
+        return ToyBranch(self.g, 1e300, self.space)
 
 
 @dataclass(frozen=True)
@@ -479,7 +458,7 @@ class Creeping:
         return self.elastic.energy(k, c)
 
     def points(self, space):
-        return ToyBranch(0.5 * G, 2.0, 9 if space else 5)
+        return ToyBranch(0.5 * G, 2.0, space)
 
 
 @pytest.mark.parametrize("kind", [KINDS[1], KINDS[0], KINDS[6]])
