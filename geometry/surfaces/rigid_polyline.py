@@ -111,7 +111,7 @@ class Polyline(RigidShape):
         return self.pieces.places(facet, xi[:, 0])
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
         out: Floats = np.where(self._sharp[facet], past, -np.inf).max(axis=1)
         return out

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tests.geometry.surfaces.searched import pairs
 from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR, SEAM, samples
 from tribox.geometry.surfaces.facet_search import TIE
 from tribox.geometry.surfaces.facets import (
@@ -211,7 +212,7 @@ class NumpySurface(FacetSurface):
         self._code = NumpyFacets(self.shape)
 
     def _closest(self, points, controls, frozen_facets):
-        point, facet = self.search.pairs(points, controls)
+        point, facet = pairs(self.search, points, controls)
         if not len(points):
             empty = np.empty(0, dtype=np.int32)
             return empty, np.empty((0, self.shape.directions)), empty

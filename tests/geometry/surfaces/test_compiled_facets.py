@@ -10,6 +10,7 @@ import pytest
 
 import tribox.geometry.surfaces.compiled_facets as compiled
 from tests.geometry.surfaces.closest import NumpySurface, closest_points
+from tests.geometry.surfaces.searched import pairs
 from tribox.geometry.surfaces.compiled_facets import Candidates, CompiledFacets
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
@@ -196,7 +197,7 @@ def test_of_equally_close_facets_the_first(sheet):
     points = 0.5 * (ridge[1:] + ridge[:-1]) + [0.0, 0.0, 0.01]
     at = ours.project(points, nodes)
     assert at.clamped.all()
-    _, around_them = ours.search.pairs(points, nodes[ours.facets])
+    _, around_them = pairs(ours.search, points, nodes[ours.facets])
     assert len(around_them) >= 2 * len(points)
     distances = ours._code.distances(
         np.repeat(points, len(ours.facets), axis=0),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.geometry.surfaces.searched import pairs
 from tribox.geometry.surfaces.facet_search import FacetSearch
 from tribox.geometry.surfaces.facets import facet_shape, unit_normals
 from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface, Projection
@@ -267,7 +268,7 @@ def test_pairs_are_few(sheet):
         search = FacetSearch(shape, nodes[facets])
         rng = np.random.default_rng(7)
         xi = rng.random((500, 2))
-        point, _ = search.pairs(np.column_stack([xi, hilly(*xi.T)]), nodes[facets])
+        point, _ = pairs(search, np.column_stack([xi, hilly(*xi.T)]), nodes[facets])
         np.testing.assert_array_equal(np.unique(point), np.arange(500))
         assert len(point) / 500 < most
 
@@ -353,7 +354,7 @@ def test_far_points_cost_little_and_are_nearly_right(sheet):
     assert 10 < np.count_nonzero(near) < 100
     np.testing.assert_allclose(distance[near], exact[near], rtol=1e-10, atol=1e-14)
     np.testing.assert_allclose(distance, exact, rtol=0.01)
-    point, _ = surface.search.pairs(points, nodes[surface.facets])
+    point, _ = pairs(surface.search, points, nodes[surface.facets])
     assert len(point) < 1.3 * len(points)
     # Small steps use no new search for those near, and the same rule for those far off.
     moved = surface.project(points + 0.001, nodes)
