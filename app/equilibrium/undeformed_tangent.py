@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
-from tribox.forms.bodies.gradient_bound import GradientBound, thickness_ratio
+from tribox.forms.bodies.deformation import GradientBound, thickness_ratio
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 

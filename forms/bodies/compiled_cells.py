@@ -9,12 +9,11 @@ import ctypes
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import basix
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.deformation import centre_rows, rows_at
+from tribox.forms.bodies.deformation import centre_rows, quadrature_rows, ring_volume
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
 from tribox.forms.bodies.solid import Solid
@@ -230,18 +229,14 @@ def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     and the weight, m³. The last point of ``q1-sri`` is the centre.
     """
     section, cells = solid.section, solid.cells
-    kind = basix.CellType[space.mesh.topology.cell_name()]
-    points, weights = basix.make_quadrature(kind, solid.full_degree)
-    every = [rows_at(space, section, cells, x[None]) for x in points]
+    rows, weight = quadrature_rows(space, section, cells, solid.full_degree)
     if solid.reduced:
-        every.append(centre_rows(space, section, cells))
-        weights = np.append(weights, 1.0)
+        rows.append(centre_rows(space, section, cells))
+        weight = np.concatenate([weight, ring_volume(rows[-1], section)[None]])
     out = []
-    for rows, weight in zip(every, weights, strict=True):
-        gradients = np.einsum("cza,czj->caj", rows.slopes, rows.inverse)
-        hoop = rows.values / rows.place[:, :1]
-        around = 2.0 * np.pi * rows.place[:, 0] * rows.volume * weight
-        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, around[:, None]]
+    for g, one in enumerate(rows):
+        gradients, hoop = one.gradients, one.values / one.place[:, :1]
+        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, weight[g, :, None]]
     return np.concatenate(out, axis=1)
 
 

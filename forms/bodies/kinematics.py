@@ -88,11 +88,6 @@ def radius(u: Expr) -> Expr:
 def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
     """Extent across the plane that a point of the section stands for; 1 without axial symmetry.
 
-    Args:
-        mesh: the mesh.
-        section: what it stands for.
-        u: displacement, for the extent in the deformed body.
-
     Returns:
         2πx, or 2π(x + u_x), m.
     """

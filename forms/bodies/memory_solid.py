@@ -176,12 +176,7 @@ class MemorySolid(Solid):
         return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
 
     def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
-        """The points at the present displacement, from ``origin``, with their forces.
-
-        Args:
-            origin: from where.
-            spare: of whose arrays to make it.
-        """
+        """The points at the present displacement, from ``origin``, with their forces."""
         law = self._frozen if origin.elastic else self.law
         energies: Floats = np.zeros(3)
         kernel = self._kernel(law, origin.dt)

@@ -50,12 +50,7 @@ class PointStress:
     """
 
     def __init__(self, material: Material, section: Section) -> None:
-        """Differentiate the energy.
-
-        Args:
-            material: strain energy.
-            section: what the mesh stands for.
-        """
+        """Differentiate the energy."""
         self._space = section == "3D"
         domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
         self._constants = [ufl.Constant(domain) for _ in range(3)]

@@ -53,9 +53,6 @@ TESTS = (
 def stability_limits(material: Material) -> dict[str, float]:
     """Where a material is not stable within the stretches looked at.
 
-    Args:
-        material: strain energy; taken as incompressible.
-
     Returns:
         The stretch beyond which it is not, by test, such as {"uniaxial compression": 0.62}.
     """

@@ -94,11 +94,7 @@ class Carried:
         return out
 
     def operator(self, first: int) -> scipy.sparse.csr_matrix:
-        """T of all unknowns (nodes and control points · i, nodes of the pair · i).
-
-        Args:
-            first: number of nodes before the control points.
-        """
+        """T of all unknowns (nodes and control points · i, nodes of the pair · i)."""
         nodes = scipy.sparse.identity(first * self.dim, format="csr")
         tool = self.tangent.reshape(-1, 2 * self.dim)
         return scipy.sparse.block_diag([nodes, tool], format="csr")

@@ -235,12 +235,7 @@ class LineContact:
 
 
 def counts(body: Body, growth: float) -> tuple[int, int, int]:
-    """Cells across the contact zone (even: a node on the apex), down its box, and from it outwards.
-
-    Args:
-        body: The body that is meshed.
-        growth: Size of a cell over that of its neighbour on the contact side.
-    """
+    """Cells across the contact zone (even: a node on the apex), down its box, and outwards."""
     outline, size = body.outline(), body.contact_size
     across = 2 * max(1, math.ceil(0.5 * body.contact_width / (size * ROUND_OFF)))
     return across, _layers(outline.depth(), size, growth), _layers(outline.flank(), size, growth)

@@ -61,13 +61,6 @@ def _open_msh(gmsh: ModuleType, path: Path) -> None:
     """Read a ``.msh`` file into the current model.
 
     The header is checked first: gmsh would run the commands of a script.
-
-    Args:
-        gmsh: The module, from ``gmsh_session``.
-        path: The file.
-
-    Raises:
-        MeshError: If the file is missing, is not a mesh file of version 2 or 4, or is damaged.
     """
     formats = "meshes are read from gmsh's .msh files, version 2 or 4"
     if not path.is_file():
@@ -145,10 +138,6 @@ _AROUND = {
 
 def check_neighbours(mesh: MeshArrays, source: str) -> None:
     """See that a facet is that of one cell, or of two on either side of it.
-
-    Args:
-        mesh: Whose cells are not folded, one by one.
-        source: Name of the mesh in messages.
 
     Raises:
         MeshError: Cells have no extent, or lie on the same side of a facet of theirs.

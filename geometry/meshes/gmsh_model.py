@@ -67,9 +67,6 @@ def gmsh_session(name: str) -> Iterator[ModuleType]:
     options file and installs no handler of Ctrl-C, so a mesh does not depend on the machine that
     it is made on.
 
-    Args:
-        name: Name of the new model.
-
     Yields:
         The module ``gmsh``, with the new model current.
     """
@@ -344,16 +341,7 @@ def _check_facets(
     source: str,
     nodes: npt.NDArray[np.int64],
 ) -> None:
-    """Facets of a surface must be on cells and listed once.
-
-    Args:
-        gmsh: The module.
-        dim: Dimension of the cells.
-        tag: Of the surface.
-        name: Of the surface.
-        source: Name of the model in messages.
-        nodes: (n,) tags of the nodes of all cells, sorted.
-    """
+    """Facets of a surface must be on cells and listed once."""
     what = f"surface {name!r}"
     _check_meshed(gmsh, dim - 1, tag, f"{source}: {what}")
     blocks = elements_of(gmsh, dim - 1, tag)

@@ -84,13 +84,7 @@ def _incidence(elements: Longs, count: int) -> scipy.sparse.csr_matrix:
 def _sharing(
     first: scipy.sparse.csr_matrix, second: scipy.sparse.csr_matrix, least: int
 ) -> scipy.sparse.csr_matrix:
-    """Ones where an element of ``first`` shares at least ``least`` vertices with one of ``second``.
-
-    Args:
-        first: (e, n), elements against vertices.
-        second: (g, n), likewise.
-        least: number of vertices.
-    """
+    """Ones where elements (e, n) share at least so many vertices with others (g, n)."""
     shared = scipy.sparse.csr_matrix(first @ second.T)
     shared.data = (shared.data >= least).astype(np.int32)
     shared.eliminate_zeros()

@@ -153,13 +153,7 @@ class Polyline(RigidShape):
     def _candidates(
         self, points: Floats, choose: Callable[[Floats, Floats, slice], Bools]
     ) -> tuple[Longs, Ints]:
-        """Points and pieces (n,) to be looked at, sorted by point.
-
-        Args:
-            points: (q, i), m.
-            choose: (k, p), from the ways (k, p, i) of a slice of the points from the centres of
-                spheres round the pieces, and their radii (p,).
-        """
+        """Points and pieces (n,) to be looked at, sorted by point."""
         centre, radius = self._spheres
         step = max(1, AT_ONCE // len(radius))
         parts = []

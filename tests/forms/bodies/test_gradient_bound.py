@@ -8,8 +8,7 @@ import pytest
 
 from tests.conftest import SOFT
 from tests.grid import grid
-from tribox.forms.bodies.deformation import BodyPoints
-from tribox.forms.bodies.gradient_bound import GradientBound, thickness_ratio
+from tribox.forms.bodies.deformation import BodyPoints, GradientBound, thickness_ratio
 from tribox.forms.bodies.solid import Solid
 
 TURN = 0.3  # rad, by which boxes lie askew
