@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
-from tribox.forms.bodies.compiled_cells import SpaceCells, compiled_cells
+from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import (
     Hencky,
@@ -75,7 +75,7 @@ def deform(u, size, turned=False):
 
 def cells_of(u, solid):
     cells = compiled_cells(u.function_space, solid)
-    assert isinstance(cells, SpaceCells)
+    assert isinstance(cells, CompiledCells)
     return cells
 
 
@@ -218,7 +218,7 @@ def test_what_the_loop_does_not_cover():
     solid = SimpleNamespace(
         section="3D", elastic=MATERIALS["hencky"], cells=np.array([0]), reduced=False
     )
-    assert isinstance(compiled_cells(linear, solid), SpaceCells)
+    assert isinstance(compiled_cells(linear, solid), CompiledCells)
     quadratic = dolfinx.fem.functionspace(straight, ("Lagrange", 2, (3,)))
     assert compiled_cells(quadratic, solid) is None
     assert compiled_cells(dolfinx.fem.functionspace(curved, ("Lagrange", 1, (3,))), solid) is None
