@@ -97,6 +97,12 @@ def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
     return 2.0 * ufl.pi * (x if u is None else x + u[0])
 
 
+def body_measure(mesh: Any, cells: Any, degree: int) -> Any:
+    """Measure over local cells, of a quadrature degree."""
+    metadata = {"quadrature_degree": degree}
+    return ufl.Measure("dx", domain=mesh, subdomain_data=[(1, cells)], metadata=metadata)(1)
+
+
 def plane_strain(u: Expr, stretch: Expr = 1.0) -> Kinematics:
     """Kinematics of the in-plane displacement ``u`` (m) with the stretch across the plane."""
     return _plane(u, stretch)

@@ -33,8 +33,7 @@ from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.point_state import Floats, MaterialPoints, PointUpdate
-from tribox.forms.bodies.point_stress import of_invariants
-from tribox.forms.bodies.ufl_values import values_of
+from tribox.forms.bodies.point_stress import of_invariants, values_of
 
 LARGEST = "largest_energy"
 TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]])  # ∂²det/∂F²

@@ -19,7 +19,7 @@ from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.kinematics import Kinematics, PlanePart, plane_kinematics
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.ufl_values import values_of
+from tribox.forms.bodies.point_stress import values_of
 
 Floats = NDArray[np.float64]
 

@@ -44,11 +44,11 @@ from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.forms.friction.return_mapping import (
     TINY,
     Returned,
+    SlipWeakening,
     components_first,
     dot,
     return_mapping,
 )
-from tribox.forms.friction.slip_weakening import SlipWeakening
 from tribox.forms.friction.slowing import Motion, Slowing, slowing
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import (
+from tribox.geometry.meshes.gmsh_model import (
     CORNERS,
     DIMENSION,
     FACETS,
@@ -22,8 +22,11 @@ from tribox.geometry.meshes.elements import (
     QUADRILATERAL,
     SIDES,
     Kind,
+    MeshError,
+    NamedGroups,
+    elements_of,
+    named_groups,
 )
-from tribox.geometry.meshes.gmsh_model import MeshError, NamedGroups, elements_of, named_groups
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
 
 _LOWER = {0: {15: 1}, 1: {1: 2, 8: 3}}

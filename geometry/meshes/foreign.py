@@ -23,9 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tribox.geometry.meshes.drawing import write_mesh_of
-from tribox.geometry.meshes.elements import SIDES
 from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session
+from tribox.geometry.meshes.gmsh_model import SIDES, MeshError, gmsh_session
 from tribox.geometry.meshes.mesh_arrays import MeshArrays
 from tribox.geometry.meshes.own_process import REFUSED
 

@@ -11,9 +11,14 @@ from tests.grid import grid
 from tribox.forms.bodies.deformation import BodyPoints, centre_rows, rows_at
 from tribox.forms.bodies.kinematics import centre_kinematics
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
-from tribox.forms.bodies.point_stress import PointStress, log_strain, mean_pressure, von_mises
+from tribox.forms.bodies.point_stress import (
+    PointStress,
+    log_strain,
+    mean_pressure,
+    values_of,
+    von_mises,
+)
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.bodies.ufl_values import values_of
 from tribox.geometry.compat import cell_values
 from tribox.geometry.meshes.places import centre, places_in
 

@@ -7,7 +7,7 @@ import pytest
 
 from tribox.forms.friction.film import at_rest, film_point, threshold_speed
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
-from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.return_mapping import SlipWeakening
 
 GOOD = {
     "mu_s": 0.12,

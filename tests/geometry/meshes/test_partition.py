@@ -11,7 +11,7 @@ from mpi4py import MPI
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.generators.two_boxes import Box, TwoBoxes
-from tribox.geometry.meshes import metis
+from tribox.geometry.meshes import partition
 from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 from tribox.geometry.meshes.mesh import generate
@@ -188,7 +188,7 @@ def test_light_edges_are_cut():
     heavy = graph.multiply(100).tolil()
     for a, b in ((4, 5), (24, 25)):
         heavy[a, b] = heavy[b, a] = 1
-    found = metis.partition(heavy.tocsr(), np.ones((40, 1), dtype=np.int32), 2, 0.02)
+    found = partition.partition(heavy.tocsr(), np.ones((40, 1), dtype=np.int32), 2, 0.02)
     assert len(set(found[5:25])) == 1 and len(set(found[[*range(25, 40), *range(5)]])) == 1
     assert found[0] != found[10]
 
@@ -197,23 +197,23 @@ def test_several_weights_are_balanced_at_once():
     """The second weight sits in one quarter of the ring."""
     weights = np.ones((80, 2), dtype=np.int32)
     weights[20:, 1] = 0
-    found = metis.partition(ring(80), weights, 2, 0.02)
+    found = partition.partition(ring(80), weights, 2, 0.02)
     np.testing.assert_array_equal(np.bincount(found), [40, 40])
     np.testing.assert_array_equal(np.bincount(found[:20]), [10, 10])
 
 
 def test_without_metis(monkeypatch):
-    monkeypatch.setattr(metis, "_LIBRARY", "no-such-library.so")
-    monkeypatch.setattr(metis.ctypes.util, "find_library", lambda name: None)
-    metis._library.cache_clear()
+    monkeypatch.setattr(partition, "_LIBRARY", "no-such-library.so")
+    monkeypatch.setattr(partition.ctypes.util, "find_library", lambda name: None)
+    partition._library.cache_clear()
     try:
-        assert not metis.is_available()
-        with pytest.raises(metis.PartitionError, match="not installed"):
-            metis.partition(ring(4), np.ones((4, 1), dtype=np.int32), 2, 0.02)
+        assert not partition.metis_is_available()
+        with pytest.raises(partition.PartitionError, match="not installed"):
+            partition.partition(ring(4), np.ones((4, 1), dtype=np.int32), 2, 0.02)
     finally:
-        metis._library.cache_clear()
+        partition._library.cache_clear()
 
 
 def test_a_graph_that_metis_refuses():
-    with pytest.raises(metis.PartitionError, match="error -2 for 4 cells in 0 parts"):
-        metis.partition(ring(4), np.ones((4, 1), dtype=np.int32), 0, 0.02)
+    with pytest.raises(partition.PartitionError, match="error -2 for 4 cells in 0 parts"):
+        partition.partition(ring(4), np.ones((4, 1), dtype=np.int32), 0, 0.02)
