@@ -213,8 +213,6 @@ def _path_after(
 
 # -- Coefficient of friction that falls with the permanent slip, and its implicit slip equation ----
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class SlipWeakening:
