@@ -68,9 +68,8 @@ def _compile(group: _Group) -> Iterator[str]:
         mean_normal,
         reference_area,
     )
-    from tribox.forms.bodies.lumped_mass import mass_form
     from tribox.forms.bodies.memory_solid import make_solid
-    from tribox.forms.bodies.nodal_weights import body_form, surface_form
+    from tribox.forms.bodies.weights import body_form, mass_form, surface_form
     from tribox.geometry.meshes.mesh import generate
     from tribox.geometry.surfaces.slave_points import point_operator
 

@@ -102,14 +102,7 @@ def model_to_mesh(
 def mesh_of_cells(
     comm: MPI.Comm, cells: NDArray[np.int64], position: NDArray[np.float64], element: Any
 ) -> dolfinx.mesh.Mesh:
-    """A mesh from nodes (c, a) of cells and positions (n, i), m; collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        cells: In DOLFINx's order of nodes.
-        position: Of the nodes.
-        element: Basix' element of the coordinates.
-    """
+    """A mesh from nodes (c, a) of cells and positions (n, i), m; collective."""
     return dolfinx.mesh.create_mesh(comm, cells, x=position, e=ufl.Mesh(element))
 
 
@@ -163,10 +156,6 @@ def integration_facets(mesh: dolfinx.mesh.Mesh, facets: Ints) -> Ints:
 def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.Mesh, Ints, Any]:
     """A mesh whose cells are facets of another; collective.
 
-    Args:
-        mesh: The mesh.
-        facets: Local facets, owned and ghosts.
-
     Returns:
         The mesh of the facets, the facet of ``mesh`` behind each of its local cells, and what
         `mixed_form` takes to relate the two.
@@ -209,10 +198,6 @@ def with_more_nodes(space: dolfinx.fem.FunctionSpace, more: int) -> dolfinx.fem.
 
     All that goes by the index map has room for them then: functions, vectors, matrices. In its
     local order they come between the process's own nodes and its ghosts.
-
-    Args:
-        space: A space on a mesh.
-        more: Number of nodes on this process.
     """
     dofmap, comm = space.dofmap, space.mesh.comm
     index, old = dofmap.index_map, dofmap._cpp_object
@@ -249,11 +234,6 @@ def add_matrix(A: PETSc.Mat, form: dolfinx.fem.Form, unrolled: bool) -> None:
 
     DOLFINx's public function cannot add a second form to a matrix, since it inserts a diagonal
     after the first, nor address single rows of a blocked matrix.
-
-    Args:
-        A: the matrix.
-        form: the form.
-        unrolled: whether values are added by single rows and not by blocks.
     """
     dolfinx.cpp.fem.petsc.assemble_matrix(
         A,

@@ -13,8 +13,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import MAP, Friction
 from tribox.app.case.time_tables import TimeTable
-from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
-from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.materials import Material, contact_shear_modulus
 from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import Projection

@@ -37,9 +37,8 @@ from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.case.tools import Tool
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.errors import InputError
-from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.bodies.materials import Material, contact_shear_modulus, oedometric_modulus
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm

@@ -27,9 +27,9 @@ from tribox.app.equilibrium.supports import (
 from tribox.app.equilibrium.unknowns import Prescribed
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.meshes import metis
 from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.partition import metis_is_available
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 SRI = 'formulation = "q1-sri"'
@@ -80,7 +80,7 @@ LARGE = 1.0  # extent of a body, m, from which the unit of a mesh that was read 
 def notes_on_ranks(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line where contact cannot be shared out evenly among the ranks."""
     wanted = named.mesh.comm.size > 1 and case.solver.partition == "contact"
-    if wanted and not metis.is_available():
+    if wanted and not metis_is_available():
         yield "METIS (libmetis.so.5) is not installed: slave facets may be on few of the ranks"
 
 

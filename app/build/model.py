@@ -45,8 +45,8 @@ from tribox.app.explicit.energies import ExplicitError
 from tribox.app.implicit.linear_solver import chosen_solver
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.contact.shared_slave import introduce
-from tribox.geometry.meshes import metis
 from tribox.geometry.meshes.mesh import NamedMesh
+from tribox.geometry.meshes.partition import metis_is_available
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 
@@ -251,7 +251,7 @@ def _resolved(case: Case, contacts: Sequence[BuiltContact], problem: Equilibrium
     Keys that only override another one, such as the `solver` of a stage, stay as they are.
     """
     solver = case.solver
-    without_metis = problem.comm.size > 1 and not metis.is_available()
+    without_metis = problem.comm.size > 1 and not metis_is_available()
     chosen = {
         "linear": chosen_solver(problem, solver.linear),
         "partition": "cells" if without_metis else solver.partition,

@@ -14,8 +14,8 @@ from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.slanted import SlantedPlaten
-from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.loads import Foundation
+from tribox.forms.bodies.materials import contact_shear_modulus
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs

@@ -29,7 +29,7 @@ from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.forms.bodies.element_frequency import element_frequencies
 from tribox.forms.bodies.internal_force import InternalForce
-from tribox.forms.bodies.lumped_mass import cell_field, lumped_mass
+from tribox.forms.bodies.weights import cell_field, lumped_mass
 from tribox.forms.contact.stiffness import PairStiffness
 from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats

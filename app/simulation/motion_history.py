@@ -22,7 +22,7 @@ from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from tribox.app.equilibrium.supports import bonded_groups
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.simulation.contact_resultants import ContactResultants
-from tribox.forms.bodies.nodal_weights import body_weights, surface_weights
+from tribox.forms.bodies.weights import body_weights, surface_weights
 from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats, Ints
 

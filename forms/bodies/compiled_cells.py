@@ -1,20 +1,23 @@
 """Bodies whose forces, energy and tangent compiled loops compute, several cells at a time.
 
-The loops give what the forms that DOLFINx compiles give, to round-off.
+The loops are those over first-order cells in plane strain, in half sections of bodies of revolution
+and in space; they give what the forms that DOLFINx compiles give, to round-off.
+
+Axis letters: c cells, a and b corners, i and j space; n local unknowns, ghosts included.
 """
 
 from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-import basix
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.deformation import centre_rows, rows_at
+from tribox.forms.bodies.deformation import centre_rows, quadrature_rows, ring_volume
+from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
 from tribox.forms.bodies.solid import Solid
@@ -22,32 +25,97 @@ from tribox.forms.native.libraries import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
+_IN_THE_PLANE: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
+# By the section: name in the sources, the source of forces and energy and that of the tangent, and
+# the materials by their number there, after which comes K/2 (ln J)² without other energies.
+_LOOPS: dict[Section, tuple[str, str, str, dict[type, int]]] = {
+    "plane-strain": ("plane", "plane_kernel.c", "plane_tangent.c", _IN_THE_PLANE),
+    "axisymmetric": ("ring", "ring_cells.c", "ring_cells.c", _IN_THE_PLANE),
+    "3D": ("space", "space_kernel.c", "space_kernel.c", {**_IN_THE_PLANE, Yeoh: 3}),
+}
+_CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+_POINTER = ctypes.c_void_p
+_CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
+_CELLS += [_POINTER] * 3
 
-class CompiledCells(Protocol):
-    """Owned cells of one body.
 
-    Axis letters: c cells, a and b corners, i and j space; n local unknowns, ghosts included.
+@dataclass(frozen=True, slots=True)
+class _Code:
+    """The loops of a section for a material, by its number in them."""
+
+    forces: Any
+    energy: Any
+    tangent: Any
+    number: int
+
+
+def _code(section: Section, material: Material) -> _Code:
+    kind, loops, tangents, numbers = _LOOPS[section]
+    alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
+    code = _Code(
+        getattr(library(loops), f"tribox_{kind}_forces"),
+        getattr(library(loops), f"tribox_{kind}_energy"),
+        getattr(library(tangents), f"tribox_{kind}_tangent"),
+        len(numbers) if alone else numbers[type(material)],
+    )
+    for function, more in ((code.forces, 1), (code.energy, 1), (code.tangent, 4)):
+        function.argtypes, function.restype = _CELLS + [_POINTER] * more, ctypes.c_int
+    return code
+
+
+class CompiledCells:
+    """Owned cells of one body by the compiled loops, ``LANES`` at a time.
 
     Attributes:
         nodes: (c, a) local nodes of each cell, in the order of the loop.
     """
 
-    nodes: Ints
+    def __init__(
+        self, code: _Code, nodes: Ints, table: Floats, constants: Floats, kind: int
+    ) -> None:
+        """Arrange the cells for the loops.
+
+        Args:
+            code: the loops.
+            nodes: (c, a) int32, in DOLFINx's order.
+            table: (c, k) what the loops need of the geometry of each cell.
+            constants: of the strain energy.
+            kind: 0; 1 where the volumetric part is taken at the centre; 2 of simplices.
+        """
+        self.nodes, self._parts = nodes, (code, table, constants, kind)
+        self._code, self._constants = code, constants
+        triangles = nodes.shape[1] == 3  # which repeat their third node
+        self._rows = in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
+        self._table = in_lanes(table)
+        self._result = np.zeros(1)
+        blocks = len(self._rows)
+        self._arguments = (
+            code.number,
+            kind,
+            constants.ctypes.data,
+            blocks,
+            len(nodes) - (blocks - 1) * LANES,
+            self._rows.ctypes.data,
+            self._table.ctypes.data,
+        )
 
     def part(self, take: Bools) -> CompiledCells:
         """The cells (c,) to ``take`` by themselves."""
-        ...
+        code, table, constants, kind = self._parts
+        return CompiledCells(code, self.nodes[take], table[take], constants, kind)
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See :meth:`tribox.forms.bodies.internal_force.BodyForce.add`.
 
         Forces of a cell that is turned inside out are NaN where the forms' would be.
         """
-        ...
+        bad: int = self._code.forces(*self._arguments, u.ctypes.data, out.ctypes.data)
+        return bad == 0
 
     def energy(self, u: Floats) -> float:
         """Strain energy at ``u`` (n,), J per unit thickness; infinite where a cell is inverted."""
-        ...
+        bad = self._code.energy(*self._arguments, u.ctypes.data, self._result.ctypes.data)
+        return float(np.inf if bad else self._result[0])
 
     def add_tangent(
         self,
@@ -68,100 +136,6 @@ class CompiledCells(Protocol):
                 (:mod:`tribox.forms.bodies.solid`).
             beside: points of the same cells that remember, whose matrices are added too.
         """
-        ...
-
-
-def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
-    """The loop for this rank's cells of a body, even if there are none; None: no loop covers it.
-
-    All ranks get one, or none does.
-    """
-    in_space = solid.section == "3D"
-    return space_cells(space, solid) if in_space else plane_cells(space, solid)
-
-
-def _kind(material: Material, kinds: dict[type, int], volumetric: int) -> int:
-    """Number of a material in the sources; that of K/2 (ln J)² alone, if it has no other energy."""
-    alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
-    return volumetric if alone else kinds[type(material)]
-
-
-# -- First-order cells in the plane: forces, energy and tangent by the compiled loops --------------
-#
-# In plane strain, and in half sections of bodies of revolution.
-
-FORCES = "plane_kernel.c"
-TANGENT = "plane_tangent.c"
-RING = "ring_cells.c"
-_KINDS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
-_VOLUMETRIC = 3
-_POINTER = ctypes.c_void_p
-_CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
-_CELLS += [_POINTER] * 3
-
-
-class PlaneCells:
-    """Cells of one body by the compiled loops, ``LANES`` at a time.
-
-    See :class:`CompiledCells`.
-    """
-
-    def __init__(
-        self, code: PlaneCode, nodes: Ints, table: Floats, material: Material, reduced: bool
-    ) -> None:
-        """Arrange the cells for the loops.
-
-        Args:
-            code: the loops.
-            nodes: (c, a) int32, local nodes of each cell, a = 3 for triangles, 4 for quadrilaterals
-                in DOLFINx's order.
-            table: (c, k) what the loops need of the geometry of each cell.
-            material: its strain energy.
-            reduced: whether the volumetric part is taken at the centre.
-        """
-        self._code, self._table = code, table
-        self._material, self._reduced = material, reduced
-        count, corners = nodes.shape
-        self.nodes = nodes
-        self._rows, self._tables = in_lanes(_four(nodes)), in_lanes(table)
-        blocks = len(self._rows)
-        self._parameters = np.array(list(material.parameters().values()))
-        self._result = np.zeros(1)
-        self._arguments = (
-            _kind(material, _KINDS, _VOLUMETRIC),
-            2 if corners == 3 else int(reduced),
-            self._parameters.ctypes.data,
-            blocks,
-            count - (blocks - 1) * LANES,
-            self._rows.ctypes.data,
-            self._tables.ctypes.data,
-        )
-
-    def part(self, take: Bools) -> PlaneCells:
-        """See ``CompiledCells.part``."""
-        return PlaneCells(
-            self._code, self.nodes[take], self._table[take], self._material, self._reduced
-        )
-
-    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
-        """See ``CompiledCells.add``."""
-        bad: int = self._code.forces(*self._arguments, u.ctypes.data, out.ctypes.data)
-        return bad == 0
-
-    def energy(self, u: Floats) -> float:
-        """See ``CompiledCells.energy``."""
-        bad = self._code.energy(*self._arguments, u.ctypes.data, self._result.ctypes.data)
-        return float(np.inf if bad else self._result[0])
-
-    def add_tangent(
-        self,
-        u: Floats,
-        values: Floats,
-        starts: NDArray[np.int32],
-        excess: Floats | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        """See ``CompiledCells.add_tangent``."""
         assert starts.flags.c_contiguous and starts.dtype == np.int32
         assert starts.shape[:2] == self.nodes.shape
         more = None if excess is None else np.ascontiguousarray(excess)
@@ -175,52 +149,26 @@ class PlaneCells:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PlaneCode:
-    """The compiled loops over plane cells."""
+def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
+    """The loop for this rank's cells of a body, even if there are none; None: no loop covers it.
 
-    forces: Any
-    energy: Any
-    tangent: Any
-
-
-def _code(ring: bool) -> PlaneCode:
-    """The loops."""
-    loops, tangents = library(RING if ring else FORCES), library(RING if ring else TANGENT)
-    kind = "ring" if ring else "plane"
-    code = PlaneCode(
-        getattr(loops, f"tribox_{kind}_forces"),
-        getattr(loops, f"tribox_{kind}_energy"),
-        getattr(tangents, f"tribox_{kind}_tangent"),
-    )
-    for function in (code.forces, code.energy):
-        function.argtypes, function.restype = [*_CELLS, _POINTER], ctypes.c_int
-    code.tangent.argtypes, code.tangent.restype = _CELLS + [_POINTER] * 4, ctypes.c_int
-    return code
-
-
-def plane_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> PlaneCells | None:
-    """The loops for a body; None where they do not cover its cells, element or material."""
-    mesh = space.mesh
-    corners = {
-        dolfinx.mesh.CellType.quadrilateral: 4,
-        dolfinx.mesh.CellType.triangle: 3,
-    }.get(mesh.topology.cell_type)
-    linear = space.dofmap.dof_layout.num_dofs == corners
-    if not linear or type(solid.elastic) not in _KINDS:
-        return None
-    ring = solid.section == "axisymmetric"
-    code = _code(ring)
-    if code is None:
+    All ranks get one, or none does.
+    """
+    mesh, material, section = space.mesh, solid.elastic, solid.section
+    corners = _CORNERS[mesh.topology.cell_name()]
+    linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
+    if not linear or material is None or type(material) not in _LOOPS[section][3]:
         return None
     nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
-    if ring:
+    simplex = corners == mesh.topology.dim + 1
+    if section == "axisymmetric":
         table = _points(space, solid)
     else:
-        position = space.tabulate_dof_coordinates()[:, :2]
-        table = _edges(_four(nodes), position)
-    assert solid.elastic is not None
-    return PlaneCells(code, nodes, table, solid.elastic, reduced=solid.reduced)
+        x = space.tabulate_dof_coordinates()[:, : mesh.topology.dim][nodes]
+        table = coefficients(x).reshape(len(nodes), 21) if section == "3D" else _edges(x)
+    constants = np.array(list(material.parameters().values()))
+    kind = 2 if simplex else int(solid.reduced)
+    return CompiledCells(_code(section, material), nodes, table, constants, kind)
 
 
 def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
@@ -230,142 +178,22 @@ def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     and the weight, m³. The last point of ``q1-sri`` is the centre.
     """
     section, cells = solid.section, solid.cells
-    kind = basix.CellType[space.mesh.topology.cell_name()]
-    points, weights = basix.make_quadrature(kind, solid.full_degree)
-    every = [rows_at(space, section, cells, x[None]) for x in points]
+    rows, weight = quadrature_rows(space, section, cells, solid.full_degree)
     if solid.reduced:
-        every.append(centre_rows(space, section, cells))
-        weights = np.append(weights, 1.0)
+        rows.append(centre_rows(space, section, cells))
+        weight = np.concatenate([weight, ring_volume(rows[-1], section)[None]])
     out = []
-    for rows, weight in zip(every, weights, strict=True):
-        gradients = np.einsum("cza,czj->caj", rows.slopes, rows.inverse)
-        hoop = rows.values / rows.place[:, :1]
-        around = 2.0 * np.pi * rows.place[:, 0] * rows.volume * weight
-        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, around[:, None]]
+    for g, one in enumerate(rows):
+        gradients, hoop = one.gradients, one.values / one.place[:, :1]
+        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, weight[g, :, None]]
     return np.concatenate(out, axis=1)
 
 
-def _four(nodes: Ints) -> Ints:
-    """Nodes (c, 4) as the loops take them: triangles repeat their third one."""
-    return nodes[:, [0, 1, 2, 3 if nodes.shape[1] == 4 else 2]]
-
-
-def _edges(four: Ints, position: Floats) -> Floats:
-    """Edges (c, 6), m, along both directions of a cell, and the mixed difference."""
-    x = position[four]
-    edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 2] - x[:, 1] + x[:, 0]]
-    return np.stack(edges, axis=1).reshape(len(four), 6)
-
-
-# -- First-order cells in space: forces, energy and tangent by the compiled loop -------------------
-
-SOURCE = "space_kernel.c"
-_KINDS_IN_SPACE: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}
-_VOLUMETRIC_IN_SPACE = 4
-_CORNERS = {
-    dolfinx.mesh.CellType.hexahedron: 8,
-    dolfinx.mesh.CellType.tetrahedron: 4,
-}
-
-
-class _Work(ctypes.Structure):
-    """What a call works on, see ``Work`` of the source."""
-
-    _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("c", "edge", "u", "excess")),
-        *((name, ctypes.c_int64) for name in ("blocks", "lanes_of_last")),
-        *((name, ctypes.c_void_p) for name in ("node", "start")),
-        *((name, ctypes.c_void_p) for name in ("forces", "total", "values", "beside")),
-    )
-
-
-class SpaceCells:
-    """Cells of one body by the compiled loop, ``LANES`` at a time.
-
-    See :class:`CompiledCells`.
-    """
-
-    def __init__(
-        self, code: ctypes.CDLL, nodes: Ints, position: Floats, material: Material, reduced: bool
-    ) -> None:
-        """Arrange the cells for the loop.
-
-        Args:
-            code: the library of ``SOURCE``.
-            nodes: (c, a) local nodes of each cell, a = 4 for tetrahedra, 8 for hexahedra in
-                DOLFINx's order.
-            position: (n, i), m, reference position of the nodes.
-            material: its strain energy.
-            reduced: whether the volumetric part is taken at the centre.
-        """
-        self._code, self._position = code, position
-        self._material, self._reduced = material, reduced
-        self.nodes = nodes.astype(np.int32)
-        count, corners = nodes.shape
-        self._rows = in_lanes(self.nodes)
-        self._edges = in_lanes(coefficients(position[nodes]).reshape(count, 21))
-        self._parameters = np.array(list(material.parameters().values()))
-        self._total = np.zeros(1)
-        blocks = len(self._rows)
-        kind = _kind(material, _KINDS_IN_SPACE, _VOLUMETRIC_IN_SPACE)
-        self._kind = kind, 2 if corners == 4 else int(reduced)
-        self._work = _Work(
-            c=self._parameters.ctypes.data,
-            edge=self._edges.ctypes.data,
-            blocks=blocks,
-            lanes_of_last=count - (blocks - 1) * LANES,
-            node=self._rows.ctypes.data,
-            total=self._total.ctypes.data,
-        )
-
-    def part(self, take: Bools) -> SpaceCells:
-        """See ``CompiledCells.part``."""
-        return SpaceCells(
-            self._code, self.nodes[take], self._position, self._material, self._reduced
-        )
-
-    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
-        """See ``CompiledCells.add``."""
-        self._work.u, self._work.forces = u.ctypes.data, out.ctypes.data
-        bad: int = self._code.tribox_space_forces(*self._kind, ctypes.byref(self._work))
-        return bad == 0
-
-    def energy(self, u: Floats) -> float:
-        """See ``CompiledCells.energy``; J."""
-        self._work.u = u.ctypes.data
-        bad = self._code.tribox_space_energy(*self._kind, ctypes.byref(self._work))
-        return float(np.inf if bad else self._total[0])
-
-    def add_tangent(
-        self,
-        u: Floats,
-        values: Floats,
-        starts: NDArray[np.int32],
-        excess: Floats | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        """See ``CompiledCells.add_tangent``; N/m."""
-        assert starts.flags.c_contiguous and starts.dtype == np.int32
-        assert starts.shape[:2] == self.nodes.shape
-        more = None if excess is None else np.ascontiguousarray(excess)
-        self._work.u, self._work.values = u.ctypes.data, values.ctypes.data
-        self._work.start = starts.ctypes.data
-        self._work.beside = None if beside is None else ctypes.addressof(beside)
-        self._work.excess = None if more is None else more.ctypes.data
-        self._code.tribox_space_tangent(*self._kind, ctypes.byref(self._work))
-
-
-def space_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> SpaceCells | None:
-    """The loop for a body; None where it does not cover its cells, element or material."""
-    mesh = space.mesh
-    corners = _CORNERS.get(mesh.topology.cell_type)
-    linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
-    if not linear or type(solid.elastic) not in _KINDS_IN_SPACE:
-        return None
-    nodes = np.asarray(space.dofmap.list)[solid.cells]
-    position = space.tabulate_dof_coordinates()
-    assert solid.elastic is not None
-    return SpaceCells(library(SOURCE), nodes, position, solid.elastic, reduced=solid.reduced)
+def _edges(x: Floats) -> Floats:
+    """Edges (c, 6), m, along both directions of cells (c, a, i), and the mixed difference."""
+    last = x[:, -1]  # triangles repeat their third node
+    edges = [x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], last - x[:, 2] - x[:, 1] + x[:, 0]]
+    return np.stack(edges, axis=1).reshape(len(x), 6)
 
 
 def coefficients(x: Floats) -> Floats:

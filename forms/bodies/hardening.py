@@ -12,86 +12,61 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.parameters import Bounds, Declared, Refused, parameter
+from tribox.forms.parameters import Bounds, Declared, Refused, declarations, parameter
 
 Floats = NDArray[np.float64]
 
 
-class Hardening(Protocol):
+class _Law(Declared):
+    """A law that ``plastic_points.c`` knows, by its ``number`` there."""
+
+    __slots__ = ()
+    number: ClassVar[int]
+
+    def numbers(self) -> Floats:
+        """Its parameters as the C source has them."""
+        return np.array([getattr(self, name) for name, _, _ in declarations(type(self))])
+
+
+class Hardening(_Law):
     """Yield stress as a function of the equivalent plastic strain α."""
+
+    __slots__ = ()
 
     def stress(self, alpha: Floats) -> Floats:
         """σ_Y(α), Pa."""
-        ...
+        raise NotImplementedError
 
     def slope(self, alpha: Floats) -> Floats:
         """dσ_Y/dα, Pa, not negative."""
-        ...
+        raise NotImplementedError
 
     @property
     def largest_strain(self) -> float:
         """The largest α that the law has data for; infinite if it is a formula."""
-        ...
+        return math.inf
 
 
-class RateFactor(Protocol):
+class RateFactor(_Law):
     """Factor R of the yield stress as a function of the rate of α; R(0) = 1."""
+
+    __slots__ = ()
 
     def factor(self, rate: Floats) -> Floats:
         """R, at least 1, not falling; ``rate`` in 1/s, not negative."""
-        ...
-
-    def slope(self, rate: Floats) -> Floats:
-        """dR/d(rate), s; may be infinite at rate 0."""
-        ...
-
-    def rate(self, factor: Floats) -> Floats:
-        """A rate, 1/s, at which R is ``factor`` > 1; infinite beyond all numbers."""
-        ...
-
-
-class Metal(Protocol):
-    """What points that flow need of their material."""
-
-    @property
-    def shear_modulus(self) -> float:
-        """G, Pa."""
-        ...
-
-    @property
-    def bulk_modulus(self) -> float:
-        """K, Pa."""
-        ...
-
-    @property
-    def hardening(self) -> Hardening:
-        """The yield stress."""
-        ...
-
-    @property
-    def rate(self) -> RateFactor | None:
-        """Factor of the yield stress for the rate; None: independent of rate."""
-        ...
-
-    @property
-    def kinematic(self) -> tuple[Backstress, ...]:
-        """Branches of the backstress; none: it is isotropic."""
-        ...
-
-    def unyielding(self) -> Metal:
-        """The same, which never flows."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
-class Linear(Declared):
+class Linear(Hardening):
     """σ_Y = σ₀ + H α; perfectly plastic with H = 0."""
 
+    number: ClassVar[int] = 0
     yield_stress: float = parameter("yield stress σ₀ before any plastic strain", "Pa", gt=0.0)
     modulus: float = parameter(
         "rise H of the yield stress per plastic strain", "Pa", ge=0.0, default=0.0
@@ -105,16 +80,12 @@ class Linear(Declared):
         """H, Pa."""
         return np.full_like(np.asarray(alpha, dtype=np.float64), self.modulus)
 
-    @property
-    def largest_strain(self) -> float:
-        """Infinite: a formula."""
-        return math.inf
-
 
 @dataclass(frozen=True, slots=True)
-class Voce(Declared):
+class Voce(Hardening):
     """σ_Y = σ₀ + H α + (σ∞ − σ₀)(1 − e^(−δα)) (Voce, J. Inst. Metals 74 (1948) 537; H: Simo)."""
 
+    number: ClassVar[int] = 1
     yield_stress: float = parameter("yield stress σ₀ before any plastic strain", "Pa", gt=0.0)
     saturation_stress: float = parameter(
         "stress σ∞ that the yield stress tends to, but for H α; at least yield_stress",
@@ -145,16 +116,12 @@ class Voce(Declared):
         gain = self.saturation_stress - self.yield_stress
         return np.asarray(self.modulus + gain * self.exponent * np.exp(-self.exponent * alpha))
 
-    @property
-    def largest_strain(self) -> float:
-        """Infinite: a formula."""
-        return math.inf
-
 
 @dataclass(frozen=True, slots=True)
-class Swift(Declared):
+class Swift(Hardening):
     """σ_Y = K (ε₀ + α)ⁿ (Swift, J. Mech. Phys. Solids 1 (1952) 1)."""
 
+    number: ClassVar[int] = 2
     K: float = parameter("strength coefficient K: the yield stress at ε₀ + α = 1", "Pa", gt=0.0)
     strain0: float = parameter("strain ε₀, by which the body yields first at K ε₀ⁿ", gt=0.0)
     n: float = parameter("hardening exponent", ge=0.0, le=1.0)
@@ -167,14 +134,9 @@ class Swift(Declared):
         """dσ_Y/dα, Pa."""
         return np.asarray(self.n * self.K * (self.strain0 + alpha) ** (self.n - 1.0))
 
-    @property
-    def largest_strain(self) -> float:
-        """Infinite: a formula."""
-        return math.inf
-
 
 @dataclass(frozen=True, slots=True)
-class Table(Declared):
+class Table(Hardening):
     """Straight lines between points (α, σ_Y), the first at α = 0; level beyond the last point.
 
     A table ends where its test ended. Beyond, the stress stays the last one: forces are not
@@ -183,6 +145,7 @@ class Table(Declared):
     say that a run went beyond. At a point the slope is that of the line after it.
     """
 
+    number: ClassVar[int] = 3
     points: tuple[tuple[float, float], ...] = parameter(
         "rows [[plastic strain, yield stress], ...] from strain 0 on; straight between them, level "
         "after the last",
@@ -219,6 +182,10 @@ class Table(Declared):
         """That of the last point."""
         return self.points[-1][0]
 
+    def numbers(self) -> Floats:
+        """The strains, then the stresses."""
+        return np.ascontiguousarray(np.array(self.points).T).reshape(-1)
+
 
 @dataclass(frozen=True, slots=True)
 class Backstress(Declared):
@@ -239,12 +206,13 @@ class Backstress(Declared):
 
 
 @dataclass(frozen=True, slots=True)
-class JohnsonCook(Declared):
+class JohnsonCook(RateFactor):
     """R = 1 + C ln(rate/reference) above the reference rate (1/s), 1 below it.
 
     Johnson & Cook, Proc. 7th Int. Symp. on Ballistics (1983) 541: the factor for the rate alone.
     """
 
+    number: ClassVar[int] = 1
     C: float = parameter(
         "coefficient of R = 1 + C ln(rate/reference_rate), the factor of the yield stress above "
         "the reference rate",
@@ -258,25 +226,16 @@ class JohnsonCook(Declared):
         """R at a rate, 1/s."""
         return np.asarray(1.0 + self.C * np.log(np.maximum(rate / self.reference_rate, 1.0)))
 
-    def slope(self, rate: Floats) -> Floats:
-        """dR/d(rate), s."""
-        above = np.asarray(rate) >= self.reference_rate
-        return np.where(above, self.C / np.maximum(rate, self.reference_rate), 0.0)
-
-    def rate(self, factor: Floats) -> Floats:
-        """The rate, 1/s, of a factor R > 1."""
-        with np.errstate(over="ignore"):
-            return np.asarray(self.reference_rate * np.exp((factor - 1.0) / self.C))
-
 
 @dataclass(frozen=True, slots=True)
-class Perzyna(Declared):
+class Perzyna(RateFactor):
     """R = 1 + (rate/reference)^m, the rate in 1/s.
 
     The overstress model rate = reference · (σ/σ_Y − 1)^(1/m) (Perzyna, Adv. Appl. Mech. 9 (1966)
     243) solved for σ; with m = 1/p and D the reference rate it is Cowper and Symonds' factor.
     """
 
+    number: ClassVar[int] = 2
     reference_rate: float = parameter(
         "rate of plastic strain at which the yield stress is doubled", "1/s", gt=0.0
     )
@@ -287,17 +246,6 @@ class Perzyna(Declared):
     def factor(self, rate: Floats) -> Floats:
         """R at a rate, 1/s."""
         return np.asarray(1.0 + (rate / self.reference_rate) ** self.exponent)
-
-    def slope(self, rate: Floats) -> Floats:
-        """dR/d(rate), s; infinite at rate 0 where m < 1."""
-        m, D = self.exponent, self.reference_rate
-        with np.errstate(divide="ignore", over="ignore"):
-            return np.asarray(m / D * (rate / D) ** (m - 1.0))
-
-    def rate(self, factor: Floats) -> Floats:
-        """The rate, 1/s, of a factor R > 1."""
-        with np.errstate(over="ignore", under="ignore"):
-            return np.asarray(self.reference_rate * (factor - 1.0) ** (1.0 / self.exponent))
 
 
 HARDENING: Mapping[str, type[Declared]] = MappingProxyType(

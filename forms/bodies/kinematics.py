@@ -88,11 +88,6 @@ def radius(u: Expr) -> Expr:
 def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
     """Extent across the plane that a point of the section stands for; 1 without axial symmetry.
 
-    Args:
-        mesh: the mesh.
-        section: what it stands for.
-        u: displacement, for the extent in the deformed body.
-
     Returns:
         2πx, or 2π(x + u_x), m.
     """
@@ -100,6 +95,12 @@ def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
         return 1.0
     x = ufl.SpatialCoordinate(mesh)[0]
     return 2.0 * ufl.pi * (x if u is None else x + u[0])
+
+
+def body_measure(mesh: Any, cells: Any, degree: int) -> Any:
+    """Measure over local cells, of a quadrature degree."""
+    metadata = {"quadrature_degree": degree}
+    return ufl.Measure("dx", domain=mesh, subdomain_data=[(1, cells)], metadata=metadata)(1)
 
 
 def plane_strain(u: Expr, stretch: Expr = 1.0) -> Kinematics:

@@ -10,7 +10,7 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.forms.bodies.kinematics import Section, circumference, section_of
+from tribox.forms.bodies.kinematics import Section, body_measure, circumference, section_of
 from tribox.geometry.compat import integration_facets
 from tribox.geometry.surfaces.facets import Floats, Ints
 
@@ -141,8 +141,7 @@ class BodyForce(Load):
         value = _vector(mesh, mesh.geometry.dim)
         mass = dolfinx.fem.Constant(mesh, PETSc.ScalarType(density))
         weight = circumference(mesh, section_of(mesh.geometry.dim, section))
-        degree = {"quadrature_degree": space.element.basix_element.degree + 1}
-        dx = ufl.Measure("dx", domain=mesh, subdomain_data=[(1, cells)], metadata=degree)(1)
+        dx = body_measure(mesh, cells, space.element.basix_element.degree + 1)
         power = -mass * weight * ufl.inner(value, ufl.TestFunction(space)) * dx
         super().__init__(value, dolfinx.fem.form(power))
 
@@ -182,9 +181,9 @@ class Foundation(Load):
         squares = ufl.as_vector([mix[0] + mix[1] * normal[i] ** 2 for i in range(dim)])
         form = dolfinx.fem.form(weight * ufl.inner(squares, test) * ds)
         mix.value = [1.0, 0.0]
-        self.shares = _owned_vector(space, form)
+        self.shares = owned_values(space, form)
         mix.value = [0.0, 1.0]
-        self.along = _owned_vector(space, form)
+        self.along = owned_values(space, form)
 
     @property
     def amount(self) -> Floats:
@@ -222,7 +221,7 @@ class Foundation(Load):
         return np.outer(value[-2:], value[:-2]).reshape(-1)
 
 
-def _owned_vector(space: dolfinx.fem.FunctionSpace, form: dolfinx.fem.Form) -> Floats:
+def owned_values(space: dolfinx.fem.FunctionSpace, form: dolfinx.fem.Form) -> Floats:
     """A linear form's values (n,) at the owned unknowns; collective."""
     index, dim = space.dofmap.index_map, space.dofmap.index_map_bs
     vector = dolfinx.la.vector(index, dim)

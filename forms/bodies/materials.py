@@ -7,6 +7,7 @@ centre. Parameters enter the forms as constants, so another value compiles nothi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -78,6 +79,17 @@ class Elastic:
 def oedometric_modulus(material: Material) -> float:
     """M = K + 4G/3, Pa: stiffness against compression without lateral strain."""
     return material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus
+
+
+def contact_shear_modulus(material: Material) -> float:
+    """The modulus, Pa, that stands for a body in the default stiffnesses of its contacts.
+
+    An elastic body presses with a share of its shear modulus G: what is a multiple of G lets it
+    approach by a small share of its elements. A metal that flows presses with at most its
+    indentation hardness H ≈ 3 σ_Y, some hundredth of G. The same multiple of H lets it approach as
+    little, at all pressures it can bear, and is no stiffer than its elements are before they yield.
+    """
+    return min(material.shear_modulus, float(getattr(material, "hardness", math.inf)))
 
 
 def shear_and_bulk(E: float, nu: float) -> tuple[float, float]:

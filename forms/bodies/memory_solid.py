@@ -17,20 +17,18 @@ that of a strain energy, that energy stays beside it.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import basix
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
+from tribox.forms.bodies.elastoplastic import PLASTIC_STRAIN
 from tribox.forms.bodies.kinematics import Section, centre_kinematics, section_of
 from tribox.forms.bodies.materials import Hencky, Material
-from tribox.forms.bodies.plastic_points import PLASTIC_STRAIN
 from tribox.forms.bodies.point_cells import NAMES, PointCells, cells_of
 from tribox.forms.bodies.point_state import (
     DISSIPATED,
-    CompiledPoints,
     Evaluation,
     Floats,
     Kernel,
@@ -175,17 +173,10 @@ class MemorySolid(Solid):
 
     def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
         """What the loop updates the points with; None: they are updated in Python."""
-        if not isinstance(law, CompiledPoints):
-            return None
         return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
 
     def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
-        """The points at the present displacement, from ``origin``, with their forces.
-
-        Args:
-            origin: from where.
-            spare: of whose arrays to make it.
-        """
+        """The points at the present displacement, from ``origin``, with their forces."""
         law = self._frozen if origin.elastic else self.law
         energies: Floats = np.zeros(3)
         kernel = self._kernel(law, origin.dt)
@@ -336,27 +327,6 @@ class MemorySolid(Solid):
 # Axis letters: k places, c cells, q quadrature points of a cell, p components.
 
 
-class PointBody(Protocol):
-    """A body whose material points remember, as far as values at other places need it."""
-
-    cell: str
-    full_degree: int
-    cells: Ints
-
-    @property
-    def material(self) -> Material:
-        """Its moduli."""
-        ...
-
-    def point_stress(self) -> Floats:
-        """Cauchy stress (c, q, 3, 3), Pa, that the forms take from the points."""
-        ...
-
-    def plastic_strain(self) -> Floats:
-        """Equivalent plastic strain (c, q) at the points."""
-        ...
-
-
 def as_tensors(rows: Floats) -> Floats:
     """Tensors (k, 3, 3) from components (k, p): 11, 12, 21, 22, 33; in space all, row by row."""
     if rows.shape[1] == 9:
@@ -388,7 +358,7 @@ class PointValues:
     """Stress and equivalent plastic strain of a body at places of its cells."""
 
     def __init__(
-        self, solid: PointBody, cells: Ints, xi: Floats | None, beside: StressAt | None = None
+        self, solid: MemorySolid, cells: Ints, xi: Floats | None, beside: StressAt | None = None
     ) -> None:
         """Find the shares of the quadrature points.
 

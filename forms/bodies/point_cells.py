@@ -20,7 +20,7 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.deformation import rows_at
+from tribox.forms.bodies.deformation import quadrature_rows
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_state import CELLS, Kernel
 from tribox.forms.native.libraries import library
@@ -115,20 +115,18 @@ def cells_of(
         degree: of the quadrature.
     """
     kind = space.mesh.topology.cell_name()
-    points, weights = basix.make_quadrature(basix.CellType[kind], degree)
-    table, ring = [], section == "axisymmetric"
-    for x, weight in zip(points, weights, strict=True):
-        rows = rows_at(space, section, cells, x[None])
-        around = 2.0 * np.pi * rows.place[:, 0] if ring else 1.0
-        volume = weight * rows.volume * around
-        inverse = rows.inverse.reshape(len(cells), points.shape[1] ** 2)
-        table.append(np.column_stack([inverse, volume, rows.across]))
-    volumes = np.column_stack([part[:, -2] for part in table]).reshape(-1)
+    points, _ = basix.make_quadrature(basix.CellType[kind], degree)
+    rows, weight = quadrature_rows(space, section, cells, degree)
+    table = [
+        np.column_stack([one.inverse.reshape(len(cells), points.shape[1] ** 2), volume, one.across])
+        for one, volume in zip(rows, weight, strict=True)
+    ]
     shape = shape_functions(kind, space.element.basix_element.degree, 1, points)
     nodes = np.asarray(space.dofmap.list, dtype=np.int32)[cells]
     number = np.arange(len(cells), dtype=np.int32)
     shape = np.ascontiguousarray(shape.transpose(1, 2, 0))
-    return Cells(nodes, number, np.concatenate(table, axis=1), shape, len(volumes)), volumes
+    found = Cells(nodes, number, np.concatenate(table, axis=1), shape, weight.size)
+    return found, weight.T.reshape(-1)
 
 
 class PointCells:
@@ -139,13 +137,7 @@ class PointCells:
     """
 
     def __init__(self, section: Section, cells: Cells, moduli: Moduli | None = None) -> None:
-        """Arrange the cells for the loop.
-
-        Args:
-            section: what the mesh stands for.
-            cells: see the class.
-            moduli: those of the cells that these are a part of.
-        """
+        """Arrange the cells for the loop."""
         self._section, self._cells = section, cells
         self.nodes = cells.nodes
         self.moduli = Moduli() if moduli is None else moduli

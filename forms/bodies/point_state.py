@@ -1,7 +1,7 @@
 """What the material points of a body remember: committed values, and those of the last evaluation.
 
-:class:`MaterialPoints` is what a kind of points must be able to do; that of metals that flow is
-:mod:`tribox.forms.bodies.plastic_points`.
+:class:`MaterialPoints` is what a kind of points must be able to do; that of metals that flow is in
+:mod:`tribox.forms.bodies.elastoplastic`.
 
 Newton's method, line search, predictor and approach phases evaluate in any order and often in vain.
 An evaluation therefore starts from committed values alone, and is known by what it depends on: the
@@ -15,9 +15,9 @@ components of F and P, in the plane 11, 12, 21, 22, 33, in space nine, row by ro
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,107 +29,27 @@ DISSIPATED = "dissipated"  # of variables that sum up, J/m³, what each part of 
 CELLS = "point_cells.c"
 
 
-class PointUpdate(Protocol):
-    """What an update of n points gives; energies per reference volume, J/m³."""
+@dataclass(frozen=True, slots=True)
+class PointUpdate:
+    """What an update of n points gives; energies per reference volume.
 
-    @property
-    def P(self) -> Floats:
-        """First Piola stress (n, p), Pa."""
-        ...
-
-    @property
-    def state(self) -> Floats:
-        """What is remembered (n, s) at the end of the step."""
-        ...
-
-    @property
-    def A(self) -> Floats | None:
-        """Consistent tangent ∂P/∂F (n, p, p), Pa; None if not asked for."""
-        ...
-
-    @property
-    def elastic(self) -> Floats:
-        """Energy (n,) stored at the end of the step."""
-        ...
-
-    @property
-    def dissipation(self) -> Floats:
-        """Energy (n,) dissipated in the step, not negative."""
-        ...
-
-    @property
-    def valid(self) -> bool:
-        """False if any point could not be evaluated; there all but the state is NaN."""
-        ...
-
-
-class MaterialPoints(Protocol):
-    """Material points that remember, of one kind. They keep no state: what comes in stays.
-
-    A material has them (``Material.points``), a body keeps their state
-    (:mod:`tribox.forms.bodies.memory_solid`): nothing else has to know of another kind.
+    At points that are not valid all but the state is NaN, and the state is that of the begin.
 
     Attributes:
-        components: p of F and P.
-        columns: where in a state the variables lie, by name.
-        flows: whether they yield, so that a load taken back is answered elastically; those that
-            only creep have no such edge.
-        rated: whether the duration of a step counts.
-        added: whether their stress is added to that of the material's strain energy, whose forms
-            stay beside them; if not it stands for that energy, of which selective reduced
-            integration keeps the volumetric part at the centre (``volumetric=False``).
+        P: (n, p), Pa, first Piola stress; state: (n, s) at the end of the step.
+        A: (n, p, p), Pa, consistent tangent ∂P/∂F; None if not asked for.
+        elastic: (n,), J/m³, stored at the end; dissipation: (n,), in the step, not negative;
+            numerical: (n,), the part of it that is due to the step's size.
+        valid: whether all points could be evaluated.
     """
 
-    components: int
-    flows: bool
-    added: bool
-
-    @property
-    def columns(self) -> Mapping[str, slice]:
-        """See the class."""
-        ...
-
-    @property
-    def rated(self) -> bool:
-        """See the class."""
-        ...
-
-    def start(self, points: int) -> Floats:
-        """State (points, s) of a body that nothing has happened to."""
-        ...
-
-    def update(
-        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
-    ) -> PointUpdate:
-        """Stress, new state and energies at the deformation gradients ``F``.
-
-        Args:
-            F: (n, p) deformation gradients at the end of the step.
-            state: (n, s) at its begin.
-            dt: s, its length; infinite where rates do not count.
-            tangent: whether to compute A.
-            volumetric: False leaves the volumetric energy out.
-        """
-        ...
-
-    def frozen(self) -> MaterialPoints:
-        """The same points with what they remember held: their instantaneous, elastic answer."""
-        ...
-
-
-@runtime_checkable
-class CompiledPoints(MaterialPoints, Protocol):
-    """Points that are compiled, so that loops over cells can update them on the way."""
-
-    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
-        """What updates them in a section of a body; None where nothing does after all.
-
-        Args:
-            section: ``strain``, ``ring`` or ``space``.
-            dt: s, length of the step.
-            volumetric: False leaves the volumetric energy out.
-        """
-        ...
+    P: Floats
+    state: Floats
+    A: Floats | None
+    elastic: Floats
+    dissipation: Floats
+    numerical: Floats
+    valid: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,46 +67,139 @@ class Kernel:
 
     @classmethod
     def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:
-        """One of a C source.
-
-        Args:
-            source: file name of the C source.
-            name: of the function in it, after ``tribox_``.
-            material: its parameters, as the source lays them out.
-            symmetric: see the class.
-        """
+        """The function ``tribox_NAME`` of a C source, for parameters as it lays them out."""
         function = getattr(library(source), f"tribox_{name}")
         address = ctypes.cast(function, ctypes.c_void_p).value
         assert address is not None
         return cls(address, material, symmetric)
 
-    def update(
-        self, F: Floats, state: Floats, tangent: bool
-    ) -> tuple[Floats, Floats, Floats | None, Floats, bool]:
-        """Update points by themselves, see ``MaterialPoints.update``.
-
-        Returns:
-            P (n, p), state (n, s), A (n, p, p) or None, then energies (3, n): stored, dissipated
-            and the part of it that is due to the step's size; whether all points are valid.
-        """
+    def update(self, F: Floats, state: Floats, tangent: bool) -> PointUpdate:
+        """Update points by themselves, see :meth:`MaterialPoints.update`."""
         F, state = (np.ascontiguousarray(x, dtype=np.float64) for x in (F, state))
         n, p = F.shape
         P, end, energies = np.empty_like(F), np.empty_like(state), np.empty((3, n))
         A = np.empty((n, p, p)) if tangent else None
         arrays = (F, state, P, end, A, energies)
         places = [None if array is None else array.ctypes.data for array in arrays]
-        call = _points()
+        call = library(CELLS).tribox_points
+        call.argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 6]
+        call.restype = ctypes.c_int64
         bad = call(self.function, ctypes.byref(self.material), p, state.shape[1], n, *places)
-        return P, end, A, energies, not bad
+        elastic, dissipation, numerical = energies
+        return PointUpdate(P, end, A, elastic, dissipation, numerical, not bad)
 
 
-def _points() -> Any:
-    """The loop over points by themselves."""
-    call = library(CELLS).tribox_points
-    call.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_int64] * 3]
-    call.argtypes += [ctypes.c_void_p] * 6
-    call.restype = ctypes.c_int64
-    return call
+class MaterialPoints:
+    """Material points that remember, of one kind. They keep no state: what comes in stays.
+
+    A material has them (``Material.points``), a body keeps their state
+    (:mod:`tribox.forms.bodies.memory_solid`): nothing else has to know of another kind. A kind
+    gives the kernel that updates its points, or else updates them itself.
+
+    Attributes:
+        space: whether F and P have nine components, not the plane's five; components: their number.
+        columns: where in a state the variables lie, by name.
+        first: (s,) state of a point that nothing has happened to.
+        flows: whether they yield, so that a load taken back is answered elastically; those that
+            only creep have no such edge.
+        rated: whether the duration of a step counts.
+        added: whether their stress is added to that of the material's strain energy, whose forms
+            stay beside them; if not it stands for that energy, of which selective reduced
+            integration keeps the volumetric part at the centre (``volumetric=False``).
+    """
+
+    flows = rated = added = False
+
+    def __init__(self, space: bool, columns: Mapping[str, slice], first: Floats) -> None:
+        """Take what the kind remembers."""
+        self.space, self.columns, self.first = space, columns, first
+        self.components = 9 if space else 5
+
+    def start(self, points: int) -> Floats:
+        """State (points, s) of a body that nothing has happened to."""
+        return np.tile(self.first, (points, 1))
+
+    def frozen(self) -> MaterialPoints:
+        """The same points with what they remember held: their instantaneous, elastic answer."""
+        raise NotImplementedError
+
+    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
+        """What updates them on the way of a loop over cells; None: nothing does.
+
+        Args:
+            section: ``strain``, ``ring`` or ``space``, of a body.
+            dt: s, length of the step.
+            volumetric: False leaves the volumetric energy out.
+        """
+        return None
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> PointUpdate:
+        """Stress, new state and energies at the deformation gradients ``F``.
+
+        Args:
+            F: (n, p) deformation gradients at the end of the step.
+            state: (n, s) at its begin.
+            dt: s, its length; infinite where rates do not count.
+            tangent: whether to compute A.
+            volumetric: False leaves the volumetric energy out.
+
+        Raises:
+            ValueError: arrays of other shapes, or a ``dt`` that is not positive where it counts.
+        """
+        wanted = (len(F), self.components), (len(F), len(self.first))
+        if (F.shape, state.shape) != wanted:
+            raise ValueError(f"F and state have shapes {F.shape}, {state.shape}, not {wanted}")
+        kernel = self.kernel("space" if self.space else "ring", dt, volumetric)
+        assert kernel is not None, "who has no kernel updates points itself"
+        return kernel.update(F, state, tangent)
+
+
+class PointsBeside(MaterialPoints):
+    """Kinds of points whose stresses are added to one body: branches and softening."""
+
+    added = True
+
+    def __init__(self, parts: Sequence[MaterialPoints]) -> None:
+        """Take them; their columns have names of their own."""
+        self.parts = tuple(parts)
+        ends = np.cumsum([0, *(len(part.first) for part in parts)])
+        self._places = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        columns = {
+            name: slice(at.start + place.start, at.stop + place.start)
+            for part, place in zip(self.parts, self._places, strict=True)
+            for name, at in part.columns.items()
+        }
+        super().__init__(parts[0].space, columns, np.concatenate([part.first for part in parts]))
+        self.rated = any(part.rated for part in parts)
+
+    def frozen(self) -> PointsBeside:
+        """The same with what they remember held."""
+        return PointsBeside([part.frozen() for part in self.parts])
+
+    def update(
+        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
+    ) -> PointUpdate:
+        """The sums of what the parts give."""
+        found = [
+            part.update(F, np.ascontiguousarray(state[:, place]), dt, tangent, volumetric)
+            for part, place in zip(self.parts, self._places, strict=True)
+        ]
+
+        def total(name: str) -> Floats:
+            first, *others = (getattr(one, name) for one in found)
+            return np.asarray(sum(others, start=first))
+
+        return PointUpdate(
+            total("P"),
+            np.hstack([one.state for one in found]),
+            total("A") if tangent else None,
+            total("elastic"),
+            total("dissipation"),
+            total("numerical"),
+            all(one.valid for one in found),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,24 +22,19 @@ space, of the plane J and I1 in it and the stretch across it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
 
 import basix.ufl
 import numpy as np
 import ufl
-from numpy.typing import NDArray
 from scipy.special import erf
 from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.point_state import MaterialPoints, PointUpdate
-from tribox.forms.bodies.point_stress import of_invariants
-from tribox.forms.bodies.ufl_values import values_of
+from tribox.forms.bodies.point_state import Floats, MaterialPoints, PointUpdate
+from tribox.forms.bodies.point_stress import of_invariants, values_of
 
-Floats = NDArray[np.float64]
 LARGEST = "largest_energy"
 TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]])  # ∂²det/∂F²
 
@@ -73,30 +68,10 @@ def _area(x: Floats) -> Floats:
     return np.asarray(x * erf(x) + np.exp(-x * x) / math.sqrt(math.pi))
 
 
-@dataclass(frozen=True, slots=True)
-class AddedUpdate:
-    """What an update of n points gives, see :class:`tribox.forms.bodies.point_state.PointUpdate`.
+class SofteningPoints(MaterialPoints):
+    """What softening takes."""
 
-    At points that are not valid all but the state is NaN, and the state is that of the begin.
-    """
-
-    P: Floats
-    state: Floats
-    A: Floats | None
-    elastic: Floats
-    dissipation: Floats
-    valid: bool
-
-
-class SofteningPoints:
-    """What softening takes, see :class:`tribox.forms.bodies.point_state.MaterialPoints`.
-
-    Attributes:
-        components: p.
-    """
-
-    flows, added, rated = False, True, False
-    columns: Mapping[str, slice] = {LARGEST: slice(0, 1)}
+    added = True
 
     def __init__(
         self, elastic: Material, softening: Mullins, space: bool, held: bool = False
@@ -110,8 +85,8 @@ class SofteningPoints:
             held: whether the largest energy is held, as in the first moment of unloading: beyond
                 it η goes on as it came.
         """
-        self.elastic, self.softening, self.space, self._held = elastic, softening, space, held
-        self.components = 9 if space else 5
+        super().__init__(space, {LARGEST: slice(0, 1)}, np.zeros(1))
+        self.elastic, self.softening, self._held = elastic, softening, held
         domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
         self._constants = [ufl.Constant(domain) for _ in range(3)]
         variables = [ufl.variable(c) for c in self._constants]
@@ -122,18 +97,14 @@ class SofteningPoints:
         curved = [ufl.diff(slopes[a], variables[b]) for a in range(3) for b in range(a, 3)]
         self._second = [expand_derivatives(e) for e in curved]
 
-    def start(self, points: int) -> Floats:
-        """State (points, 1) of a body that nothing has happened to."""
-        return np.zeros((points, 1))
-
     def frozen(self) -> SofteningPoints:
         """The same with the largest energy held."""
         return SofteningPoints(self.elastic, self.softening, self.space, held=True)
 
     def update(
         self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
-    ) -> AddedUpdate:
-        """See ``MaterialPoints.update``; there is no volumetric part and no rate."""
+    ) -> PointUpdate:
+        """See :meth:`MaterialPoints.update`; there is no volumetric part and no rate."""
         with np.errstate(all="ignore"):
             W, P, A = self._distortion(F, tangent)
             before = state[:, 0]
@@ -147,14 +118,15 @@ class SofteningPoints:
                 A = slope[:, None, None] * (P[:, :, None] * P[:, None, :]) - less[:, None, None] * A
             P = -less[:, None] * P
             elastic = s / r * (_area(x) - _area(largest / s))
-            lost = self.softening.lost
-            dissipation = np.where(largest > before, lost(largest) - lost(before), 0.0)
+            gone = self.softening.lost(largest) - self.softening.lost(before)
+            dissipation = np.where(largest > before, gone, 0.0)
         good = np.isfinite(P).all(axis=1) & np.isfinite(W)
         for values in (P, A, elastic, dissipation):
             if values is not None:
                 values[~good] = np.nan
         end = np.where(good, largest, before)[:, None]
-        return AddedUpdate(P, end, A, elastic, np.maximum(dissipation, 0.0), bool(good.all()))
+        lost = np.maximum(dissipation, 0.0)
+        return PointUpdate(P, end, A, elastic, lost, np.zeros_like(lost), bool(good.all()))
 
     def _distortion(self, F: Floats, tangent: bool) -> tuple[Floats, Floats, Floats | None]:
         """Distortional energy (n,), J/m³, P (n, p) and A (n, p, p), Pa, as if nothing had softened.
@@ -212,59 +184,3 @@ class SofteningPoints:
         second -= 2.0 * np.einsum("ik,nLJ->niJkL", one, C)
         second -= 2.0 * np.einsum("nik,JL->niJkL", b, one)
         return [volume.reshape(-1, 9, 9), 2.0 * np.eye(9), second.reshape(-1, 9, 9)]
-
-
-class PointsBeside:
-    """Kinds of points whose stresses are added to one body: branches and softening."""
-
-    flows, added = False, True
-
-    def __init__(self, parts: Sequence[MaterialPoints]) -> None:
-        """Take them, of one number of components; their columns have names of their own."""
-        self.parts, self.components = tuple(parts), parts[0].components
-        widths = [part.start(0).shape[1] for part in parts]
-        ends = np.cumsum([0, *widths])
-        self._places = [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-    @property
-    def rated(self) -> bool:
-        """Whether the duration of a step counts for any."""
-        return any(part.rated for part in self.parts)
-
-    @property
-    def columns(self) -> Mapping[str, slice]:
-        """Where the variables lie in a state."""
-        return {
-            name: slice(at.start + place.start, at.stop + place.start)
-            for part, place in zip(self.parts, self._places, strict=True)
-            for name, at in part.columns.items()
-        }
-
-    def start(self, points: int) -> Floats:
-        """State (points, s) of a body that nothing has happened to."""
-        return np.hstack([part.start(points) for part in self.parts])
-
-    def frozen(self) -> PointsBeside:
-        """The same with what they remember held."""
-        return PointsBeside([part.frozen() for part in self.parts])
-
-    def update(
-        self, F: Floats, state: Floats, dt: float, tangent: bool, volumetric: bool = True
-    ) -> AddedUpdate:
-        """See ``MaterialPoints.update``: the sums."""
-        found: list[PointUpdate] = [
-            part.update(F, np.ascontiguousarray(state[:, place]), dt, tangent, volumetric)
-            for part, place in zip(self.parts, self._places, strict=True)
-        ]
-
-        def total(values: Sequence[Any]) -> Floats:
-            return np.asarray(sum(values[1:], start=values[0]))
-
-        return AddedUpdate(
-            P=total([one.P for one in found]),
-            state=np.hstack([one.state for one in found]),
-            A=total([one.A for one in found]) if tangent else None,
-            elastic=total([one.elastic for one in found]),
-            dissipation=total([one.dissipation for one in found]),
-            valid=all(one.valid for one in found),
-        )

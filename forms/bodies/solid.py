@@ -31,6 +31,7 @@ from tribox.forms.bodies.kinematics import (
     Kinematics,
     Section,
     WithoutVariables,
+    body_measure,
     centre_kinematics,
     circumference,
     kinematics,
@@ -231,14 +232,9 @@ class Solid:
         weight = circumference(self._u.function_space.mesh, self.section)
         return compile_energy(weight * density, dx, self._u)
 
-    def _dx(self, degree: int | None) -> Any:
+    def _dx(self, degree: int) -> Any:
         """Measure over the body's cells, of a quadrature degree."""
-        return ufl.Measure(
-            "dx",
-            domain=self._u.function_space.mesh,
-            subdomain_data=[(1, self.cells)],
-            metadata={} if degree is None else {"quadrature_degree": degree},
-        )(1)
+        return body_measure(self._u.function_space.mesh, self.cells, degree)
 
     def cauchy_stress(self) -> Any:
         """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, the part across the plane included, in UFL."""

@@ -19,7 +19,7 @@ from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.kinematics import Kinematics, PlanePart, plane_kinematics
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.ufl_values import values_of
+from tribox.forms.bodies.point_stress import values_of
 
 Floats = NDArray[np.float64]
 
@@ -52,9 +52,6 @@ TESTS = (
 
 def stability_limits(material: Material) -> dict[str, float]:
     """Where a material is not stable within the stretches looked at.
-
-    Args:
-        material: strain energy; taken as incompressible.
 
     Returns:
         The stretch beyond which it is not, by test, such as {"uniaxial compression": 0.62}.

@@ -94,14 +94,7 @@ class Carried:
         return out
 
     def operator(self, first: int) -> scipy.sparse.csr_matrix:
-        """T of all unknowns (nodes and control points · i, nodes of the pair · i).
-
-        Args:
-            first: number of nodes before the control points.
-        """
-        own, tool = first * self.dim, self.tangent.reshape(-1, 2 * self.dim)
-        rows, wide = tool.shape
-        data = np.concatenate([np.ones(own), tool.reshape(-1)])
-        index = np.concatenate([np.arange(own), own + np.tile(np.arange(wide), rows)])
-        start = np.concatenate([np.arange(own), own + wide * np.arange(rows + 1)])
-        return scipy.sparse.csr_matrix((data, index, start), (own + rows, own + wide))
+        """T of all unknowns (nodes and control points · i, nodes of the pair · i)."""
+        nodes = scipy.sparse.identity(first * self.dim, format="csr")
+        tool = self.tangent.reshape(-1, 2 * self.dim)
+        return scipy.sparse.block_diag([nodes, tool], format="csr")

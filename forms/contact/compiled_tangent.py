@@ -156,12 +156,6 @@ class CompiledTangent:
     ) -> tuple[Blocks, list[Coupling]]:
         """Add the tangent to a part of a matrix; collective.
 
-        Args:
-            tangent: of the pair, which does what is left.
-            state: of the last step.
-            trial: whose tangent is to be added.
-            entries: the part of the matrix.
-
         Returns:
             What is not in that part: blocks of points, and couplings.
 
@@ -274,14 +268,7 @@ class CompiledTangent:
     def _blocks_of(
         self, pair: _Pair, groups: PointGroups, nodes: Longs, which: Bools
     ) -> tuple[Longs, Floats]:
-        """Global nodes (p, m) and blocks (p, m, i, n, j) of some of the groups (g,).
-
-        Args:
-            pair: the structure.
-            groups: of points.
-            nodes: (g, m) of the pair, those of the last step left out where all have stayed.
-            which: (g,) the groups that are asked for.
-        """
+        """Global nodes (p, m) and blocks (p, m, i, n, j) of some of the groups (g,)."""
         ends, points = groups.ordered(which)
         width = nodes.shape[1]
         blocks = np.zeros((len(ends) - 1, width, 3, width, 3))
@@ -364,16 +351,7 @@ class CompiledTangent:
 
 
 def _one_each(of_column: Ints, count: int, node: Longs) -> tuple[Ints, Longs]:
-    """One number for each node of ``of_column`` (n,), which may hold some of them twice.
-
-    Args:
-        of_column: first of their unknowns in a matrix, −1 of nodes that are not in it.
-        count: columns of the matrix.
-        node: (e,) numbers of nodes.
-
-    Returns:
-        The node (c,) that begins at each of the matrix's columns, −1 elsewhere; and ``node`` so.
-    """
+    """One number for each node of ``of_column`` (n,), which may hold some of them twice."""
     there = np.nonzero(of_column >= 0)[0]
     node_of = np.full(count, -1, dtype=np.int32)
     node_of[of_column[there]] = there

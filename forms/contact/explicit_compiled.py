@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.contact.explicit import ExplicitContact
-from tribox.forms.contact.explicit_tie import ExplicitTie
+from tribox.forms.contact.explicit import ExplicitContact, ExplicitTie
 from tribox.forms.contact.kinematics import ContactKinematics
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, TOUCHING, AveragedPressure

@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 from mpi4py import MPI
 
-from tribox.forms.contact.explicit import ExplicitContact
-from tribox.forms.contact.explicit_tie import ExplicitTie
+from tribox.forms.contact.explicit import ExplicitContact, ExplicitTie
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.factored_law import strongest
 from tribox.geometry.surfaces.exchange import NodalVector

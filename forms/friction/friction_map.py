@@ -44,11 +44,11 @@ from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.forms.friction.return_mapping import (
     TINY,
     Returned,
+    SlipWeakening,
     components_first,
     dot,
     return_mapping,
 )
-from tribox.forms.friction.slip_weakening import SlipWeakening
 from tribox.forms.friction.slowing import Motion, Slowing, slowing
 
 Floats = NDArray[np.float64]
@@ -318,15 +318,7 @@ class FrictionMap:
         dt: Floats | float,
         into: tuple[Floats, Floats, Floats, Floats],
     ) -> None:
-        """Add the derivatives of what asperities took over where the film gave it up.
-
-        Args:
-            step: the step.
-            slowed: its points that slowed down.
-            dt: s.
-            into: of T for slip (i, j, q), elastic slip (i, j, q), pressure and film (i, q), all
-                with the elastic slip's length kept.
-        """
+        """Add the derivatives of what asperities took over where the film gave it up."""
         q = slowed.points
         d_slip, d_elastic, d_pressure, d_film = into
         slopes, ahead = slowed.slopes.copy(), step.returned.direction[:, q]

@@ -125,11 +125,6 @@ class _Findings:
 def check_law(law: FrictionLaw, at: Conditions, seed: int = 0) -> list[Finding]:
     """Compare a law with what every friction law must hold to, in the plane and in space.
 
-    Args:
-        law: the law; it is asked some thousand times.
-        at: pressures, film thicknesses and lengths of steps.
-        seed: of the random points.
-
     Returns:
         What was compared. Derivatives for the film's thickness only where there is a film.
     """
@@ -249,17 +244,7 @@ def _enter(
     asked: NDArray[np.bool_],
     sample: _Sample,
 ) -> None:
-    """Compare derivatives (q, i) for one number with differences of the tractions.
-
-    Args:
-        finding: where it is entered.
-        exact: the law's.
-        traction: (q, i), Pa, of a change (q,) of that number.
-        step: (q,) of the differences.
-        floor: (q,), size of a derivative of which errors are a share at least.
-        asked: (q,) points that are compared unless a kink is near.
-        sample: names the points.
-    """
+    """Compare derivatives (q, i) for one number with differences of the tractions."""
     coarse, fine = _difference(traction, step), _difference(traction, 0.25 * step)
     size = np.maximum(np.abs(exact).max(axis=1), np.abs(fine).max(axis=1))
     size = np.maximum(size, floor)

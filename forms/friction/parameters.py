@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from tribox.forms.friction.film_rheology import FilmRheology
-from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.return_mapping import SlipWeakening
 from tribox.forms.parameters import Bounds, Refused, Scales, parameter
 
 Table = tuple[tuple[float, float], ...]

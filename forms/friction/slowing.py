@@ -115,13 +115,7 @@ class _Value:
 
 
 def slowing(parameters: FrictionMapParameters, at: FilmPoint, motion: Motion) -> Slowing | None:
-    """The points that slow down through V*, None if there are none.
-
-    Args:
-        parameters: of the law.
-        at: film fraction at the end of the step.
-        motion: of all points.
-    """
+    """The points that slow down through V*, None if there are none."""
     speed = motion.length / motion.dt
     slower = (at.solid > motion.solid_before) & (speed < motion.speed_before)
     points = np.flatnonzero(slower & (motion.pressure > 0.0))
@@ -192,15 +186,7 @@ def _stress(
     moving: bool = False,
     follows: bool = False,
 ) -> _Value:
-    """Traction of a film that carries all, Pa.
-
-    Args:
-        parameters: of the law.
-        here: the points.
-        speed: (c,), m/s.
-        moving: whether that is the speed of the step.
-        follows: whether it goes with V*, in proportion to one over the root of the thickness.
-    """
+    """Traction of a film that carries all, Pa."""
     length = speed * here.dt
     flow = film_resistance(
         parameters,
@@ -227,15 +213,7 @@ def _stress(
 def _taken(
     K_T: float, length: Floats, falls: tuple[_Value, _Value, _Value], y_n: _Value, y: _Value
 ) -> _Value:
-    """Traction that the asperities have taken over, with its derivatives, Pa.
-
-    Args:
-        K_T: Pa/m.
-        length: (c,), m, of the slip.
-        falls: of the film's traction, alone, through V* and below.
-        y_n: share of the asperities at the start of the step.
-        y: that at its end.
-    """
+    """Traction that the asperities have taken over, with its derivatives, Pa."""
     alone, through, below = (fall.value for fall in falls)
     low, high = K_T * y_n.value, K_T * y.value
     rise = high - low

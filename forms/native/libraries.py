@@ -28,9 +28,6 @@ SOURCES = (
 def library(name: str) -> ctypes.CDLL:
     """The compiled library of the source ``name``.
 
-    Args:
-        name: file name of a C source in this directory.
-
     Raises:
         KernelError: it can be neither found nor made.
     """

@@ -1,7 +1,6 @@
 /* Material points of finite J2 plasticity, eight at a time.
  *
- * The same operations as forms/bodies/plastic_points.py, return_mapping.py and principal_axes.py,
- * where the equations are. Principal axes in space come without iterations over rotations: the
+ * The equations are in forms/bodies/elastoplastic.py. Principal axes in space come without iterations over rotations: the
  * principal value that is farthest from the other two from its cubic, its axis from a cross product
  * (D. Eberly, A robust eigensolver for 3x3 symmetric matrices, geometrictools.com, 2014), the
  * other two from the plane across it. All of it is scaled by the deviator, so that nearly equal
@@ -16,7 +15,11 @@
 enum law { LINEAR, VOCE, SWIFT, TABLE };
 enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
 
-/* Those of return_mapping.py and principal_axes.py. */
+/* NEUTRAL: of the yield stress: so little below it a point counts as one that flows; STILL: an
+ * overstress that is round-off. SMALL_STEP: relative, after which Newton's next one would be below
+ * round-off; ROUNDOFF: of g over the trial stress. SERIES: up to which artanh(z)/z is one, whose
+ * rest is below 1e-17. SETTLED: of Σ c and 25 times the trial stress, a change of the rest that is
+ * round-off. ITERATIONS and TURNS are far beyond need: 4 are usual. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
 static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
 static const double NEAR = 0.25, TURNING = 1e-4; /* of `mean_decay` and `turn` */
@@ -89,7 +92,7 @@ static void flow_stress(const Material *m, double alpha, double step, double *st
     *stress *= factor;
 }
 
-/* Left of the root for concave laws, see return_mapping.py. */
+/* Left of the root for concave laws. */
 static double start(const Material *m, double over, double stress, double slope)
 {
     double x = over / (3.0 * m->shear + slope), rate;
@@ -244,12 +247,12 @@ INLINE void axes_in_space(const vec *F, const vec *C, Axes *at)
                           inverse;
 }
 
-/* The end of the step, see class Flow of return_mapping.py. */
+/* The end of the step, see "return mapping" in elastoplastic.py. */
 typedef struct {
     vec strain[3], n[3], theta, theta_bar, step, stress, numerical;
 } Flow;
 
-/* e^-y, phi and the ratio, see mean_decay of return_mapping.py; by series where y is small. */
+/* e^-y, phi and the ratio (φ and (φ − e^−y)/y, φ = (1 − e^−y)/y); by series where y is small. */
 INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
     static const double c[] = {1.0,          1.0 / 2,       1.0 / 6,        1.0 / 24,        1.0 / 120,
@@ -393,7 +396,7 @@ INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, ve
     return x;
 }
 
-/* The return mapping of the trial strains `logs`, see return_mapping.py; to `last` if that is not
+/* The return mapping of the trial strains `logs`; to `last` if that is not
  * null, the plastic strain that it has led to before. */
 INLINE void flow(const Material *m, const vec *logs, vec alpha, const vec *last, Flow *f)
 {
@@ -563,7 +566,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
         end[k] = choose(moved, end[k], state[k]);
 }
 
-/* -- backstress: see return_mapping.py ---------------------------------------------------------
+/* -- backstress: see elastoplastic.py ----------------------------------------------------------
  * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
  * the plane those axes are two in it and its normal, and nothing couples them. */
 
@@ -1034,7 +1037,7 @@ INLINE void pushed(int space, const Axes *at, const tensor a, vec *to, int strid
         to[p * stride] = whole[place[p][0]][place[p][1]];
 }
 
-/* A (p, p) from the moduli c and the stress tau, see _pushed of plastic_points.py. */
+/* A (p, p) from the moduli c and the stress tau: (δP Fᵀ) = δτ − τ δlᵀ for δF = δl F. */
 INLINE void turned_tangent(int space, const Axes *at, const vec *c, const tensor tau, vec *A)
 {
     const int count = space ? 9 : 5, size = space ? 6 : 4;

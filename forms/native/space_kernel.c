@@ -622,19 +622,32 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
     return any(at.bad);
 }
 
-/* Forces, energy and tangent; kind: 0 hexahedra, 1 hexahedra with the volumetric part at the
- * centre, 2 tetrahedra. */
-EXPORT int tribox_space_forces(int material, int kind, const Work *work)
+/* Forces, which are added to `result`, energy, which is put there, and tangent; kind: 0 hexahedra,
+ * 1 hexahedra with the volumetric part at the centre, 2 tetrahedra. */
+#define CELLS                                                                                      \
+    int material, int kind, const double *c, int64_t blocks, int lanes_of_last,                    \
+        const int32_t *node, const double *edge, const double *u
+#define WORK                                                                                       \
+    .c = c, .blocks = blocks, .lanes_of_last = lanes_of_last, .node = node, .edge = edge, .u = u
+#define LOOP(energy, second)                                                                       \
+    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, energy, second,   \
+                      &work)
+
+EXPORT int tribox_space_forces(CELLS, double *result)
 {
-    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, 0, 0, work);
+    const Work work = {WORK, .forces = result};
+    LOOP(0, 0);
 }
 
-EXPORT int tribox_space_energy(int material, int kind, const Work *work)
+EXPORT int tribox_space_energy(CELLS, double *result)
 {
-    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, 1, 0, work);
+    const Work work = {WORK, .total = result};
+    LOOP(1, 0);
 }
 
-EXPORT int tribox_space_tangent(int material, int kind, const Work *work)
+EXPORT int tribox_space_tangent(CELLS, const double *excess, const Beside *beside,
+                                const int32_t *start, double *values)
 {
-    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, 0, 1, work);
+    const Work work = {WORK, .excess = excess, .beside = beside, .start = start, .values = values};
+    LOOP(0, 1);
 }

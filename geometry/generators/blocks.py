@@ -147,11 +147,7 @@ class Blocks:
             self._corners(name)
 
     def _corners(self, group: str) -> tuple[PlacedBlock, list[int]]:
-        """The block of a group and its corners there, numbered as by :func:`_draw`.
-
-        Raises:
-            ValueError: its sides do not meet.
-        """
+        """The block of a group and its corners there, numbered as by :func:`_draw`."""
         sides, dim = self.groups[group], CELLS[self.cell]
         names = {
             f"{block.name}_{side}": (block, axis, end)

@@ -17,18 +17,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 from tribox.geometry.generators.two_blocks import (
     CELLS,
     MAX_CELLS,
     ROUND_OFF,
+    Drawn,
+    check_growth,
     check_length,
+    check_pair,
     check_positive,
+    layers,
+    mesh_pair,
 )
-
-MAX_GROWTH = 2.0
-"""Largest size of a cell over that of its neighbour on the contact side."""
 
 Point = tuple[float, float]
 
@@ -61,24 +62,6 @@ class Outline:
     def depth(self) -> float:
         """Length of the box's sides from the contact inwards, m."""
         return math.dist(self.near, self.inner)
-
-
-class Body(Protocol):
-    """A body on either side of the contact."""
-
-    @property
-    def contact_width(self) -> float:
-        """Width of the finely meshed contact zone, m."""
-        ...
-
-    @property
-    def contact_size(self) -> float:
-        """Largest width of a cell there, m."""
-        ...
-
-    def outline(self) -> Outline:
-        """Its shape."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +138,9 @@ class FlatBlock:
         )
 
 
+Body = HalfCylinder | FlatBlock
+
+
 @dataclass(frozen=True, slots=True)
 class LineContact:
     """Two bodies that touch along the line x = y = 0.
@@ -180,17 +166,8 @@ class LineContact:
     lower_name: str = "aluminium"
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.growth <= MAX_GROWTH:
-            raise ValueError(
-                f"growth = {self.growth} is not allowed; from 1 (equal cells) to {MAX_GROWTH}"
-            )
-        if self.cell not in CELLS:
-            raise ValueError(f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS)}")
-        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
-            raise ValueError(
-                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
-                "they need two different names"
-            )
+        check_growth(self.growth)
+        check_pair(self.cell, CELLS, (self.upper_name, self.lower_name))
         for body in (self.upper, self.lower):
             if (cells := self._cells(body)) > MAX_CELLS:
                 raise ValueError(
@@ -216,45 +193,19 @@ class LineContact:
         ``U_left``, ``U_right``, ``L_left`` and ``L_right``: of a half cylinder the flat side and
         the arcs beside its contact zone, of a block its far side and its ends.
         """
-        import gmsh
-
         upper = _draw(self.upper, 1.0, self.growth, self.cell)
         lower = _draw(self.lower, -1.0, self.growth, self.cell)
-        gmsh.model.geo.synchronize()
-        pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
-        for tag, (name, _, parts) in enumerate(pairs, start=1):
-            gmsh.model.addPhysicalGroup(2, parts["faces"], tag, name)
-        # Tags of curves continue those of the faces, so that each number is used once.
-        tag = len(pairs)
-        for name, far, parts in pairs:
-            for side in ("contact", "far", "left", "right"):
-                tag += 1
-                group = far if side == "far" else f"{name}_{side}"
-                gmsh.model.addPhysicalGroup(1, parts[side], tag, group)
-        gmsh.model.mesh.generate(2)
+        mesh_pair(2, (self.upper_name, self.lower_name), (upper, lower))
 
 
 def counts(body: Body, growth: float) -> tuple[int, int, int]:
-    """Cells across the contact zone (even: a node on the apex), down its box, and from it outwards.
-
-    Args:
-        body: The body that is meshed.
-        growth: Size of a cell over that of its neighbour on the contact side.
-    """
+    """Cells across the contact zone (even: a node on the apex), down its box, and outwards."""
     outline, size = body.outline(), body.contact_size
     across = 2 * max(1, math.ceil(0.5 * body.contact_width / (size * ROUND_OFF)))
-    return across, _layers(outline.depth(), size, growth), _layers(outline.flank(), size, growth)
+    return across, layers(outline.depth(), size, growth), layers(outline.flank(), size, growth)
 
 
-def _layers(length: float, size: float, growth: float) -> int:
-    """The fewest cells over a length, the first at most ``size`` and each ``growth`` the last."""
-    cells = length / (size * ROUND_OFF)
-    if growth > 1.0:
-        cells = math.log1p(cells * (growth - 1.0)) / math.log(growth)
-    return max(1, math.ceil(cells))
-
-
-def _draw(body: Body, upwards: float, growth: float, cell: str) -> dict[str, list[int]]:
+def _draw(body: Body, upwards: float, growth: float, cell: str) -> Drawn:
     """One body, extending from the origin in the direction +1 or -1 of y: its faces and sides."""
     import gmsh
 
@@ -301,13 +252,9 @@ def _draw(body: Body, upwards: float, growth: float, cell: str) -> dict[str, lis
         geo.mesh.setTransfiniteSurface(face, "AlternateLeft", at)
         if cell == "quadrilateral":
             geo.mesh.setRecombine(2, face)
-    if middle is None:
-        return {"faces": faces, "contact": contact, "far": [far]} | _left_right(sides)
-    return {"faces": faces, "contact": contact, "far": [far, *sides]} | _left_right(flanks)
-
-
-def _left_right(curves: list[int]) -> dict[str, list[int]]:
-    return {"left": [curves[0]], "right": [curves[1]]}
+    ends, more = (sides, []) if middle is None else (flanks, sides)
+    named = {"contact": contact, "far": [far, *more], "left": ends[:1], "right": ends[1:]}
+    return faces, named
 
 
 def _check_zone(width: float, size: float, field: str, limit: float) -> None:

@@ -23,12 +23,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from tribox.geometry.generators.two_blocks import MAX_CELLS, ROUND_OFF, check_length
+from tribox.geometry.generators.two_blocks import (
+    MAX_CELLS,
+    ROUND_OFF,
+    Drawn,
+    check_growth,
+    check_length,
+    check_pair,
+    layers,
+    mesh_pair,
+)
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
-MAX_GROWTH = 2.0
-"""Largest size of a cell over that of its neighbour on the contact side."""
-
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 QUARTERS = {"quarter": 1, "half": 2, "full": 4}
 
@@ -127,23 +133,12 @@ class SphereOnBlock:
                 f"contact_size = {self.contact_size} m is not allowed; at most half of "
                 f"contact_width = {self.contact_width} m"
             )
-        if not 1.0 <= self.growth <= MAX_GROWTH:
-            raise ValueError(
-                f"growth = {self.growth} is not allowed; from 1 (equal cells) to {MAX_GROWTH}"
-            )
+        check_growth(self.growth)
         if self.part not in get_args(Part):
             raise ValueError(
                 f"part = {self.part!r} is not allowed; choose from {', '.join(get_args(Part))}"
             )
-        if self.cell not in CELLS[self.dim]:
-            raise ValueError(
-                f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS[self.dim])}"
-            )
-        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
-            raise ValueError(
-                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
-                "they need two different names"
-            )
+        check_pair(self.cell, CELLS[self.dim], (self.upper_name, self.lower_name))
         if (cells := max(self.cells_of(body) for body in self.bodies())) > MAX_CELLS:
             raise ValueError(
                 f"contact_size = {self.contact_size} m and growth = {self.growth} make a body of "
@@ -182,9 +177,9 @@ class SphereOnBlock:
         # R - sqrt(R^2 - x^2) without cancellation
         rise = half**2 / (R + math.sqrt(R**2 - half**2))
         inner = Ring(0.8 * half, rise + 0.8 * half, 0.8 * half)
-        deep = _layers(math.hypot(0.2 * half, 0.8 * half), self.contact_size, self.growth)
+        deep = layers(math.hypot(0.2 * half, 0.8 * half), self.contact_size, self.growth)
         flank = R * (0.5 * math.pi - math.asin(half / R))
-        out = _layers(flank, self.contact_size, self.growth)
+        out = layers(flank, self.contact_size, self.growth)
         return Body(
             rings={
                 "pole": Ring(0.0, 0.0, on="sphere"),
@@ -220,8 +215,8 @@ class SphereOnBlock:
     def _block(self) -> Body:
         R, H, half = self.block_radius, self.block_height, 0.5 * self.contact_width
         across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
-        deep = Edge(_layers(H, self.contact_size, self.growth), self.growth)
-        out = _layers(R - half, self.contact_size, self.growth)
+        deep = Edge(layers(H, self.contact_size, self.growth), self.growth)
+        out = layers(R - half, self.contact_size, self.growth)
         return Body(
             rings={
                 "pole": Ring(0.0, 0.0),
@@ -256,23 +251,8 @@ class SphereOnBlock:
         and where the bodies are cut ``U_symmetry_x`` and ``L_symmetry_x`` (the plane x = 0) and
         ``U_symmetry_z`` and ``L_symmetry_z`` (z = 0).
         """
-        import gmsh
-
-        names = ((self.upper_name, "top"), (self.lower_name, "bottom"))
-        drawn = [_Drawing(body, self.part, self.cell) for body in self.bodies()]
-        for drawing in drawn:
-            drawing.draw()
-        gmsh.model.geo.synchronize()
-        for tag, ((name, _), drawing) in enumerate(zip(names, drawn, strict=True), start=1):
-            gmsh.model.addPhysicalGroup(self.dim, drawing.cells, tag, name)
-        # Tags of surfaces continue those of the bodies, so that each number is used once.
-        tag = len(names)
-        for (name, far), drawing in zip(names, drawn, strict=True):
-            for side, found in drawing.named.items():
-                tag += 1
-                group = far if side == "far" else f"{name}_{side}"
-                gmsh.model.addPhysicalGroup(self.dim - 1, found, tag, group)
-        gmsh.model.mesh.generate(self.dim)
+        upper, lower = (_Drawing(body, self.part, self.cell).draw() for body in self.bodies())
+        mesh_pair(self.dim, (self.upper_name, self.lower_name), (upper, lower))
 
 
 Corner = tuple[str, int]
@@ -301,14 +281,14 @@ class _Drawing:
     _faces: dict[frozenset[Corner], int] = field(default_factory=dict)
     _middles: dict[float, int] = field(default_factory=dict)
 
-    def draw(self) -> None:
+    def draw(self) -> Drawn:
         """Make all entities and record their names."""
         if self.part == "axisymmetric":
             for names in self.body.parts:
                 self.cells.append(self._face([(name, 0) for name in names]))
             for side, edges in self.body.faces.items():
                 self.named[side] = [abs(self._curve((a, 0), (b, 0))) for a, b in edges]
-            return
+            return self.cells, self.named
         for quarter in range(QUARTERS[self.part]):
             for names in self.body.parts:
                 for bottom, top in self._blocks(names, 2 * quarter):
@@ -321,6 +301,7 @@ class _Drawing:
         if self.part != "full":
             ends = self._cut(0) + (self._cut(4) if self.part == "half" else [])
             self.named["symmetry_z"] = ends
+        return self.cells, self.named
 
     def _cut(self, direction: int) -> list[int]:
         """The faces in a half plane through the axis."""
@@ -442,11 +423,3 @@ class _Drawing:
 def _edge(body: Body, a: str, b: str) -> Edge:
     """The cells along an edge; those across the zone and around the axis are equal."""
     return body.edges.get((a, b)) or body.edges.get((b, a)) or Edge(body.across)
-
-
-def _layers(length: float, size: float, growth: float) -> int:
-    """The fewest cells over a length, the first at most ``size`` and each ``growth`` the last."""
-    cells = length / (size * ROUND_OFF)
-    if growth > 1.0:
-        cells = math.log1p(cells * (growth - 1.0)) / math.log(growth)
-    return max(1, math.ceil(cells))

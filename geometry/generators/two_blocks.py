@@ -6,6 +6,7 @@ y = gap. The blocks share no nodes, also when they touch.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -142,13 +143,7 @@ class TwoBlocks:
             raise ValueError(
                 f"offset = {left} m is not allowed; between {low} and {high} m the blocks overlap"
             )
-        if self.cell not in CELLS:
-            raise ValueError(f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS)}")
-        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
-            raise ValueError(
-                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
-                "they need two different names"
-            )
+        check_pair(self.cell, CELLS, (self.upper_name, self.lower_name))
 
     def cells(self) -> int:
         """Number of cells of both blocks."""
@@ -193,25 +188,12 @@ class TwoBlocks:
         ``U_contact``, ``L_contact``, ``top`` (of U), ``bottom`` (of L), ``U_left``, ``U_right``,
         ``L_left`` and ``L_right``.
         """
-        import gmsh
-
         upper = _draw(self.upper, self.left(), self.gap, self.upper.height, self.cell)
         lower = _draw(self.lower, 0.0, 0.0, -self.lower.height, self.cell)
-        gmsh.model.geo.synchronize()
-        pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
-        for tag, (name, _, sides) in enumerate(pairs, start=1):
-            gmsh.model.addPhysicalGroup(2, [sides["face"]], tag, name)
-        # Tags of curves go on from those of the faces: no number means two things.
-        tag = len(pairs)
-        for name, far, sides in pairs:
-            for side in SIDES:
-                tag += 1
-                group = far if side == "far" else f"{name}_{side}"
-                gmsh.model.addPhysicalGroup(1, [sides[side]], tag, group)
-        gmsh.model.mesh.generate(2)
+        mesh_pair(2, (self.upper_name, self.lower_name), (upper, lower))
 
 
-def _draw(block: Block, x: float, y: float, height: float, cell: str) -> dict[str, int]:
+def _draw(block: Block, x: float, y: float, height: float, cell: str) -> Drawn:
     """One block with its contact side on ``y``, extending by the signed ``height`` in y.
 
     Side curves run away from the contact, as the progression of the element heights does.
@@ -233,12 +215,63 @@ def _draw(block: Block, x: float, y: float, height: float, cell: str) -> dict[st
     geo.mesh.setTransfiniteSurface(face, "AlternateLeft")
     if cell == "quadrilateral":
         geo.mesh.setRecombine(2, face)
-    return {"face": face, "contact": near, "far": far, "left": left, "right": right}
+    return [face], {"contact": [near], "far": [far], "left": [left], "right": [right]}
 
 
 def _ceil(value: float) -> int:
     """The next integer up, but for round-off."""
     return max(1, math.ceil(value / ROUND_OFF))
+
+
+Drawn = tuple[list[int], dict[str, list[int]]]
+"""gmsh's numbers of what a body is made of, and of what each of its sides is made of."""
+
+
+def check_pair(cell: str, cells: Sequence[str], names: tuple[str, str]) -> None:
+    """Raise a ValueError for a shape of cells that there is not, or names of bodies alike."""
+    if cell not in cells:
+        raise ValueError(f"cell = {cell!r} is not allowed; choose from {', '.join(cells)}")
+    if names[0] == names[1] or not all(names):
+        upper, lower = names
+        raise ValueError(
+            f"the bodies are named {upper!r} and {lower!r}; they need two different names"
+        )
+
+
+def mesh_pair(dim: int, names: tuple[str, str], drawn: tuple[Drawn, Drawn]) -> None:
+    """Name and mesh two bodies, the upper one first, in the current gmsh model.
+
+    Their far sides are ``top`` and ``bottom``, the others NAME_side.
+    """
+    import gmsh
+
+    gmsh.model.geo.synchronize()
+    tags = itertools.count(1)  # those of sides go on from those of bodies: none means two things
+    for name, (body, _) in zip(names, drawn, strict=True):
+        gmsh.model.addPhysicalGroup(dim, body, next(tags), name)
+    for name, far, (_, sides) in zip(names, ("top", "bottom"), drawn, strict=True):
+        for side, parts in sides.items():
+            group = far if side == "far" else f"{name}_{side}"
+            gmsh.model.addPhysicalGroup(dim - 1, parts, next(tags), group)
+    gmsh.model.mesh.generate(dim)
+
+
+def layers(length: float, size: float, growth: float) -> int:
+    """The fewest cells over a length, the first at most ``size`` and each ``growth`` the last."""
+    cells = length / (size * ROUND_OFF)
+    if growth > 1.0:
+        cells = math.log1p(cells * (growth - 1.0)) / math.log(growth)
+    return max(1, math.ceil(cells))
+
+
+MAX_GROWTH = 2.0
+"""Largest size of a cell over that of its neighbour on the contact side."""
+
+
+def check_growth(growth: float) -> None:
+    """Raise a ValueError for a growth of cells that is none, or too large."""
+    if not 1.0 <= growth <= MAX_GROWTH:
+        raise ValueError(f"growth = {growth} is not allowed; from 1 (equal cells) to {MAX_GROWTH}")
 
 
 def check_positive(field: str, value: float) -> None:

@@ -14,8 +14,11 @@ from tribox.geometry.generators.two_blocks import (
     MAX_CELLS,
     ROUND_OFF,
     Block,
+    Drawn,
     check_gap,
     check_length,
+    check_pair,
+    mesh_pair,
 )
 
 CELLS = ("hexahedron", "tetrahedron")
@@ -109,13 +112,7 @@ class TwoBoxes:
                     f"offset = {at} m in {axis} is not allowed; between {-above} and {below} m the "
                     "boxes overlap"
                 )
-        if self.cell not in CELLS:
-            raise ValueError(f"cell = {self.cell!r} is not allowed; choose from {', '.join(CELLS)}")
-        if self.upper_name == self.lower_name or not (self.upper_name and self.lower_name):
-            raise ValueError(
-                f"the bodies are named {self.upper_name!r} and {self.lower_name!r}; "
-                "they need two different names"
-            )
+        check_pair(self.cell, CELLS, (self.upper_name, self.lower_name))
 
     def cells(self) -> int:
         """Number of cells of both boxes."""
@@ -136,23 +133,10 @@ class TwoBoxes:
         ``U_contact``, ``L_contact``, ``top`` (of U), ``bottom`` (of L), and ``U_left``,
         ``U_right``, ``U_front``, ``U_back`` and those of L.
         """
-        import gmsh
-
         x, z = self.corner()
         upper = _draw(self.upper, (x, self.gap, z), 1.0, self.cell)
         lower = _draw(self.lower, (0.0, 0.0, 0.0), -1.0, self.cell)
-        gmsh.model.geo.synchronize()
-        pairs = ((self.upper_name, "top", upper), (self.lower_name, "bottom", lower))
-        for tag, (name, _, parts) in enumerate(pairs, start=1):
-            gmsh.model.addPhysicalGroup(3, [parts["volume"]], tag, name)
-        # Tags of faces continue those of the volumes, so that each number is used once.
-        tag = len(pairs)
-        for name, far, parts in pairs:
-            for side in ("contact", "far", "left", "right", "front", "back"):
-                tag += 1
-                group = far if side == "far" else f"{name}_{side}"
-                gmsh.model.addPhysicalGroup(2, [parts[side]], tag, group)
-        gmsh.model.mesh.generate(3)
+        mesh_pair(3, (self.upper_name, self.lower_name), (upper, lower))
 
 
 # Corners are numbered by x + 2 y + 4 z, each 0 or 1, y counted away from the contact.
@@ -171,7 +155,7 @@ _SIDES = {
 }
 
 
-def _draw(box: Box, at: tuple[float, float, float], upwards: float, cell: str) -> dict[str, int]:
+def _draw(box: Box, at: tuple[float, float, float], upwards: float, cell: str) -> Drawn:
     """One box with its contact side's left back corner at a point; its volume and its sides."""
     import gmsh
 
@@ -197,4 +181,5 @@ def _draw(box: Box, at: tuple[float, float, float], upwards: float, cell: str) -
             geo.mesh.setRecombine(2, sides[name])
     volume = geo.addVolume([geo.addSurfaceLoop(list(sides.values()))])
     geo.mesh.setTransfiniteVolume(volume)
-    return sides | {"volume": volume}
+    order = ("contact", "far", "left", "right", "front", "back")
+    return [volume], {name: [sides[name]] for name in order}

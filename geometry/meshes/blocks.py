@@ -80,12 +80,7 @@ class Block:
 def with_blocks(
     space: dolfinx.fem.FunctionSpace, blocks: Sequence[Block]
 ) -> dolfinx.fem.FunctionSpace:
-    """A displacement's space with room for blocks, each of which then knows its place; collective.
-
-    Args:
-        space: blocked vector Lagrange space of the mesh.
-        blocks: of all ranks, in one order.
-    """
+    """A displacement's space with room for blocks, which then know their places; collective."""
     dim, first = space.dofmap.index_map_bs, space.dofmap.index_map.size_local
     counts = [_nodes(block.count, dim) for block in blocks]
     wider = with_more_nodes(space, sum(counts))

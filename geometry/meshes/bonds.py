@@ -19,9 +19,6 @@ def bodies_sharing_nodes(named: NamedMesh) -> dict[tuple[str, str], int]:
 
     Such bodies are bonded: there they can neither slide nor separate.
 
-    Args:
-        named: The mesh.
-
     Returns:
         By the names of each such pair, in the order of ``named.bodies``; the same on all processes.
     """

@@ -97,11 +97,7 @@ def companion(path: Path) -> Path:
 
 
 def beyond_drawing(script: str) -> Beyond | None:
-    """The first thing in a drawing that is not known to draw only; None if there is none.
-
-    Args:
-        script: text of the drawing.
-    """
+    """The first thing in a drawing that is not known to draw only; None if there is none."""
     odd = re.search(r"\x00|\r(?!\n)", script)
     if odd:  # where gmsh ends lines and comments differently
         return Beyond("a character that is no text", script.count("\n", 0, odd.start()) + 1)

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import (
+from tribox.geometry.meshes.gmsh_model import (
     CORNERS,
     DIMENSION,
     FACETS,
@@ -22,8 +22,11 @@ from tribox.geometry.meshes.elements import (
     QUADRILATERAL,
     SIDES,
     Kind,
+    MeshError,
+    NamedGroups,
+    elements_of,
+    named_groups,
 )
-from tribox.geometry.meshes.gmsh_model import MeshError, NamedGroups, elements_of, named_groups
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part
 
 _LOWER = {0: {15: 1}, 1: {1: 2, 8: 3}}
@@ -237,11 +240,7 @@ class _Middles:
         return np.concatenate(self._position)
 
     def of(self, rows: Longs) -> Longs:
-        """Numbers of the middles of edges or faces (f, a).
-
-        Raises:
-            KeyError: one of them is in no cell.
-        """
+        """Numbers of the middles of edges or faces (f, a)."""
         known, first = self._known.get(rows.shape[1], (np.empty((0, rows.shape[1])), 0))
         wanted = np.sort(rows, axis=1)
         both = np.concatenate([known, wanted]).astype(np.int64)
@@ -326,11 +325,7 @@ def _side_with(shape: str, corners: set[int]) -> tuple[int, ...]:
 
 
 def _check_shape(mesh: MeshArrays, source: str) -> None:
-    """See that no cell is folded or inverted: at its corners and its middle.
-
-    Raises:
-        MeshError: one is; the message gives its place.
-    """
+    """See that no cell is folded or inverted: at its corners and its middle."""
     cells = mesh.cells
     x = mesh.position[cells][:, :, : mesh.dim]
     place = np.array(PLACES[mesh.cell])[:, : mesh.dim]

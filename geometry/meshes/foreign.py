@@ -23,9 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tribox.geometry.meshes.drawing import write_mesh_of
-from tribox.geometry.meshes.elements import SIDES
 from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session
+from tribox.geometry.meshes.gmsh_model import SIDES, MeshError, gmsh_session
 from tribox.geometry.meshes.mesh_arrays import MeshArrays
 from tribox.geometry.meshes.own_process import REFUSED
 
@@ -61,13 +60,6 @@ def _open_msh(gmsh: ModuleType, path: Path) -> None:
     """Read a ``.msh`` file into the current model.
 
     The header is checked first: gmsh would run the commands of a script.
-
-    Args:
-        gmsh: The module, from ``gmsh_session``.
-        path: The file.
-
-    Raises:
-        MeshError: If the file is missing, is not a mesh file of version 2 or 4, or is damaged.
     """
     formats = "meshes are read from gmsh's .msh files, version 2 or 4"
     if not path.is_file():
@@ -145,10 +137,6 @@ _AROUND = {
 
 def check_neighbours(mesh: MeshArrays, source: str) -> None:
     """See that a facet is that of one cell, or of two on either side of it.
-
-    Args:
-        mesh: Whose cells are not folded, one by one.
-        source: Name of the mesh in messages.
 
     Raises:
         MeshError: Cells have no extent, or lie on the same side of a facet of theirs.

@@ -16,8 +16,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import INCOMPLETE, KINDS, PYRAMIDS
-
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
 
@@ -66,9 +64,6 @@ def gmsh_session(name: str) -> Iterator[ModuleType]:
     A session that is already open is used and stays open. gmsh prints nothing, reads no personal
     options file and installs no handler of Ctrl-C, so a mesh does not depend on the machine that
     it is made on.
-
-    Args:
-        name: Name of the new model.
 
     Yields:
         The module ``gmsh``, with the new model current.
@@ -344,16 +339,7 @@ def _check_facets(
     source: str,
     nodes: npt.NDArray[np.int64],
 ) -> None:
-    """Facets of a surface must be on cells and listed once.
-
-    Args:
-        gmsh: The module.
-        dim: Dimension of the cells.
-        tag: Of the surface.
-        name: Of the surface.
-        source: Name of the model in messages.
-        nodes: (n,) tags of the nodes of all cells, sorted.
-    """
+    """Facets of a surface must be on cells and listed once."""
     what = f"surface {name!r}"
     _check_meshed(gmsh, dim - 1, tag, f"{source}: {what}")
     blocks = elements_of(gmsh, dim - 1, tag)
@@ -393,3 +379,96 @@ def _rows(gmsh: ModuleType, element_type: int, nodes: Any) -> npt.NDArray[np.int
 def _repeated(rows: npt.NDArray[np.int64]) -> int:
     """Number of elements with the same nodes as an earlier one, in any order."""
     return len(rows) - len(np.unique(np.sort(rows, axis=1), axis=0))
+
+
+# -- Kinds of cells and facets: corners, sides and second-order nodes, in gmsh's order -------------
+#
+# Axis letters: a nodes, i space.
+
+INTERVAL, TRIANGLE, QUADRILATERAL = "interval", "triangle", "quadrilateral"
+TETRAHEDRON, HEXAHEDRON, PRISM = "tetrahedron", "hexahedron", "prism"
+
+DIMENSION = {
+    INTERVAL: 1,
+    TRIANGLE: 2,
+    QUADRILATERAL: 2,
+    TETRAHEDRON: 3,
+    HEXAHEDRON: 3,
+    PRISM: 3,
+}
+CORNERS = {INTERVAL: 2, TRIANGLE: 3, QUADRILATERAL: 4, TETRAHEDRON: 4, HEXAHEDRON: 8, PRISM: 6}
+"""Number of corners of a cell or facet."""
+
+FACETS = {
+    TRIANGLE: INTERVAL,
+    QUADRILATERAL: INTERVAL,
+    TETRAHEDRON: TRIANGLE,
+    HEXAHEDRON: QUADRILATERAL,
+}
+"""Shape of a cell's facets."""
+
+SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
+    TRIANGLE: ((0, 1), (1, 2), (2, 0)),
+    QUADRILATERAL: ((0, 1), (1, 2), (2, 3), (3, 0)),
+    TETRAHEDRON: ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
+    HEXAHEDRON: (
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ),
+    PRISM: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+}
+"""Corners of the facets of a cell, seen from outside counter-clockwise."""
+
+# Corners of cells of extent 1; the middle is at 0, but for simplices.
+_CYCLE = ((-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0))
+PLACES: dict[str, tuple[tuple[float, ...], ...]] = {
+    TRIANGLE: _CYCLE[:3],
+    QUADRILATERAL: _CYCLE,
+    TETRAHEDRON: ((-0.5,) * 3, (0.5, -0.5, -0.5), (-0.5, 0.5, -0.5), (-0.5, -0.5, 0.5)),
+    HEXAHEDRON: tuple((x, y, z) for z in (-0.5, 0.5) for x, y, _ in _CYCLE),
+    PRISM: tuple((x, y, z) for z in (-0.5, 0.5) for x, y, _ in _CYCLE[:3]),
+}
+"""Corners of one undistorted cell of each shape."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of elements that can be read.
+
+    Attributes:
+        shape: of it, for instance "triangle".
+        order: 1 or 2; of order 2 with all nodes that a product of quadratic functions has.
+        nodes: number of its nodes; the corners come first.
+    """
+
+    shape: str
+    order: int
+    nodes: int
+
+
+KINDS = {
+    1: Kind(INTERVAL, 1, 2),
+    2: Kind(TRIANGLE, 1, 3),
+    3: Kind(QUADRILATERAL, 1, 4),
+    4: Kind(TETRAHEDRON, 1, 4),
+    5: Kind(HEXAHEDRON, 1, 8),
+    6: Kind(PRISM, 1, 6),
+    8: Kind(INTERVAL, 2, 3),
+    9: Kind(TRIANGLE, 2, 6),
+    10: Kind(QUADRILATERAL, 2, 9),
+    11: Kind(TETRAHEDRON, 2, 10),
+    12: Kind(HEXAHEDRON, 2, 27),
+}
+"""By gmsh's number."""
+NUMBERS = {(kind.shape, kind.order): number for number, kind in KINDS.items()}
+INCOMPLETE = frozenset((16, 17, 18, 19))  # of second order without nodes on faces and inside
+PYRAMIDS = frozenset((7, 14, 19))
+
+
+def nodes_of(shape: str, order: int) -> int:
+    """Number of nodes of an element."""
+    return KINDS[NUMBERS[shape, order]].nodes

@@ -22,14 +22,21 @@ from tribox.geometry.compat import (
     model_to_mesh,
 )
 from tribox.geometry.generators.two_blocks import TwoBlocks
-from tribox.geometry.meshes import metis
 from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
-from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, KINDS, NUMBERS
 from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import MeshError, Shape, gmsh_session
+from tribox.geometry.meshes.gmsh_model import (
+    CORNERS,
+    DIMENSION,
+    FACETS,
+    KINDS,
+    NUMBERS,
+    MeshError,
+    Shape,
+    gmsh_session,
+)
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
 from tribox.geometry.meshes.own_process import ask
-from tribox.geometry.meshes.partition import share_out
+from tribox.geometry.meshes.partition import metis_is_available, share_out
 
 __all__ = ["MeshError", "NamedMesh", "generate", "read"]
 
@@ -341,7 +348,7 @@ def _partitioner(
 ) -> CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
     known = [pair for pair in contacts if pair[0] in names.surfaces]
-    if comm.size == 1 or not known or not comm.bcast(metis.is_available(), root=0):
+    if comm.size == 1 or not known or not comm.bcast(metis_is_available(), root=0):
         return None
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:

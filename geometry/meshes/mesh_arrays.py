@@ -14,8 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tribox.geometry.meshes.elements import CORNERS, DIMENSION, FACETS, nodes_of
-from tribox.geometry.meshes.gmsh_model import FARTHEST, MeshError
+from tribox.geometry.meshes.gmsh_model import (
+    CORNERS,
+    DIMENSION,
+    FACETS,
+    FARTHEST,
+    MeshError,
+    nodes_of,
+)
 
 SAME_PLACE = 1e-8
 """Distance of two nodes of a body that are one place, relative to its extent."""

@@ -11,13 +11,16 @@ Axis letters: c cells, f facets, v vertices.
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from scipy.spatial import cKDTree
 
-from tribox.geometry.meshes import metis
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 # Vertices (f, v) of the slave and of the master facets of a contact; of a tool (0, v).
@@ -43,7 +46,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
         (c,) numbers of the parts.
 
     Raises:
-        tribox.geometry.meshes.metis.PartitionError: METIS is missing or failed.
+        PartitionError: METIS is missing or failed.
     """
     if parts >= len(cells):
         return np.arange(len(cells), dtype=np.int32)
@@ -71,7 +74,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
     graph = scipy.sparse.csr_matrix(graph)
     graph.setdiag(0)
     graph.eliminate_zeros()
-    return metis.partition(graph, np.stack(weights, axis=1), parts, SLACK)
+    return partition(graph, np.stack(weights, axis=1), parts, SLACK)
 
 
 def _incidence(elements: Longs, count: int) -> scipy.sparse.csr_matrix:
@@ -84,13 +87,7 @@ def _incidence(elements: Longs, count: int) -> scipy.sparse.csr_matrix:
 def _sharing(
     first: scipy.sparse.csr_matrix, second: scipy.sparse.csr_matrix, least: int
 ) -> scipy.sparse.csr_matrix:
-    """Ones where an element of ``first`` shares at least ``least`` vertices with one of ``second``.
-
-    Args:
-        first: (e, n), elements against vertices.
-        second: (g, n), likewise.
-        least: number of vertices.
-    """
+    """Ones where elements (e, n) share at least so many vertices with others (g, n)."""
     shared = scipy.sparse.csr_matrix(first @ second.T)
     shared.data = (shared.data >= least).astype(np.int32)
     shared.eliminate_zeros()
@@ -103,3 +100,88 @@ def _cells_behind(
     """Cells (f,) whose faces facets are, and the facets' middles (f, i)."""
     found = _sharing(_incidence(facets, len(position)), incidence, facets.shape[1]).tocoo()
     return found.col, position[facets[found.row]].mean(axis=1)
+
+
+# -- METIS through its C interface: several balance constraints at once ----------------------------
+#
+# DOLFINx's partitioners balance one weight only. METIS 5 balances several at
+# once: Karypis & Kumar, Multilevel algorithms for multi-constraint graph partitioning, 1998.
+
+_LIBRARY = "libmetis.so.5"
+_OPTIONS = 40  # METIS_NOPTIONS
+_OK = 1  # METIS_OK
+# METIS's manual: recursive bisection gives better parts up to eight, and takes longer beyond.
+_FEW = 8
+_Array = Ints | npt.NDArray[np.float32] | None
+
+
+class PartitionError(RuntimeError):
+    """METIS did not find a partition."""
+
+
+def metis_is_available() -> bool:
+    """Whether METIS 5 with 32-bit integers is installed."""
+    return _library() is not None
+
+
+def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: float) -> Ints:
+    """Divide a graph into parts of equal weights, with light edges between them.
+
+    Args:
+        graph: (n, n), symmetric, without a diagonal; integer weights of the edges.
+        weights: (n, k) of the vertices; each of the k columns is balanced for itself.
+        parts: how many.
+        slack: by which a part's weight may exceed the mean, relative.
+
+    Returns:
+        (n,) the part of each vertex; the same for the same arguments.
+
+    Raises:
+        PartitionError: METIS is not installed, or reports an error.
+    """
+    library = _library()
+    if library is None:
+        raise PartitionError(f"{_LIBRARY} with 32-bit integers is not installed")
+    count, constraints = weights.shape
+    few = parts <= _FEW
+    solve = library.METIS_PartGraphRecursive if few else library.METIS_PartGraphKway
+    out, cut = np.zeros(count, dtype=np.int32), np.zeros(1, dtype=np.int32)
+    arrays: list[_Array] = [
+        np.array([count], dtype=np.int32),
+        np.array([constraints], dtype=np.int32),
+        graph.indptr.astype(np.int32),
+        graph.indices.astype(np.int32),
+        np.ascontiguousarray(weights, dtype=np.int32),
+        None,
+        graph.data.astype(np.int32),
+        np.array([parts], dtype=np.int32),
+        None,
+        np.full(constraints, 1.0 + slack, dtype=np.float32),
+        _default_options(library),
+        cut,
+        out,
+    ]
+    status = solve(*(None if a is None else ctypes.c_void_p(a.ctypes.data) for a in arrays))
+    if status != _OK:
+        raise PartitionError(f"METIS reports error {status} for {count} cells in {parts} parts")
+    return out
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """METIS, if it is installed with 32-bit integers."""
+    for name in (_LIBRARY, ctypes.util.find_library("metis")):
+        try:
+            library = ctypes.CDLL(name) if name else None
+        except OSError:
+            continue
+        # All defaults are -1: twice as many of these words are set where integers have 64 bits.
+        if library is not None and np.count_nonzero(_default_options(library)) == _OPTIONS:
+            return library
+    return None
+
+
+def _default_options(library: ctypes.CDLL) -> Ints:
+    options = np.zeros(2 * _OPTIONS, dtype=np.int32)
+    library.METIS_SetDefaultOptions(ctypes.c_void_p(options.ctypes.data))
+    return options

@@ -40,9 +40,6 @@ class KernelError(RuntimeError):
 def compiled(source: Path) -> ctypes.CDLL:
     """The compiled library of a C source, made if it is not at hand.
 
-    Args:
-        source: the file; it may include the headers of its own directory.
-
     Raises:
         KernelError: it can be neither found nor made.
     """
@@ -91,11 +88,7 @@ def _trusted(directory: Path) -> bool:
 
 
 def _load(file: Path) -> ctypes.CDLL | None:
-    """The library in a file; None where there is no file, or one of another system.
-
-    Raises:
-        KernelError: it is in a directory of somebody else's.
-    """
+    """The library in a file; None where there is no file, or one of another system."""
     if not _trusted(file.parent):
         raise KernelError(f"{file.parent} belongs to somebody else")
     try:
@@ -124,11 +117,7 @@ def _alone(target: Path) -> Iterator[None]:
 
 
 def _made(source: Path, target: Path) -> ctypes.CDLL:
-    """Compile ``source`` into ``target``, complete or not at all, and load it.
-
-    Raises:
-        KernelError: there is no compiler, it refuses, or ``target`` cannot be written or loaded.
-    """
+    """Compile ``source`` into ``target``, complete or not at all, and load it."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc"))), None)
     if compiler is None:
         raise KernelError("there is no C compiler on the PATH (gcc, or what CC names)")
@@ -165,9 +154,6 @@ SOURCES = ("closest_points.c",)
 @functools.cache
 def library(name: str) -> ctypes.CDLL:
     """The compiled library of the source ``name``.
-
-    Args:
-        name: file name of a C source in this directory.
 
     Raises:
         KernelError: it can be neither found nor made.

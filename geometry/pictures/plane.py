@@ -56,13 +56,6 @@ def save_picture(
     (``.png``, ``.pdf``, ``.svg``). Surfaces are drawn a little inside their own body, so that two
     that touch can be distinguished.
 
-    Args:
-        named: The mesh.
-        path: The file.
-        title: Heading of the picture.
-        dpi: Dots per inch of a bitmap.
-        marks: What is shown beside the mesh.
-
     Raises:
         FileNotFoundError: If the directory does not exist.
     """
@@ -82,11 +75,6 @@ def save_picture(
 
 def draw(named: NamedMesh, title: str = "", marks: Marks = NO_MARKS) -> Figure | None:
     """Draw the mesh; collective.
-
-    Args:
-        named: The mesh; of one in space the outer facets are drawn.
-        title: Heading of the picture.
-        marks: What is shown beside the mesh.
 
     Returns:
         The figure on the first process, None on the others.
@@ -251,16 +239,7 @@ def _draw_tools(axes: Any, factor: float, per_inch: float, marks: Marks) -> dict
 def _draw_arrows(
     axes: Any, name: str, lines: Points, inwards: Points, per_inch: float, marks: Marks
 ) -> None:
-    """What is done to a surface: strokes across what is held, arrows where it moves or is loaded.
-
-    Args:
-        axes: Of the picture.
-        name: Of the surface.
-        lines: Its segments (f, node, 2) as they are drawn.
-        inwards: Unit vectors (f, 2) into its body.
-        per_inch: Unit of the axes per inch.
-        marks: With the arrows.
-    """
+    """What is done to a surface: strokes across what is held, arrows for motions and loads."""
     chosen = np.unique(np.linspace(0, len(lines) - 1, ARROWS + 2).round().astype(int)[1:-1])
     for arrow in marks.arrows.get(name, ()):
         start = lines[chosen].mean(axis=1)

@@ -66,12 +66,7 @@ def outward_facets(
 
 
 def facet_length(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
-    """Mean length of facets, m; in space the side of a square or of half a square; collective.
-
-    Args:
-        mesh: the mesh.
-        facets: local facets, owned and ghosts.
-    """
+    """Mean length of facets, m; in space the side of a square or of half a square; collective."""
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, 0)
     longest = mesh.h(dim - 1, owned_facets(mesh, facets))

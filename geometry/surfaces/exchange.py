@@ -21,12 +21,7 @@ class NodalVector:
     def __init__(
         self, space: dolfinx.fem.FunctionSpace, shared: dolfinx.la.Vector | None = None
     ) -> None:
-        """Make a vector of zeros, or wrap an existing one; collective.
-
-        Args:
-            space: blocked space of the displacement.
-            shared: memory to use.
-        """
+        """Make a vector of zeros, or wrap an existing one; collective."""
         index, dim = space.dofmap.index_map, space.dofmap.index_map_bs
         self._la = dolfinx.la.vector(index, dim) if shared is None else shared
         self.array: Floats = self._la.array

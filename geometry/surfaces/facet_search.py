@@ -63,28 +63,13 @@ class FacetSearch:
         self._facets = facets
         self._far: Ints = np.empty(0, dtype=np.int32)
 
-    def pairs(self, points: Floats, facets: Floats) -> tuple[Ints, Ints]:
-        """Candidate pairs, sorted by point.
+    def candidates(self, points: Floats, facets: Floats) -> Candidates:
+        """Facets that may hold the closest points, by point; every point has at least one.
 
         Args:
             points: (q, i), m, current.
             facets: (f, a, i), m, current.
-
-        Returns:
-            The point (p,) and the facet (p,) of each pair; every point has at least one.
         """
-        among = self.candidates(points, facets)
-        near = among.beyond <= among.limit
-        point, facet = self._point[near], among.facet[near]
-        if among.alone is None:
-            return point, facet
-        point = np.concatenate([point, self._far])
-        facet = np.concatenate([facet, among.alone[self._far]])
-        order = np.argsort(point, kind="stable")
-        return point[order], facet[order]
-
-    def candidates(self, points: Floats, facets: Floats) -> Candidates:
-        """The same as :meth:`pairs`, by point."""
         motion = self._motion(points, facets)
         if not motion < 0.5 * self.slack:
             self.search(points, facets)
@@ -103,9 +88,9 @@ class FacetSearch:
         return None if self._points is None else (self._points, self._facets)
 
     def search(self, points: Floats, facets: Floats) -> None:
-        """Find the candidates of :meth:`pairs` anew, at these places."""
-        self._point, self._facet, self._excess = self._search(points, facets)
-        self._start: Longs = np.searchsorted(self._point, np.arange(len(points) + 1))
+        """Find the candidates anew, at these places."""
+        point, self._facet, self._excess = self._search(points, facets)
+        self._start: Longs = np.searchsorted(point, np.arange(len(points) + 1))
         self._points, self._facets = points.copy(), facets.copy()
         self.searches += 1
 
@@ -113,13 +98,13 @@ class FacetSearch:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
 
         Rows with fewer facets repeat their first. Those of points that are far away in space hold
-        −1: they have the facet with the nearest centre, see :meth:`pairs`.
+        −1: they have the facet with the nearest centre.
 
         Args:
             points: (q, i), m, current.
             facets: (f, a, i), m, current: nodes of all facets.
         """
-        far = self._far  # of the search that `pairs` goes on from
+        far = self._far  # of the search that `candidates` goes on from
         point, facet, _ = self._search(points, facets)
         self._far = far
         self.searches += 1

@@ -101,13 +101,7 @@ class FacetRows:
 def own_facets(
     space: dolfinx.fem.FunctionSpace, shape: FacetShape, facets: NDArray[np.int32]
 ) -> tuple[Longs, Floats]:
-    """Global nodes (g, a) and places (g, a, i), m, of this rank's facets of a master; collective.
-
-    Args:
-        space: of the displacement.
-        shape: of the facets.
-        facets: local facets (owned and ghosts) of the surface.
-    """
+    """Global nodes (g, a) and places (g, a, i), m, of this rank's master facets; collective."""
     require_facets(space.mesh, facets, "master")
     local, position = outward_facets(space, shape, owned_facets(space.mesh, facets))
     nodes = space.dofmap.index_map.local_to_global(local.reshape(-1).astype(np.int32))

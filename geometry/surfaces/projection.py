@@ -34,7 +34,6 @@ __all__ = ["FacetSurface", "Projection"]
 
 # Reference distance past the edge of a facet up to which a point may stay on it.
 OVERRUN = 1e-4
-_TOUCHING = 1e-12  # distance over facet size below which x − ȳ has no direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,14 +390,14 @@ class FacetSurface:
             out.along = np.zeros_like(xi)
         at: Ints = np.nonzero(out.clamped)[0].astype(np.int32)
         if len(at):
-            self._clamp(out, at, entity[at], points[at] - foot[at], controls)
+            self._clamp(out, at, entity[at], points[at], controls)
         return out
 
     def _clamp(
-        self, out: Projection, at: Ints, entity: Ints, apart: Floats, controls: Floats
+        self, out: Projection, at: Ints, entity: Ints, points: Floats, controls: Floats
     ) -> None:
         """Normal, gap and freedom of the points ``at`` that are on an edge or a corner."""
-        outward = np.empty_like(apart)
+        outward = np.empty_like(points)
         corner = entity >= CORNER
         if corner.any():
             rows = at[corner]
@@ -412,12 +411,7 @@ class FacetSurface:
             out.on_surface[rows] = other >= 0
             assert out.along is not None
             out.along[rows] = np.array([s.direction for s in self.shape.sides])[side]
-        distance = np.linalg.norm(apart, axis=1)
-        sign = np.where(np.einsum("qi,qi->q", apart, outward) < 0.0, -1.0, 1.0)
-        tiny = distance <= _TOUCHING * np.linalg.norm(out.tangents[at, 0], axis=1)
-        safe = np.where(tiny, 1.0, distance)[:, None]
-        out.normal[at] = np.where(tiny[:, None], outward, sign[:, None] * apart / safe)
-        out.gap[at] = sign * distance
+        out.clamp(at, points, outward)
 
     def _corner_outward(self, vertex: Ints, controls: Floats) -> Floats:
         """Outward directions (p, i) at corners: normals of the facets there, by their angles.

@@ -22,15 +22,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse
 
-from tribox.geometry.surfaces.target import Projection, Search
+from tribox.geometry.surfaces.target import Projection
 
 if TYPE_CHECKING:
+    from tribox.geometry.surfaces.facet_search import FacetSearch
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints
     from tribox.geometry.surfaces.slave_points import PointNormals
 
 RIGID = 1e-6  # strain of the control points up to which they count as moved rigidly
 CHORD = np.radians(10.0)  # angle up to which straight pieces are taken for a round surface
-TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
 
 
 @dataclass(slots=True)
@@ -107,7 +107,7 @@ class RigidSurface(ABC):
 
     has_kinks: bool = False
     least_radius: float = np.inf
-    search: Search
+    search: FacetSearch | Unsearched
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
         """Place the control points.
@@ -188,7 +188,7 @@ class RigidSurface(ABC):
         rays: PointNormals | None = None,
         fading: Floats | None = None,
     ) -> Projection:
-        """See :meth:`tribox.geometry.surfaces.target.Target.project`.
+        """See :meth:`tribox.geometry.surfaces.projection.FacetSurface.project`.
 
         ``nodes``: the control points.
 
@@ -223,7 +223,7 @@ class RigidSurface(ABC):
         return shift + (at.place - self._middle) @ turn.T, at.tangents @ turn.T
 
     def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
-        """See :meth:`tribox.geometry.surfaces.target.Target.smooth_normals`."""
+        """See :meth:`tribox.geometry.surfaces.projection.FacetSurface.smooth_normals`."""
         return normals(self.places(facet, xi, nodes)[1])
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
@@ -298,23 +298,12 @@ class RigidShape(RigidSurface):
         if self.dim == 3:
             out.along = np.zeros_like(feet.xi) if feet.along is None else feet.along
         if feet.outward is not None:
-            _clamp(out, points, feet.outward)
+            out.clamped = ~np.isnan(feet.outward[:, 0])
+            at_end = np.nonzero(out.clamped)[0]
+            out.clamp(at_end, points[at_end], feet.outward[at_end])
         if fading is not None:
             self.fade(out, fading)
         return out
-
-
-def _clamp(out: Projection, points: Floats, outward: Floats) -> None:
-    """Normal and gap of the points that are held at a corner, an edge or an end."""
-    out.clamped = ~np.isnan(outward[:, 0])
-    at = np.nonzero(out.clamped)[0]
-    apart = points[at] - out.foot[at]
-    distance = np.linalg.norm(apart, axis=1)
-    sign = np.where(np.einsum("qi,qi->q", apart, outward[at]) < 0.0, -1.0, 1.0)
-    tiny = distance <= TOUCHING * np.linalg.norm(out.tangents[at, 0], axis=1)
-    safe = np.where(tiny, 1.0, distance)[:, None]
-    out.normal[at] = np.where(tiny[:, None], outward[at], sign[:, None] * apart / safe)
-    out.gap[at] = sign * distance
 
 
 def normals(tangents: Floats) -> Floats:

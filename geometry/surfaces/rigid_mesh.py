@@ -91,7 +91,7 @@ class MeshSurface(RigidSurface):
         return Places(*self._surface.places(facet, xi, self.nodes))
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         return self._surface.excess(facet, xi)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:

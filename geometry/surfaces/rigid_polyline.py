@@ -111,7 +111,7 @@ class Polyline(RigidShape):
         return self.pieces.places(facet, xi[:, 0])
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
         out: Floats = np.where(self._sharp[facet], past, -np.inf).max(axis=1)
         return out
@@ -153,13 +153,7 @@ class Polyline(RigidShape):
     def _candidates(
         self, points: Floats, choose: Callable[[Floats, Floats, slice], Bools]
     ) -> tuple[Longs, Ints]:
-        """Points and pieces (n,) to be looked at, sorted by point.
-
-        Args:
-            points: (q, i), m.
-            choose: (k, p), from the ways (k, p, i) of a slice of the points from the centres of
-                spheres round the pieces, and their radii (p,).
-        """
+        """Points and pieces (n,) to be looked at, sorted by point."""
         centre, radius = self._spheres
         step = max(1, AT_ONCE // len(radius))
         parts = []

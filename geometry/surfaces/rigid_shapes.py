@@ -284,7 +284,7 @@ class Extruded(RigidShape):
         return out
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.target.Target`."""
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         return self.section.excess(facet, xi[:, :1])
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:

@@ -65,12 +65,6 @@ def slave_points(
 ) -> SlavePoints:
     """Collect the points of this rank; collective.
 
-    Args:
-        space: of the displacement.
-        form: shape of its facets.
-        facets: local facets (owned and ghosts) of the surface.
-        degree: integrated exactly on an affine facet.
-
     Raises:
         ValueError: on every rank, if there is no facet.
     """

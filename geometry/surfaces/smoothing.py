@@ -245,15 +245,7 @@ def corner_spacing(
 
 
 def _widths(shape: FacetShape, facets: Ints, nodes: Floats, piece: Longs, inner: Ints) -> Floats:
-    """Widths (p,), m, of pieces of a surface across their longer ends.
-
-    Args:
-        shape: of the facets.
-        facets: (f, a) their nodes.
-        nodes: (n, i), m.
-        piece: (f,) the piece that each belongs to.
-        inner: (s, k) nodes of the sides within pieces.
-    """
+    """Widths (p,), m, of pieces of a surface across their longer ends."""
     middle = shape.points[: shape.corners].mean(axis=0)[None]
     tangents = np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets])
     if shape.directions == 1:

@@ -38,7 +38,6 @@ from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.slave_points import PointNormals, SlaveNormals, slave_points
-from tribox.geometry.surfaces.target import Target
 from tribox.geometry.surfaces.vertices import slave_vertices
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
@@ -85,7 +84,7 @@ class ContactSurface:
     """
 
     master: MasterFacets | RigidMaster
-    target: Target
+    target: FacetSurface | RigidSurface
 
     def __init__(
         self,

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from tribox.app.results.table import Table
 
 from tribox.app.errors import InputError, OutputError
 from tribox.app.results.claim import sweep_labels
@@ -17,7 +18,6 @@ from tribox.app.results.directory import (
     write_table,
     write_text,
 )
-from tribox.app.results.table import Table
 
 
 def make(directory: Path, *names: str) -> None:

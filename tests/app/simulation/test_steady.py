@@ -13,7 +13,7 @@ from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.steady import SlidWay
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.return_mapping import SlipWeakening
 
 STIFFNESS = 2e6  # N/m, of the bodies in shear
 LOAD = 10.0  # N

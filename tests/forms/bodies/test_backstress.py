@@ -1,4 +1,4 @@
-"""Points that harden kinematically: tangent, compiled loop, invariances, paths, energy.
+"""Points that harden kinematically: tangent, invariances, paths, energy.
 
 The rate equations that paths are held against know nothing of the return mapping: F_p and F_pi are
 integrated with the flow rule in the intermediate configuration, and γ̇ is what keeps f at zero.
@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from tests.forms.bodies import plastic_samples as given
 from tests.forms.bodies.test_plastic_paths import YOUNG, closed_path, free_across, shear
 from tests.forms.bodies.test_plastic_points import FIELDS, both, differences, gathered
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Backstress, Voce
-from tribox.forms.bodies.plastic_points import PlasticPoints
 
 G, K = given.SHEAR, given.BULK
 SOME = [name for name in given.BRANCHES if name != "none"]
@@ -28,7 +27,6 @@ HELD = ["elastic", "same stretch", "undeformed"]
 @both
 def test_the_tangent_is_the_derivative_of_the_stress(space, branches, rate):
     points = PlasticPoints(given.material("voce", rate, branches), space)
-    assert points.compiled
     F, state, names = gathered(points)
     for volumetric in (True, False):
         update = points.update(F, state, 0.1, True, volumetric)
@@ -41,29 +39,6 @@ def test_the_tangent_is_the_derivative_of_the_stress(space, branches, rate):
         smooth = ~np.isin(names, ["elastic"])  # its points lie next to the yield surface
         error = np.abs(update.A - wanted).max(axis=(1, 2)) / np.abs(update.A).max(axis=(1, 2))
         assert error[smooth].max() < 1e-7, names[smooth][np.argmax(error[smooth])]
-
-
-@pytest.mark.parametrize("rate", given.RATES)
-@pytest.mark.parametrize("law", given.LAWS)
-@branched
-@both
-def test_the_compiled_loop_gives_the_numbers_of_numpy(space, branches, law, rate):
-    material = given.material(law, rate, branches)
-    fast, slow = PlasticPoints(material, space), PlasticPoints(material, space, compiled=False)
-    assert fast.compiled and not slow.compiled
-    F, state, names = (x[:-1] for x in gathered(fast))
-    assert len(F) % 8  # the last block of eight is not full
-    for dt, volumetric in ((0.1, True), (np.inf, False)):
-        mine = fast.update(F, state, dt, True, volumetric)
-        theirs = slow.update(F, state, dt, True, volumetric)
-        assert mine.valid and theirs.valid
-        for field in FIELDS:
-            a, b = getattr(mine, field), getattr(theirs, field)
-            assert a.shape == b.shape and a.dtype == b.dtype
-            error = np.abs(a - b).reshape(len(F), -1).max(axis=1) / np.abs(b).max()
-            bar = 1e-12 if field in ("P", "state", "A") else 1e-11  # energies: of tr B - 3
-            assert error.max() < bar, (field, names[np.argmax(error)])
-        np.testing.assert_array_equal(fast.update(F, state, dt, False, volumetric).P, mine.P)
 
 
 def tensors(rows, pairs):
@@ -99,22 +74,21 @@ def test_steps_however_large_or_small_end_at_yield(space):
     """A backstress that fades within a large step may leave more stress than there was."""
     back = (Backstress(0.0066, 12.5), Backstress(0.65, 236.0))
     metal = ElastoPlastic(1.0, 2.6, Voce(0.0012, 0.0068, 13.3, 0.0), None, back)
-    for compiled in (True, False):
-        points, random = PlasticPoints(metal, space, compiled), np.random.default_rng(0)
-        state, F = points.start(64), np.tile(np.eye(3), (64, 1, 1))
-        for size in [0.05] * 12 + [10.0**-digits for digits in range(5, 17)]:
-            change = random.normal(size=F.shape) * size
-            if not space:
-                change[:, 2] = change[:, :, 2] = 0.0
-            F = (np.eye(3) + change) @ F
-            rows = F.reshape(-1, 9)[:, slice(None) if space else [0, 1, 3, 4, 8]]
-            found = points.update(rows, state, 1.0, False)
-            assert found.valid
-            flown, state = found.state[:, -1] > state[:, -1], found.state
-            left = around_backstress(metal, F, found.P, state, space)[flown]
-            wanted = metal.hardening.stress(state[flown, -1])
-            assert flown.sum() > 50 or size < 1e-3
-            np.testing.assert_allclose(left, wanted, rtol=1e-7)
+    points, random = PlasticPoints(metal, space), np.random.default_rng(0)
+    state, F = points.start(64), np.tile(np.eye(3), (64, 1, 1))
+    for size in [0.05] * 12 + [10.0**-digits for digits in range(5, 17)]:
+        change = random.normal(size=F.shape) * size
+        if not space:
+            change[:, 2] = change[:, :, 2] = 0.0
+        F = (np.eye(3) + change) @ F
+        rows = F.reshape(-1, 9)[:, slice(None) if space else [0, 1, 3, 4, 8]]
+        found = points.update(rows, state, 1.0, False)
+        assert found.valid
+        flown, state = found.state[:, -1] > state[:, -1], found.state
+        left = around_backstress(metal, F, found.P, state, space)[flown]
+        wanted = metal.hardening.stress(state[flown, -1])
+        assert flown.sum() > 50 or size < 1e-3
+        np.testing.assert_allclose(left, wanted, rtol=1e-7)
 
 
 @branched
@@ -161,13 +135,10 @@ def test_rotations_of_body_and_material_rotate_the_stress(space, branches):
         np.testing.assert_allclose(found.state, end, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @branched
 @both
-def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(
-    space, branches, compiled
-):
-    points = PlasticPoints(given.material("linear", branches=branches), space, compiled)
+def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(space, branches):
+    points = PlasticPoints(given.material("linear", branches=branches), space)
     F, state = given.worked(points, 5)
     rows = given.components(F, space)
     at = points.update(rows, state, 1.0, True)
@@ -182,10 +153,9 @@ def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(
     assert error < 1e-3 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @both
-def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, compiled):
-    points = PlasticPoints(given.material(branches="slow and fast"), space, compiled)
+def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space):
+    points = PlasticPoints(given.material(branches="slow and fast"), space)
     F, state = given.worked(points, 11)
     F = given.components(given.gradients(11, space, 8) @ F, space)
     good = points.update(F, state, 1.0, True)

@@ -2,10 +2,9 @@
 
 import pytest
 
-from tribox.forms.bodies.contact_stiffness import contact_shear_modulus
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
-from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.materials import Hencky, contact_shear_modulus
 
 
 def test_elastic_bodies_have_their_shear_modulus():

@@ -48,14 +48,9 @@ def test_a_table_is_straight_between_its_points_and_level_beyond_the_last():
 
 
 @pytest.mark.parametrize("name", RATES)
-def test_rate_factors_rise_from_one_and_their_slope_is_the_derivative(name):
-    factor = RATES[name]
-    assert factor.factor(np.array([0.0])) == 1.0
-    rate = np.array([0.5, 3.0, 40.0, 9e3])
-    h = 1e-6 * rate
-    differences = (factor.factor(rate + h) - factor.factor(rate - h)) / (2.0 * h)
-    np.testing.assert_allclose(factor.slope(rate), differences, rtol=1e-7)
-    np.testing.assert_allclose(factor.rate(factor.factor(rate[1:])), rate[1:], rtol=1e-9)
+def test_rate_factors_rise_from_one(name):
+    factors = RATES[name].factor(np.array([0.0, 0.5, 3.0, 40.0, 9e3]))
+    assert factors[0] == 1.0 and (np.diff(factors[1:]) > 0.0).all()
 
 
 def test_factors_at_given_rates():

@@ -10,7 +10,7 @@ import ufl
 import tribox.forms.native.libraries
 import tribox.geometry.native.compiler
 from tests.grid import grid
-from tribox.forms.bodies.compiled_cells import PlaneCells
+from tribox.forms.bodies.compiled_cells import CompiledCells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.loads import FollowerPressure, reference_area
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
@@ -80,7 +80,7 @@ def same_forces(u, solid, size):
     """Compare forces and energy of both ways."""
     stretched(u, size)
     fast, slow = InternalForce(u, [solid]), InternalForce(u, [solid], compiled=False)
-    assert fast.compiled and isinstance(fast.parts[0], PlaneCells)
+    assert fast.compiled and isinstance(fast.parts[0], CompiledCells)
     assert not slow.compiled and isinstance(slow.parts[0], GeneratedForce)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert fast.evaluate(u.x.array, mine) and slow.evaluate(u.x.array, theirs)

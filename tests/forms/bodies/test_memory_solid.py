@@ -18,10 +18,9 @@ from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.kinematics import circumference, radius
 from tribox.forms.bodies.materials import Hencky, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid, make_solid
-from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.solid import DEGREE
-from tribox.forms.bodies.viscous_points import Branch, Viscoelastic, ViscousPoints
+from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
 G, K = 1.0, 5.0
 NEVER = ElastoPlastic(G, K, Linear(1e3))
@@ -96,7 +95,7 @@ def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulatio
 
 
 def by_forms(u, solid, dt):
-    """Forces and stiffness by forms of DOLFINx, with stress and moduli of the update in numpy."""
+    """Forces and stiffness by forms of DOLFINx, with what points give by themselves."""
     mesh, p, d = u.function_space.mesh, 9 if solid.section == "3D" else 5, solid.full_degree
     test, trial = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
 
@@ -116,13 +115,8 @@ def by_forms(u, solid, dt):
     xi, _ = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], d)
     F = dolfinx.fem.Expression(gradient(u, 1.0), xi).eval(mesh, solid.cells).reshape(-1, p)
     law = solid.law
-    slow = (
-        PlasticPoints(law.material, p == 9, compiled=False)
-        if law.flows
-        else ViscousPoints(law.branches, p == 9, compiled=False)
-    )
     reduced = not law.added and solid.reduced
-    found = slow.update(F, solid.points.committed, dt, True, volumetric=not reduced)
+    found = law.update(F, solid.points.committed, dt, True, volumetric=not reduced)
     stress, moduli = field((p,)), field((p, p))
     rows = stress.function_space.dofmap.list[solid.cells].reshape(-1)
     stress.x.array.reshape(-1, p)[rows] = found.P

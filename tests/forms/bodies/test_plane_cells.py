@@ -7,7 +7,7 @@ import pytest
 
 from tests.forms.bodies.element_matrices import summed
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
-from tribox.forms.bodies.compiled_cells import PlaneCells, compiled_cells
+from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
@@ -25,7 +25,7 @@ def assembled(u, forms):
 
 def cells_of(u, solid):
     cells = compiled_cells(u.function_space, solid)
-    assert isinstance(cells, PlaneCells)
+    assert isinstance(cells, CompiledCells)
     return cells
 
 

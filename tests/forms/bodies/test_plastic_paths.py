@@ -14,9 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tests.forms.bodies import plastic_samples as given
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Perzyna, Swift
-from tribox.forms.bodies.plastic_points import PlasticPoints
 
 G, K = given.SHEAR, given.BULK
 YOUNG = 9.0 * K * G / (3.0 * K + G)

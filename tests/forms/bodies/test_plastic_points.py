@@ -1,13 +1,12 @@
-"""Plastic points: tangent against differences, compiled against numpy, invariances, bad input."""
+"""Plastic points: tangent against differences, invariances, bad input."""
 
 import numpy as np
 import pytest
 
 from tests.forms.bodies import plastic_samples as given
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import JohnsonCook, Perzyna, Voce
 from tribox.forms.bodies.materials import Hencky
-from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.bodies.point_stress import PointStress
 
 FIELDS = ("P", "state", "A", "elastic", "dissipation", "numerical")
@@ -50,31 +49,8 @@ def test_the_tangent_is_the_derivative_of_the_stress(space, volumetric, rate):
     assert (np.abs(update.A - transposed).max(axis=(1, 2)) < 1e-14 * largest).all()
 
 
-@pytest.mark.parametrize("rate", given.RATES)
-@pytest.mark.parametrize("law", given.LAWS)
-@both
-def test_the_compiled_loop_gives_the_numbers_of_numpy(space, law, rate):
-    material = given.material(law, rate)
-    fast, slow = PlasticPoints(material, space), PlasticPoints(material, space, compiled=False)
-    assert fast.compiled and not slow.compiled
-    F, state, names = gathered(slow)
-    F, state, names = F[:-1], state[:-1], names[:-1]
-    assert len(F) % 8  # the last block of eight is not full
-    for dt, volumetric in ((0.1, True), (np.inf, False)):
-        mine = fast.update(F, state, dt, True, volumetric)
-        theirs = slow.update(F, state, dt, True, volumetric)
-        assert mine.valid and theirs.valid
-        for field in FIELDS:
-            a, b = getattr(mine, field), getattr(theirs, field)
-            assert a.shape == b.shape and a.dtype == b.dtype
-            error = np.abs(a - b).reshape(len(F), -1).max(axis=1) / np.abs(b).max()
-            assert error.max() < 1e-12, (field, names[np.argmax(error)])
-        np.testing.assert_array_equal(fast.update(F, state, dt, False, volumetric).P, mine.P)
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_plane_is_a_plane_in_space(compiled):
-    plane, space = (PlasticPoints(given.material(), s, compiled) for s in (False, True))
+def test_a_plane_is_a_plane_in_space():
+    plane, space = (PlasticPoints(given.material(), s) for s in (False, True))
     F, state, _ = gathered(plane)
     embedded = np.insert(state, 4, 0.0, axis=1)
     embedded = np.insert(embedded, 4, 0.0, axis=1)
@@ -151,11 +127,10 @@ def test_units_change_nothing(rate):
         np.testing.assert_allclose(b, a, rtol=0, atol=1e-12 * np.abs(a).max())
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @both
-def test_a_point_at_yield_has_the_tangent_of_loading(space, compiled):
+def test_a_point_at_yield_has_the_tangent_of_loading(space):
     """At the committed deformation, where a step begins; the memory stays to the last bit."""
-    points = PlasticPoints(given.material("linear"), space, compiled)
+    points = PlasticPoints(given.material("linear"), space)
     F, state = given.worked(points, 5)
     rows = given.components(F, space)
     at = points.update(rows, state, 1.0, True)
@@ -170,10 +145,9 @@ def test_a_point_at_yield_has_the_tangent_of_loading(space, compiled):
     assert not at.dissipation.any()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @both
-def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, compiled):
-    points = PlasticPoints(given.material(), space, compiled)
+def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space):
+    points = PlasticPoints(given.material(), space)
     F, state = given.worked(points, 11)
     F = given.components(given.gradients(11, space, 8) @ F, space)
     good = points.update(F, state, 1.0, True)
@@ -196,14 +170,13 @@ def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, co
     np.testing.assert_array_equal(found.state[wrong], states[wrong])
 
 
-@pytest.mark.parametrize("compiled", [True, False])
 @both
-def test_no_points_and_arrays_of_any_layout(space, compiled):
-    points = PlasticPoints(given.material(), space, compiled)
+def test_no_points_and_arrays_of_any_layout(space):
+    points = PlasticPoints(given.material(), space)
     p = points.components
     none = points.update(np.zeros((0, p)), points.start(0), 1.0, True)
     assert none.valid and none.P.shape == (0, p) and none.A.shape == (0, p, p)
-    assert none.state.shape == (0, points.variables) and none.elastic.shape == (0,)
+    assert none.state.shape == (0, len(points.first)) and none.elastic.shape == (0,)
     F, state, _ = gathered(points)
     wanted = points.update(F, state, 1.0, True)
     F, state = np.asfortranarray(F), np.repeat(state, 2, axis=0)[::2]

@@ -14,7 +14,8 @@ from tests.forms.bodies.test_viscous_points import BRANCHES, PLANE, identity, so
 from tests.solved import solved as run
 from tribox.app.results.probes import BodyProbes
 from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
-from tribox.forms.bodies.softening import LARGEST, Mullins, PointsBeside, SofteningPoints
+from tribox.forms.bodies.point_state import PointsBeside
+from tribox.forms.bodies.softening import LARGEST, Mullins, SofteningPoints
 from tribox.forms.bodies.viscous_points import Viscoelastic, ViscousPoints
 
 ENERGIES = [

@@ -7,7 +7,7 @@ import ufl
 
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
-from tribox.forms.bodies.compiled_cells import SpaceCells, compiled_cells
+from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
 from tribox.forms.bodies.solid import Solid
@@ -62,7 +62,7 @@ def deform(u, size, turned=False):
 
 def cells_of(u, solid):
     cells = compiled_cells(u.function_space, solid)
-    assert isinstance(cells, SpaceCells)
+    assert isinstance(cells, CompiledCells)
     return cells
 
 

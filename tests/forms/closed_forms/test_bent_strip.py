@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Voce
-from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.closed_forms.bent_strip import Strip
 
 E, NU, T = 70e9, 0.33, 1e-3

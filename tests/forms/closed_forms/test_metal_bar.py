@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Swift, Voce
-from tribox.forms.bodies.plastic_points import PlasticPoints
 from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at, stretch_and_stress
 from tribox.forms.closed_forms.thick_tube import flow_curve, inner_pressure
 

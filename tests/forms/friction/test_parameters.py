@@ -10,7 +10,7 @@ from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, Frictio
 from tribox.forms.friction.film import at_rest, film_point, threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, with_preset
-from tribox.forms.friction.slip_weakening import SlipWeakening
+from tribox.forms.friction.return_mapping import SlipWeakening
 from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 
 GOOD = {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.geometry.surfaces.closest import nearest
+from tests.geometry.surfaces.searched import pairs
 from tribox.geometry.surfaces.facets import facet_shape, unit_normals
 from tribox.geometry.surfaces.projection import OVERRUN, FacetSurface
 
@@ -302,7 +303,7 @@ def test_far_points_cost_little_and_are_nearly_right(sheet):
     assert 10 < np.count_nonzero(near) < 100
     np.testing.assert_allclose(distance[near], exact[near], rtol=1e-10, atol=1e-14)
     np.testing.assert_allclose(distance, exact, rtol=0.01)
-    point, _ = surface.search.pairs(points, nodes[surface.facets])
+    point, _ = pairs(surface.search, points, nodes[surface.facets])
     assert len(point) < 1.3 * len(points)
     # Small steps use no new search for those near, and the same rule for those far off.
     moved = surface.project(points + 0.001, nodes)

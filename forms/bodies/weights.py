@@ -1,4 +1,4 @@
-"""Lumped masses of the bodies, for explicit dynamics."""
+"""Integrals of shape functions: weights of nodes in means over a surface or body, lumped masses."""
 
 from __future__ import annotations
 
@@ -8,13 +8,67 @@ import dolfinx
 import numpy as np
 import ufl
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.forms.bodies.kinematics import circumference
+from tribox.forms.bodies.kinematics import Section, body_measure, circumference, section_of
+from tribox.forms.bodies.loads import owned_values, surface_measure
 from tribox.forms.bodies.solid import Solid
+from tribox.geometry.surfaces.facets import Floats, Ints
 
-Floats = NDArray[np.float64]
+
+def surface_weights(
+    space: dolfinx.fem.FunctionSpace, facets: Ints, section: Section | None = None
+) -> Floats:
+    r"""Weights :math:`\int N_a \, d\Gamma_0` of the owned nodes (n,); collective.
+
+    Args:
+        space: blocked vector Lagrange space.
+        facets: local facets, owned and ghosts.
+        section: what the mesh stands for; by default plane strain, or a body in space.
+
+    Returns:
+        m² (m in plane strain, per unit thickness); 0 off the surface.
+    """
+    form = surface_form(space, facets, section)
+    return owned_values(space, form)[:: space.dofmap.index_map_bs].copy()
+
+
+def body_weights(
+    space: dolfinx.fem.FunctionSpace, cells: Ints, section: Section | None = None
+) -> Floats:
+    """The same over a body's owned ``cells``: m³ (m² in plane strain); 0 off the body."""
+    return owned_values(space, body_form(space, cells, section))[
+        :: space.dofmap.index_map_bs
+    ].copy()
+
+
+def surface_form(
+    space: dolfinx.fem.FunctionSpace, facets: Ints, section: Section | None = None
+) -> dolfinx.fem.Form:
+    """The form of :func:`surface_weights`."""
+    return _form(space, surface_measure(space.mesh, facets, _degree(space)), section)
+
+
+def body_form(
+    space: dolfinx.fem.FunctionSpace, cells: Ints, section: Section | None = None
+) -> dolfinx.fem.Form:
+    """The form of :func:`body_weights`."""
+    return _form(space, body_measure(space.mesh, cells, _degree(space)), section)
+
+
+def _degree(space: dolfinx.fem.FunctionSpace) -> int:
+    """Exact for a shape function times the radius on straight cells."""
+    return int(space.element.basix_element.degree) + 1
+
+
+def _form(
+    space: dolfinx.fem.FunctionSpace, measure: ufl.Measure, section: Section | None
+) -> dolfinx.fem.Form:
+    mesh, dim = space.mesh, space.dofmap.index_map_bs
+    one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
+    around = circumference(mesh, section_of(mesh.geometry.dim, section))
+    first = ufl.as_vector([one] + [0.0] * (dim - 1))
+    return dolfinx.fem.form(around * ufl.inner(first, ufl.TestFunction(space)) * measure)
 
 
 def lumped_mass(
@@ -62,13 +116,7 @@ def mass_form(
     if scale is None:
         scale = cell_field(mesh, 1.0)
     ones = ufl.as_vector([1.0] * space.dofmap.index_map_bs)
-    dx = ufl.Measure(
-        "dx",
-        domain=mesh,
-        subdomain_data=[(1, solid.cells)],
-        metadata={"quadrature_degree": 2},
-    )(1)
-    around = circumference(mesh, solid.section)
+    around, dx = circumference(mesh, solid.section), body_measure(mesh, solid.cells, 2)
     return dolfinx.fem.form(
         density * scale * around * ufl.inner(ones, ufl.TestFunction(space)) * dx
     )
