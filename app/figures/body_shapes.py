@@ -290,15 +290,8 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
         owner.append(first + np.repeat(np.arange(len(corners)), len(table)))
         first += len(corners)
     found, of = np.concatenate(sides), np.concatenate(owner)
-    keys = _numbers_of_rows(np.sort(found, axis=1))
-    order = np.argsort(keys)
-    new = np.diff(keys[order], prepend=-1, append=-1) != 0  # another than the one before
-    once = np.sort(order[new[:-1] & new[1:]])
-    return found[once], of[once]
-
-
-def _numbers_of_rows(rows: Ints) -> Ints:
-    """Numbers (f,) that are the same for the same rows (f, a) of numbers from 0 on."""
+    # Numbers (f,) that are the same for the same rows (f, a) of numbers from 0 on.
+    rows = np.sort(found, axis=1)
     count = int(rows.max(initial=0)) + 1
     keys, most = rows[:, 0].astype(np.int64), count
     for column in rows.T[1:]:
@@ -306,4 +299,7 @@ def _numbers_of_rows(rows: Ints) -> Ints:
             keys = np.unique(keys, return_inverse=True)[1].astype(np.int64)
             most = len(rows)
         keys, most = keys * count + column, most * count
-    return keys
+    order = np.argsort(keys)
+    new = np.diff(keys[order], prepend=-1, append=-1) != 0  # another than the one before
+    once = np.sort(order[new[:-1] & new[1:]])
+    return found[once], of[once]

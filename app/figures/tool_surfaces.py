@@ -55,7 +55,21 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
     """Colours and opacity (h, w, 4) of the tools over the picture of a scene; None without any."""
     if triangles is None:
         return None
-    near = _in_window(scene, triangles) + NEARER * float((scene.high - scene.low).max()) * EYE
+    # What may be seen (c, a, i) of triangles, in parts that are small beside the picture.
+    low, high = scene.window
+    plane, most = np.stack([RIGHT, UP]).T, float((high - low).max()) / PARTS
+    done = []
+    while len(triangles):
+        flat = triangles @ plane
+        inside = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
+        small: NDArray[np.bool_] = np.ptp(flat, axis=1).max(axis=1) <= most
+        done.append(triangles[inside & small])
+        a, b, c = np.moveaxis(triangles[inside & ~small], 1, 0)  # four of each
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    near = np.concatenate(done) if done else triangles
+    near = near + NEARER * float((scene.high - scene.low).max()) * EYE
     corners = scene.polygons.shape[1]
     numbers = len(scene.position) + np.arange(near[..., 0].size).reshape(-1, 3)
     added = numbers[:, [0, 1, 2, 2][:corners]]  # a triangle as a quadrilateral of no fourth side
@@ -71,28 +85,6 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
     out[tool, 3] = VEIL
     out[changes(tool.astype(np.int64)), :] = (*to_rgb(COLOUR), LINE)
     return out
-
-
-def _in_window(scene: Scene, triangles: Floats) -> Floats:
-    """What may be seen (c, a, i) of triangles, in parts that are small beside the picture."""
-    low, high = scene.window
-    plane, most = np.stack([RIGHT, UP]).T, float((high - low).max()) / PARTS
-    done = []
-    while len(triangles):
-        flat = triangles @ plane
-        inside = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
-        small: NDArray[np.bool_] = np.ptp(flat, axis=1).max(axis=1) <= most
-        done.append(triangles[inside & small])
-        triangles = _quartered(triangles[inside & ~small])
-    return np.concatenate(done) if done else triangles
-
-
-def _quartered(triangles: Floats) -> Floats:
-    """Four triangles (4 c, a, i) of each."""
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(part, axis=1) for part in parts])
 
 
 # -- Rigid tools in pictures of the plane: their outlines, and room for them in the frame ----------

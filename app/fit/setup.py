@@ -62,7 +62,9 @@ class FitSetup:
     def assumed(self) -> dict[str, Any]:
         """What was neither fitted nor fixed, as in a case file."""
         dump = self.friction.model_dump(mode="json", exclude_none=True)
-        hidden = {"law", "preset", *self.names, *self.fixed, *_displaced(self.names)}
+        hidden = {"law", "preset", *self.names, *self.fixed}
+        if "gamma" in self.names:
+            hidden |= {"V_star", "V_star_at"}
         if self.law == "friction-map" and "mu_d" not in (*self.names, *self.fixed):
             hidden |= {*WEAKENING}  # mu_d follows mu_s.
         if "V_star" in self.names:
@@ -209,11 +211,6 @@ def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
         raise InputError("--fix: holds every parameter, so nothing is left to fit")
     if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
         raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
-
-
-def _displaced(names: Sequence[str]) -> tuple[str, ...]:
-    """Keys that go with the fitted ones."""
-    return ("V_star", "V_star_at") if "gamma" in names else ()
 
 
 def _base(

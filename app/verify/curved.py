@@ -320,13 +320,6 @@ class Photographer(Observer):
         """Keep what can be seen of the step."""
         if not self.reference:
             self._nodes, self.reference = surfaces_of(state.model)
-        self.frames.append(self._frame(state, row))
-
-    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
-        """Count it."""
-        self.cuts += 1
-
-    def _frame(self, state: RunState, row: Row) -> Frame:
         problem, thickness = state.model.problem, state.model.thickness
         dim = problem.dim
         moved = state.stepper.x.array_r.reshape(-1, dim)
@@ -342,17 +335,14 @@ class Photographer(Observer):
             nodal = nodal_pressure(surface, trial.pressure)
             vertices = surface.vertices.nodes
             at = problem.space.tabulate_dof_coordinates()[vertices, :dim] + moved[vertices]
-        return Frame(
-            row=row,
-            nodes={name: self.reference[name] + moved[of] for name, of in self._nodes.items()},
-            position=trial.position.copy(),
-            weight=weight,
-            pressure=trial.pressure.copy(),
-            nodal=nodal,
-            at=at,
-            along=along,
-            load=float(weight @ trial.pressure),
-        )
+        nodes = {name: self.reference[name] + moved[of] for name, of in self._nodes.items()}
+        place, pressure = trial.position.copy(), trial.pressure.copy()
+        load = float(weight @ trial.pressure)
+        self.frames.append(Frame(row, nodes, place, weight, pressure, nodal, at, along, load))
+
+    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
+        """Count it."""
+        self.cuts += 1
 
 
 def surfaces_of(model: Model) -> tuple[dict[str, Ints], dict[str, Floats]]:
