@@ -15,7 +15,6 @@ from tribox.app.checkpoint.same_case import is_whole
 from tribox.app.errors import InputError, SaidOnce, tell
 from tribox.app.results.claim import check_not_in_use, is_done, sweep_labels
 from tribox.app.results.directory import check_free, checkpoint_numbers, default_directory
-from tribox.app.results.inputs import input_files
 from tribox.app.run.process import lasting_imports, nothing_begun, ranks_around
 from tribox.app.run.ranks import run_on_ranks
 
@@ -112,6 +111,8 @@ def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: R
 
 def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
     """Refuse a results directory that holds what the run is made from: it would be cleared."""
+    from tribox.app.results.inputs import input_files  # loads the solver
+
     for path in (case_file, *input_files(case)):
         if directory.resolve() in path.resolve().parents:
             raise InputError(
