@@ -284,19 +284,37 @@ def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
 
 
 def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
-    """A point that leaves the master loses its force at once: there may be no equilibrium."""
+    """A point that leaves the master loses its force at once: there may be no equilibrium.
+
+    Along the slave's normals a point also misses a master that it is beside, where the slave has
+    been folded or turned: the closest points tell one from the other.
+    """
     for index, (now, before) in enumerate(zip(problem.trials, problem.committed, strict=False)):
         pressed = before.pressure > 0.0
-        off = pressed & ~now.projection.on_surface
-        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed)])
-        count, pressing, all_ = problem.comm.allreduce(local)
+        off, missing = pressed & ~now.projection.on_surface, np.zeros_like(pressed)
+        surface = problem.contacts[index].surface
+        if now.projection.rays is not None and now.nodes is not None:
+            closest = surface.project(now.position, now.nodes)
+            missing = off & closest.on_surface
+        local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed, missing)])
+        count, pressing, all_, astray = problem.comm.allreduce(local)
         if not (count and pressing):
             continue
         slave, master = names_of(contacts, index)
-        where = ends_text(problem.contacts[index].surface, now.projection, off)
+        if 2 * astray > count:
+            where = ends_text(surface, now.projection, missing)
+            yield (
+                f"contact.{index}: points of {slave} that pressed have turned away from {master} "
+                f"at {where}, undeformed: it does not lie along their normals any more ({astray} "
+                f"of {all_} points)",
+                f"smaller steps, facets of {slave} that are shorter there, or a rounder corner of "
+                f"{master}",
+            )
+            continue
+        where = ends_text(surface, now.projection, off & ~missing)
         yield (
             f"contact.{index}: points of {slave} that pressed slide off the end of {master} at "
-            f"{where}, undeformed ({count} of {all_} points)",
+            f"{where}, undeformed ({count - astray} of {all_} points)",
             f"a master surface {master} that reaches further there, or less sliding",
         )
 

@@ -2,9 +2,14 @@
 
 import math
 
+import numpy as np
+import pytest
+
 from tests.solved import solved as run
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.run_state import Observer
+from tribox.app.simulation.surface_ends import slid_off
 
 YIELD, DEEP, THICK = 100e6, 0.6e-3, 1e-3
 
@@ -97,3 +102,29 @@ def test_a_sharp_wedge_on_few_facets_is_told_of():
     across, up, warnings = pressed(data)
     assert abs(up + across) > 0.03 * up
     assert any("off what the master's faces can be pressed with" in line for line in warnings)
+
+
+@pytest.mark.parametrize(
+    ("folded", "said"),
+    [
+        (True, "have turned away from wedge at (0.0003643, 0) m"),
+        (False, "slide off the end of wedge at (-0.001, 0) m"),
+    ],
+)
+def test_points_that_miss_a_face_are_not_said_to_be_past_its_end(folded, said):
+    """A facet on its edge looks past the face beside it, which goes from its corner to -1 mm."""
+    data = case([12, 10])
+    data["tools"]["wedge"]["points"] = [["2 mm", "3 mm"], ["2 mm", 0], ["-1 mm", 0]]
+    data["tools"]["wedge"]["displacement"] = {"y": [[0.0, 0.0], [1.0, -1e-6]]}
+    data["stage"][0]["steps"] = 1
+    simulation = run(data)
+    problem, contacts = simulation.model.problem, simulation.model.case.contact
+    assert not list(slid_off(problem, contacts))
+    x, vertices = simulation.stepper.x.copy(), problem.contacts[0].surface.vertices
+    if folded:  # beyond the two before it
+        x.array[2 * vertices.nodes[np.argsort(vertices.position[:, 0])[3]]] -= 6e-4
+    else:
+        x.array[2 * vertices.nodes] -= 1.5e-3
+    problem.residual(None, x, problem.new_vector(), StepMode.of_stage(1.0, problem.contacts, True))
+    found = list(slid_off(problem, contacts))
+    assert len(found) == 1 and said in found[0][0]
