@@ -116,13 +116,40 @@ class ThinnedOil:
 
     That follows the Stribeck curve up to the film of the step's speed. A film begins between
     asperities, where at a speed of the mixed regime it would push many times as hard as what
-    presses: Newton's method goes to and fro.
+    presses: Newton's method goes to and fro. After a film at a lower speed the same film is left by
+    oil that is as much thinner as this is faster, and is followed from there first.
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
+        iterations, slower = 0, self._slower(attempt)
+        if THIN < slower < 1.0 / LEAST_THICKER:
+            iterations, reason = self._followed(attempt, slower, slower**-0.5)
+            if reason > 0:
+                return iterations, reason
+        more, reason = self._followed(attempt, THIN, THICKER)
+        return iterations + more, reason
+
+    @staticmethod
+    def _slower(attempt: Attempt) -> float:
+        """The last state's speed over that of the step, the least of all films."""
+        problem = attempt.newton.problem
+        attempt.trial.array[:] = problem.constrained_values(attempt.x)
+        attempt.newton.residual_of(attempt.step)
+        ratios = [1.0]
+        for pair in zip(problem.committed, problem.trials, strict=False):
+            films = [trial.normal_contact.lubrication for trial in pair]
+            speeds = [
+                np.abs(film.step.speed).max(initial=0.0) for film in films if film and film.step
+            ]
+            if len(speeds) == 2 and speeds[1] > 0.0:
+                ratios.append(float(speeds[0] / speeds[1]))
+        return min(ratios)
+
+    def _followed(self, attempt: Attempt, factor: float, times: float) -> tuple[int, int]:
+        """From a ``factor`` of the viscosity to all of it, by ``times`` and its roots."""
         contacts, trial = attempt.newton.problem.contacts, attempt.trial
-        factor, times, last, iterations = THIN, THICKER, 0.0, 0
+        last, iterations = 0.0, 0
         thinned = attempt.step.with_thinned_oil(contacts, factor)
         found = self._start(attempt, thinned)
         while True:
