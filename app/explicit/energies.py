@@ -61,6 +61,23 @@ def _corner_jacobians(x: Floats) -> Floats:
     return np.stack([np.linalg.det(x[:, others] - x[:, a : a + 1]) for a, others in corners])
 
 
+def energy_roundoff(problem: Equilibrium) -> float:
+    """Energy that rounding errors may hold, J/m, far below any of interest; collective.
+
+    It is what noise in the forces excites, and that of an energy which is a difference of numbers
+    as large as the modulus, as Ogden's is: by strains of 1e-7 of all that a box round the bodies
+    holds.
+    """
+    x = problem.space.tabulate_dof_coordinates()[:, : problem.dim]
+    ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    volume = float(np.prod(ends[: problem.dim] + ends[problem.dim :]))
+    if problem.solids[0].section == "axisymmetric":
+        volume *= 2.0 * np.pi * float(ends[0])
+    stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
+    return 1e6 * problem.roundoff**2 / stiffest + 1e-14 * stiffest * volume
+
+
 class EnergyWatch:
     """Holds the stored energy against all that was ever supplied.
 
@@ -77,9 +94,7 @@ class EnergyWatch:
         self._problem, self._limit = problem, limit
         self._supplied = stored
         self._work = 0.0
-        # Energy that rounding errors may hold, J/m: far below any of interest.
-        stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
-        self._roundoff = 1e6 * problem.roundoff**2 / stiffest
+        self._roundoff = energy_roundoff(problem)
 
     def snapshot(self) -> Snapshot:
         """What was supplied so far."""

@@ -18,6 +18,7 @@ from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.model import Model
 from tribox.app.case.stage import solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.explicit.energies import energy_roundoff
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
@@ -412,7 +413,8 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
             "solver.tolerance is too large for them, or rounding leaves no less"
         )
     gap = abs(energy_gap(simulation.rows))
-    if gap > UNBALANCED:
+    noise = energy_roundoff(simulation.model.problem) * simulation.model.thickness
+    if gap > UNBALANCED and abs(simulation.rows[-1].energy_error) > noise:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
             "happens in them, or for the trapezoidal rule under forces that rise steeply (smaller "

@@ -7,10 +7,11 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.explicit.energies import EnergyWatch, ExplicitError
 from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.forms.bodies.loads import FollowerPressure
-from tribox.forms.bodies.materials import NeoHookean
+from tribox.forms.bodies.materials import NeoHookean, Ogden
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
@@ -336,3 +337,19 @@ def test_a_film_that_opens_loses_its_traction():
     assert not trial.kinematics.closed.any()
     np.testing.assert_array_equal(trial.traction, 0.0)
     np.testing.assert_array_equal(stepper.contacts[0].film_traction, 0.0)
+
+
+def test_what_the_energy_of_a_body_at_rest_rounds_to_is_no_instability():
+    """Ogden's energy of an undeformed body is a difference of large numbers, of either sign."""
+    rubber = Ogden((0.63e6, 0.0012e6, -0.01e6), (1.3, 5.0, -2.0), 5e6)
+    bench = Bench((0.01, 0.004, (20, 6)), (0.01, 0.004, (1, 1)), materials=(rubber, HARD))
+    stepper = ExplicitStepper(bench.problem(), ExplicitOptions())
+    watch, sizes = EnergyWatch(stepper.problem, ExplicitOptions().energy_limit, 0.0), []
+    for _ in range(100):
+        stepper.advance(0.5 * stepper.stable_step())
+        sizes.append(abs(stored(stepper)))
+    watch.check(max(sizes), 0.0, 0.0, np.zeros(1))
+    assert max(sizes) > 0.0
+    with pytest.raises(ExplicitError, match="energy runs away"):
+        strain, area = 1e-5, 0.01 * 0.004
+        watch.check(0.5 * rubber.shear_modulus * strain**2 * area, 0.0, 0.0, np.zeros(1))

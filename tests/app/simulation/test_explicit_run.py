@@ -275,6 +275,24 @@ def test_scaled_mass_is_reported(tmp_path):
     assert run.explicit.steps == pytest.approx(plain.explicit.steps / 3, rel=0.1)
 
 
+def test_rounding_is_no_energy_that_is_lost(tmp_path):
+    """A body at rest that nothing touches: its energies are noise, of whatever sign."""
+    data = tomllib.loads(THROWN)
+    data["bodies"]["elastomer"] = {
+        "material": "ogden",
+        "mu": ["0.63 MPa", "0.0012 MPa", "-0.01 MPa"],
+        "alpha": [1.3, 5.0, -2.0],
+        "K": "5 MPa",
+        "density": 1100.0,
+    }
+    data["stage"][0] |= {"steps": 2, "duration": "100 us"}
+    data["boundary"].append({"surface": "top", "displacement": {"x": 0, "y": 0}})
+    run_case(Case.model_validate(data), tmp_path / "rest", quiet=True)
+    warnings = json.loads((tmp_path / "rest" / "summary.json").read_text())["warnings"]
+    assert any("never pressed" in line for line in warnings)
+    assert not any("energy" in line for line in warnings)
+
+
 def test_check_says_how_many_steps_a_stage_takes(tribox, case_file):
     done = tribox("check", case_file(SLID), "--set", "stage.1.duration=1 s")
     assert done.returncode == 0, done.stderr
