@@ -170,6 +170,28 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
+def test_its_steps_are_too_short_to_look_for_points_that_come_to_rest_within(pair, compiled):
+    """The last step of the path is slow; without an upper bound the elastic slip is all of it."""
+    blocks, law = pair(lower=(5, 2)), film_law(V_star=0.5, eta_b=0.01)
+    reference = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
+    contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, 0.5), compiled)
+    u, _ = vectors(blocks)
+    for x in states(blocks):
+        expected = reference.evaluate(x, 0.5)
+        u.owned[:] = x.array_r
+        trial = contact.evaluate(u, 0.5)
+        before = reference.state.friction
+        expected.slave_tangents = None
+        reference.commit(expected)
+        contact.commit()
+    held_back = expected.response.held_back
+    assert trial.response.held_back is None and held_back is not None and held_back.max() > 0.05
+    left_out = np.linalg.norm(trial.traction - expected.traction, axis=1)
+    np.testing.assert_allclose(left_out, held_back, atol=1e-9)
+    assert before.speed.max() > 1.0
+
+
+@pytest.mark.parametrize("compiled", [True, False])
 def test_film_correction_in_numbers(pair, compiled):
     """One correction from nothing at a uniform speed, by the formula written out here."""
     blocks = pair()
