@@ -75,17 +75,7 @@ class MemorySolid(Solid):
 
         Those at the points are the loop's.
         """
-        self._make_points(reduced)
-        if self.law.added:
-            return super()._energy_forms(reduced)
-        if not reduced:
-            return []
-        k = centre_kinematics(self._u, self.section)
-        volumetric = self.material.energy(k, self._constants)[1]
-        return [self._compiled(k, volumetric, self._dx(CENTRE_DEGREE))]
-
-    def _make_points(self, reduced: bool) -> None:
-        """The points, and the loop over the cells that evaluates them."""
+        # The points, and the loop over the cells that evaluates them.
         space = self.section == "3D"
         law = self.material.points(space)
         assert law is not None, "the material has no points that remember"
@@ -101,6 +91,13 @@ class MemorySolid(Solid):
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
+        if self.law.added:
+            return super()._energy_forms(reduced)
+        if not reduced:
+            return []
+        k = centre_kinematics(self._u, self.section)
+        volumetric = self.material.energy(k, self._constants)[1]
+        return [self._compiled(k, volumetric, self._dx(CENTRE_DEGREE))]
 
     @property
     def elastic(self) -> Material | None:
@@ -115,7 +112,8 @@ class MemorySolid(Solid):
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
         """See :meth:`tribox.forms.bodies.solid.Solid.evaluate`."""
         u, points = self._u.x.array, self.points
-        dt = self._seen(dt)
+        # The duration that the material feels.
+        dt = dt if self.law.rated else math.inf
         found = points.known(u, dt)
         if found is None:
             self.point_cells.moduli.end = None  # it may be in the arrays that are used again
@@ -166,10 +164,6 @@ class MemorySolid(Solid):
     def add_point_forces(self, out: Floats) -> None:
         """See :meth:`tribox.forms.bodies.solid.Solid.add_point_forces`."""
         out += self._forces
-
-    def _seen(self, dt: float) -> float:
-        """The duration that the material feels."""
-        return dt if self.law.rated else math.inf
 
     def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
         """What the loop updates the points with; None: they are updated in Python."""

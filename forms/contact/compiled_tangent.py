@@ -166,7 +166,22 @@ class CompiledTangent:
         closed = np.nonzero(trial.kinematics.closed)[0]
         pair, _alive = self._pair(self._varying(tangent, state, trial))
         groups = PointGroups.of(closed, tangent.point_facets(state, trial, closed))
-        blocks = self._add_points(state, trial, entries, first, pair, groups)
+        # Add the blocks of the groups whose nodes are all in the matrix; those of the others.
+        nodes = self._nodes_of(groups.point, trial.projection.facet, state.facet)
+        inside = np.all(first[nodes] >= 0, axis=1)
+        ends, points = groups.ordered(inside)
+        scratch = np.empty(9 * nodes.shape[1] ** 2)
+        made, _kept = _entries(entries, first, first)
+        count = ctypes.c_int64(len(ends) - 1)
+        _require_room(
+            self._code.tribox_add_point_blocks(
+                ctypes.byref(pair), ctypes.byref(made), count, *map(_at, (ends, points, scratch))
+            )
+        )
+        stayed = (trial.projection.facet == state.facet)[groups.point]
+        folded = nodes[:, : nodes.shape[1] - self._sizes["movers"]]
+        parts = (folded, ~inside & stayed), (nodes, ~inside & ~stayed)
+        blocks = [self._blocks_of(pair, groups, *part) for part in parts if part[1].any()]
         rule = tangent.rule
         if not isinstance(rule, AveragedPressure):
             return blocks, []
@@ -231,32 +246,6 @@ class CompiledTangent:
         for name, array in arrays.items():
             setattr(pair, name, None if array is None else array.ctypes.data)
         return pair, list(arrays.values())
-
-    def _add_points(
-        self,
-        state: ContactState,
-        trial: ContactTrial,
-        entries: Entries,
-        first: Ints,
-        pair: _Pair,
-        groups: PointGroups,
-    ) -> Blocks:
-        """Add the blocks of the groups whose nodes are all in the matrix; those of the others."""
-        nodes = self._nodes_of(groups.point, trial.projection.facet, state.facet)
-        inside = np.all(first[nodes] >= 0, axis=1)
-        ends, points = groups.ordered(inside)
-        scratch = np.empty(9 * nodes.shape[1] ** 2)
-        made, _kept = _entries(entries, first, first)
-        count = ctypes.c_int64(len(ends) - 1)
-        _require_room(
-            self._code.tribox_add_point_blocks(
-                ctypes.byref(pair), ctypes.byref(made), count, *map(_at, (ends, points, scratch))
-            )
-        )
-        stayed = (trial.projection.facet == state.facet)[groups.point]
-        folded = nodes[:, : nodes.shape[1] - self._sizes["movers"]]
-        parts = (folded, ~inside & stayed), (nodes, ~inside & ~stayed)
-        return [self._blocks_of(pair, groups, *part) for part in parts if part[1].any()]
 
     def _nodes_of(self, point: Longs, now: Ints, before: Ints) -> Longs:
         """The pair's nodes (g, m) of points on the master facets (q,) now and at the last step."""

@@ -154,16 +154,7 @@ def _sample(
     none, state = np.zeros((POINTS, dim)), law.initial_state(POINTS, dim)
     pressure, film = np.full(POINTS, at.pressure), np.full(POINTS, at.film)
     sample = _Sample(none, dt, pressure, film, state, np.ones(POINTS), options)
-    sample.scale = _slip_scale(law, sample)
-    _draw(sample, at, rng)
-    return sample
-
-
-def _slip_scale(law: FrictionLaw, sample: _Sample) -> Floats:
-    """Slip (q,), m, at which the traction is half of what its first slope would give.
-
-    A micrometre where it is proportional throughout.
-    """
+    # Slip (q,), m, at which the traction is half of what its first slope would give.
     secant = np.empty((len(SIZES), POINTS))
     slip = np.zeros_like(sample.slip)
     for row, size in enumerate(SIZES):
@@ -171,7 +162,9 @@ def _slip_scale(law: FrictionLaw, sample: _Sample) -> Floats:
         secant[row] = sample.ask(law, slip=slip).traction[:, 0] / size
     fallen = secant < 0.5 * secant[0]
     first = np.argmax(fallen, axis=0)
-    return np.where(fallen.any(axis=0), SIZES[first], 1e-6)
+    sample.scale = np.where(fallen.any(axis=0), SIZES[first], 1e-6)
+    _draw(sample, at, rng)
+    return sample
 
 
 def _draw(sample: _Sample, at: Conditions, rng: np.random.Generator) -> None:

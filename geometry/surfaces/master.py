@@ -167,7 +167,12 @@ class MasterSource:
         total, count = self.comm.allreduce(np.array([total, count]))
         self._reach = REACH * max(2.0 * float(total / count), slave_length)
         self._margin = 2.0 * self._reach + 2.4 * largest
-        self._mine = self._owned_nodes()
+        # Owned local nodes that are the master's, whichever rank has the facet; collective.
+        index = self._space.dofmap.index_map
+        marks = dolfinx.la.vector(index, 1, dtype=np.float64)
+        marks.array[index.global_to_local(np.unique(self.own.nodes))] = 1.0
+        marks.scatter_reverse(dolfinx.la.InsertMode.add)
+        self._mine = np.nonzero(marks.array[: index.size_local] > 0.0)[0]
         self._at: tuple[Floats, Floats] | None = None  # displacements when facets were fetched
 
     def _survey(self, own: tuple[Longs, Floats]) -> tuple[SurfacePart, float, Floats]:
@@ -189,15 +194,6 @@ class MasterSource:
             raise ValueError(problem)
         mine: SurfacePart = comm.scatter(parts)
         return mine, *comm.bcast(about)
-
-    def _owned_nodes(self) -> Longs:
-        """Owned local nodes that are the master's, whichever rank has the facet; collective."""
-        index = self._space.dofmap.index_map
-        marks = dolfinx.la.vector(index, 1, dtype=np.float64)
-        marks.array[index.global_to_local(np.unique(self.own.nodes))] = 1.0
-        marks.scatter_reverse(dolfinx.la.InsertMode.add)
-        out: Longs = np.nonzero(marks.array[: index.size_local] > 0.0)[0]
-        return out
 
     def _spheres(self, facets: Floats) -> tuple[Floats, Floats]:
         """Centres (g, i) and radii (g,), m, of spheres that hold facets (g, a, i)."""

@@ -129,7 +129,17 @@ class FacetSurface:
         """
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
-        self._around, self._corner = _facets_around(corners, count)
+        # Facets (n, v) that meet at each node, −1 beyond, and which of their corners it is (n,
+        # v).
+        flat = corners.reshape(-1)
+        order = np.argsort(flat, kind="stable")
+        valence = np.bincount(flat, minlength=count)
+        column = np.arange(len(flat)) - np.repeat(np.cumsum(valence) - valence, valence)
+        facet = np.full((count, max(int(valence.max(initial=0)), 1)), -1, dtype=np.int32)
+        corner = np.zeros_like(facet)
+        facet[flat[order], column] = order // corners.shape[1]
+        corner[flat[order], column] = order % corners.shape[1]
+        self._around, self._corner = facet, corner
         self._rays: RaySearch | None = None
         if shape.directions == 1:
             _require_one_each(corners)
@@ -452,19 +462,6 @@ class FacetSurface:
         outward = out.normal[rows] + beyond
         unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
         return unit
-
-
-def _facets_around(corners: Ints, count: int) -> tuple[Ints, Ints]:
-    """Facets (n, v) that meet at each node, −1 beyond, and which of their corners it is (n, v)."""
-    flat = corners.reshape(-1)
-    order = np.argsort(flat, kind="stable")
-    valence = np.bincount(flat, minlength=count)
-    column = np.arange(len(flat)) - np.repeat(np.cumsum(valence) - valence, valence)
-    facet = np.full((count, max(int(valence.max(initial=0)), 1)), -1, dtype=np.int32)
-    corner = np.zeros_like(facet)
-    facet[flat[order], column] = order // corners.shape[1]
-    corner[flat[order], column] = order % corners.shape[1]
-    return facet, corner
 
 
 def _require_one_each(corners: Ints) -> None:

@@ -44,7 +44,13 @@ class RaySearch:
             controls: (f, m, i), m, undeformed.
         """
         self.shape = shape
-        self.across = _segments_across(facets[:, :2])
+        # Facet (f, e) beyond each end of each segment (f, e), −1 at the ends of the surface.
+        ends = facets[:, :2]
+        count = int(ends.max(initial=-1)) + 1
+        starting = np.full(count, -1, dtype=np.int32)
+        ending = starting.copy()
+        starting[ends[:, 0]] = ending[ends[:, 1]] = np.arange(len(ends), dtype=np.int32)
+        self.across = np.stack([ending[ends[:, 0]], starting[ends[:, 1]]], axis=1)
         at_ends = shape.first(np.array([[0.0], [1.0]]))
         here = unit_normals(np.einsum("eba,fai->febi", at_ends, controls))
         there = here[self.across, np.array([1, 0])]
@@ -117,13 +123,3 @@ class RaySearch:
                 break
             out = np.clip(out + step, 0.0, 1.0)
         return out[:, None], met
-
-
-def _segments_across(ends: Ints) -> Ints:
-    """Facet (f, e) beyond each end of each segment (f, e), −1 at the ends of the surface."""
-    count = int(ends.max(initial=-1)) + 1
-    starting = np.full(count, -1, dtype=np.int32)
-    ending = starting.copy()
-    starting[ends[:, 0]] = ending[ends[:, 1]] = np.arange(len(ends), dtype=np.int32)
-    out: Ints = np.stack([ending[ends[:, 0]], starting[ends[:, 1]]], axis=1)
-    return out

@@ -148,7 +148,15 @@ class Polyline(RigidShape):
             stays = np.maximum(low - there, there - high) <= OVERRUN
             facet = np.where(stays, frozen_facets, facet)
             found, held = np.where(stays, there, found), held & ~stays
-        return self._feet(facet, found, held, end)
+        # Closest points, ``held`` (q,) at an ``end`` (q,) of their pieces: clamped if it is one.
+        out = Feet(facet, found[:, None])
+        past = held & self._open[facet, end]
+        clamped = past | (held & self._sharp[facet, end])
+        if past.any():
+            out.on_surface = ~past
+        if clamped.any():
+            out.outward = np.where(clamped[:, None], self._outward[facet, end], np.nan)
+        return out
 
     def _candidates(
         self, points: Floats, choose: Callable[[Floats, Floats, slice], Bools]
@@ -163,20 +171,6 @@ class Polyline(RigidShape):
             parts.append((row + first, piece.astype(np.int32)))
         point, pieces = (np.concatenate(p) for p in zip(*parts, strict=True))
         return point, pieces
-
-    def _feet(self, facet: Ints, xi: Floats, held: Bools, end: Ints) -> Feet:
-        """Closest points, ``held`` (q,) at an ``end`` (q,) of their pieces: clamped if it is one.
-
-        Where pieces go on into each other smoothly, both hold the point by no more than round-off.
-        """
-        out = Feet(facet, xi[:, None])
-        past = held & self._open[facet, end]
-        clamped = past | (held & self._sharp[facet, end])
-        if past.any():
-            out.on_surface = ~past
-        if clamped.any():
-            out.outward = np.where(clamped[:, None], self._outward[facet, end], np.nan)
-        return out
 
     # -- along rays, and at the ends --------------------------------------------------------------
 

@@ -85,7 +85,11 @@ def slave_points(
     derivative = form.first(xi)
     tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
     number = number.reshape(-1)
-    length = _lengths(form, number, weight)
+    # Length (q,), m, of each point's facet from the weights on it.
+    size = np.bincount(number, weight).astype(np.float64)
+    if form.directions == 2:
+        size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
+    length: Floats = size[number]
     share = weight / np.bincount(number, weight)[number]
     return SlavePoints(
         nodes=nodes.astype(np.int64),
@@ -160,15 +164,6 @@ def _half_way_to_the_end(facet: Longs, xi: Floats, share: Floats) -> Floats:
     end[order] = total - facet[order]
     inside = xi[:, 0]
     out: Floats = 0.5 * np.minimum(inside - (end - share), end - inside)
-    return out
-
-
-def _lengths(form: FacetShape, facet: Longs, weight: Floats) -> Floats:
-    """Length (q,), m, of each point's facet from the weights on it."""
-    size = np.bincount(facet, weight).astype(np.float64)
-    if form.directions == 2:
-        size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
-    out: Floats = size[facet]
     return out
 
 

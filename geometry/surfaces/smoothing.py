@@ -124,20 +124,16 @@ def _edges(shape: FacetShape, facets: Ints, nodes: Floats) -> _Edges:
         after, before = facets[:, _AFTER], facets[:, _BEFORE]
         first = np.searchsorted(distinct, facets * count + after)
         turn[first] = np.searchsorted(distinct, facets * count + before)
-    valence = _valence(turn)
-    opposite = _across_node(ends[:, 0], turn, valence)
-    length = np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
-    return _Edges(ends.astype(np.int32), reverse, length, along, opposite, turn, valence)
-
-
-def _valence(turn: Longs) -> Longs:
-    """Number of edges (e,) round the first node of each, 0 at the end of the surface."""
+    # Number of edges (e,) round the first node of each, 0 at the end of the surface.
     out = np.zeros(len(turn), dtype=np.int64)
     here: Longs = np.arange(len(turn), dtype=np.int64)
     for step in range(1, _MOST + 1):
         here = np.where(here >= 0, turn[here], -1)
         out[(here == np.arange(len(turn))) & (out == 0)] = step
-    return out
+    valence = out
+    opposite = _across_node(ends[:, 0], turn, valence)
+    length = np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
+    return _Edges(ends.astype(np.int32), reverse, length, along, opposite, turn, valence)
 
 
 def _across_node(start: Longs, turn: Longs, valence: Longs) -> Longs:
@@ -316,7 +312,14 @@ def _twists(shape: FacetShape, facets: Ints, edges: _Edges, sharp: Bools, count:
     twist = scipy.sparse.csr_matrix(
         (value.reshape(-1), (np.repeat(own, 4), column.reshape(-1))), shape=(facets.size, count)
     )
-    follower = _next_corner(facets, edges)
+    # Facet corner (f·a,) counter-clockwise of each round its node, −1 past the last.
+    along = edges.along
+    # A corner's first edge is that along ξ at corners 0 and 3, along η at 1 and 2.
+    first = np.stack([along[:, c, k] for c, k in enumerate((0, 1, 1, 0))], axis=1).reshape(-1)
+    last = np.stack([along[:, c, k] for c, k in enumerate((1, 0, 0, 1))], axis=1).reshape(-1)
+    owner = np.full(len(edges.ends), -1, dtype=np.int64)
+    owner[first] = np.arange(facets.size)
+    follower = owner[last]
     before = np.full(facets.size, -1, dtype=np.int64)
     before[follower[follower >= 0]] = own[follower >= 0]
     inside = (edges.valence[a] == 4) & ~sharp[corner]
@@ -332,17 +335,6 @@ def _twists(shape: FacetShape, facets: Ints, edges: _Edges, sharp: Bools, count:
     out = out + _rows(twist, np.where(rim, own, -1), area / around)
     out = out - _rows(twist, np.where(rim & (around == 2), other, -1), 0.5 * area)
     return out.tocsr()
-
-
-def _next_corner(facets: Ints, edges: _Edges) -> Longs:
-    """Facet corner (f·a,) counter-clockwise of each round its node, −1 past the last."""
-    along = edges.along
-    # A corner's first edge is that along ξ at corners 0 and 3, along η at 1 and 2.
-    first = np.stack([along[:, c, k] for c, k in enumerate((0, 1, 1, 0))], axis=1).reshape(-1)
-    last = np.stack([along[:, c, k] for c, k in enumerate((1, 0, 0, 1))], axis=1).reshape(-1)
-    owner = np.full(len(edges.ends), -1, dtype=np.int64)
-    owner[first] = np.arange(facets.size)
-    return owner[last]
 
 
 def _corner_parts(
