@@ -12,7 +12,7 @@ from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
-from tribox.forms.contact.stiffness import PairStiffness
+from tribox.forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
 from tribox.forms.friction.friction_map import FrictionMap
@@ -192,6 +192,21 @@ def test_its_steps_are_too_short_to_look_for_points_that_come_to_rest_within(pai
 
 
 @pytest.mark.parametrize("compiled", [True, False])
+def test_a_penetration_of_roundoff_is_no_contact(pair, compiled):
+    """Blocks that just touch: neither the gap's sign nor the partition decides on a pressure."""
+    blocks = pair()
+    contact = explicit_contact(ContactTerm(blocks.surface(), FrictionlessLaw(), PENALTY), compiled)
+    u, _ = vectors(blocks)
+    for depth, pressed in ((1e-15, False), (1e-9, True)):
+        vec = blocks.displaced(lambda X, d=depth: 0.0 * X - [0.0, d], lambda X: 0.0 * X)
+        u.owned[:] = vec.array_r
+        trial = contact.evaluate(u, 1.0)
+        assert bool((trial.pressure > 0.0).all()) == pressed
+        assert trial.kinematics.closed.all()
+        assert pressed or not trial.pressure.any()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
 def test_film_correction_in_numbers(pair, compiled):
     """One correction from nothing at a uniform speed, by the formula written out here."""
     blocks = pair()
@@ -250,6 +265,36 @@ def test_compliance_bounds_the_impulses_of_all_points_together(pair, compiled):
         together = float(np.sum(scratch.owned**2 / mass))
         assert together <= weight @ (contact.compliance * tau[:, 0] ** 2) * (1.0 + 1e-12)
     assert contact.compliance.min() > 0.0
+
+
+def test_the_law_tells_its_stiffness_and_its_viscosity(pair):
+    blocks = pair()
+    onset = {"film_onset_pressure": 1e-3}
+    term = ContactTerm(blocks.surface(), film_law(alpha=0.25, **onset), PENALTY, 0.5)
+    assert elastic_stiffness(term) == pytest.approx(0.75 * 60.0)
+    assert largest_viscosity(term) == pytest.approx(0.25 * 10.0)
+    law = film_law(alpha=0.25, V_star=0.1, **onset)
+    fast = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
+    assert largest_viscosity(fast) == pytest.approx(10.0)
+    dry = ContactTerm(blocks.surface(), CoulombLaw(CoulombParameters(mu=0.3, K_T=7.0)), PENALTY)
+    assert elastic_stiffness(dry) == pytest.approx(7.0)
+    assert largest_viscosity(dry) == 0.0
+
+
+def test_the_pressures_of_the_probes_are_those_of_each_points_own_facet(pair):
+    """The same on a facet of another length with its own penalty, whatever the mean length."""
+    law = film_law(alpha=0.25, film_onset_pressure=1e-3, barus=0.1)
+    surface = pair().surface()
+    found = set()
+    for kind, count in (("averaged", surface.vertices.count), ("pointwise", 18)):
+        term = ContactTerm(surface, law, np.full(count, PENALTY), 0.5, kind)
+        before = largest_viscosity(term)
+        term.rule.penalty /= 7.0
+        surface.slave.facet_length[:] *= 7.0
+        assert largest_viscosity(term) == pytest.approx(before, rel=1e-12)
+        surface.slave.facet_length[:] /= 7.0
+        found |= {round(before, 12)}
+    assert len(found) == 1 and found != {2.5}
 
 
 def graded(ratio=20.0):
