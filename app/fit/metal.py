@@ -262,8 +262,7 @@ class MetalProblem:
         begun = [*self.starts(None), *(self.starts(known) if known else ())]
         begun = [np.clip(x, low + 1e-6, high - 1e-6) for x in begun]
         begun.sort(key=lambda x: float(np.sum(self.residual(x) ** 2)))
-        limits = {"ftol": 1e-11, "gtol": 1e-11, "max_nfev": 100}
-        x, at_bound = best_minimum(self, begun[:4], low, high, **limits)
+        x, at_bound = best_minimum(self, begun[:4], (low, high), 1e-11, 100)
         order = np.arange(len(x))  # the fastest branch first
         pairs = order[len(x) - 2 * self.branches :].reshape(-1, 2)
         pairs[:] = pairs[np.argsort(-x[pairs[:, 1]])]

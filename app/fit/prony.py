@@ -149,13 +149,19 @@ def information(squares: float, values: int, parameters: int) -> float:
 
 
 def best_minimum(
-    problem: _Problem, starts: Iterable[Floats], low: Floats, high: Floats, **limits: float
+    problem: _Problem,
+    starts: Iterable[Floats],
+    bounds: tuple[Floats, Floats],
+    tolerance: float,
+    max_nfev: int,
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Search coordinates of the least squares from some starts, and which end at a bound."""
+    low, high = bounds
     found = [
         least_squares(
             problem.residual, np.clip(x, low + 1e-6, high - 1e-6), jac=problem.jacobian,
-            bounds=(low, high), x_scale="jac", xtol=1e-10, **limits,
+            bounds=bounds, x_scale="jac", xtol=1e-10, ftol=tolerance, gtol=tolerance,
+            max_nfev=max_nfev,
         )
         for x in starts
     ]  # fmt: skip
@@ -353,8 +359,7 @@ class PronyProblem:
 
     def fitted(self, n: int, fewer: Floats | None = None) -> PronyFit:
         """The best series of n branches; ``fewer``: search coordinates of the best of n - 1."""
-        limits = {"ftol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
-        x, at_bound = best_minimum(self, self.starts(n, fewer), *self.bounds(n), **limits)
+        x, at_bound = best_minimum(self, self.starts(n, fewer), self.bounds(n), 1e-12, 200)
         order = np.argsort(x[n + 1 : 2 * n + 1])
         for part in (slice(1, n + 1), slice(n + 1, 2 * n + 1)):
             x[part], at_bound[part] = x[part][order], at_bound[part][order]

@@ -220,30 +220,31 @@ def slide_at_speeds(
         most_slip: m, distance after which the points count as not steady.
     """
     shape = len(speeds), len(film)
-    speed = np.repeat(speeds, len(film))
+    slowness = np.repeat(1.0 / speeds, len(film))
     pressures, films = np.tile(pressure, len(speeds)), np.tile(film, len(speeds))
-    found = Steady(
-        *(np.zeros(shape) for _ in range(3)), np.zeros(shape, dtype=np.int8),
-        np.zeros(shape, dtype=np.bool_), np.zeros(len(speeds)),
-    )  # fmt: skip
+    traction, mu, alpha = np.zeros((3, *shape))
+    regime, steady = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
+    found = Steady(traction, mu, alpha, regime, steady, np.zeros(len(speeds)))
     running: NDArray[np.bool_] = np.ones(len(speeds), dtype=np.bool_)
     state = law.initial_state(len(films), 1)
-    before, calm = np.zeros(len(films)), np.zeros(len(films), dtype=np.int64)
+    before: Floats = np.zeros(len(films))
+    calm: NDArray[np.int64] = np.zeros(len(films), dtype=np.int64)
     step, slid = FIRST_SLIP, 0.0
     while running.any() and slid <= most_slip:
         slip = np.full((len(films), 1), step)
-        response = law.update(slip, step / speed, pressures, films, state)
-        state, traction = response.state, response.traction[:, 0]
+        response = law.update(slip, step * slowness, pressures, films, state)
+        state, now = response.state, response.traction[:, 0]
         slid += step
-        calm = np.where(np.abs(traction - before) <= UNCHANGED * np.abs(traction), calm + 1, 0)
-        now = (traction, law.coefficient(state), state.alpha, response.regime)
-        names = ("traction", "mu", "alpha", "regime", "steady")
-        for name, values in zip(names, (*now, calm >= STEPS_IN_A_ROW), strict=True):
-            getattr(found, name)[running] = values.reshape(shape)[running]
+        calm = np.where(np.abs(now - before) <= UNCHANGED * np.abs(now), calm + 1, 0)
+        for array, values in (
+            (traction, now), (mu, law.coefficient(state)), (alpha, state.alpha),
+            (regime, response.regime), (steady, calm >= STEPS_IN_A_ROW),
+        ):  # fmt: skip
+            array[running] = values.reshape(shape)[running]
         found.slip[running] = slid
         if slid > least_slip:
-            running &= ~found.steady.all(axis=1)
-        before, step = traction, step * GROWTH
+            running &= ~steady.all(axis=1)
+        before, step = now, step * GROWTH
     return found
 
 
