@@ -78,7 +78,7 @@ class FilmWatch:
                 continue
             inside = film.members[term.faces].all(axis=1)
             faces, length = term.faces[inside], history.length[inside]
-            self._look_at_inlet(place, term, film, faces, length, when)
+            self._look_at_inlet(place, term, trial, film, faces, length, when)
             self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
             self._look_at_roughness(place, term, film, when)
             self._look_at_facets(place, term, trial, film, when)
@@ -89,6 +89,7 @@ class FilmWatch:
         self,
         place: str,
         term: LubricatedTerm,
+        trial: ContactTrial,
         film: Lubrication,
         faces: Longs,
         length: Floats,
@@ -122,10 +123,7 @@ class FilmWatch:
         pressed = carried > PRESSED * carried.max()
         width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())
         ahead, first = self._ahead(upstream, downstream, length, inlet)
-        # A slider or a plate: the gap is narrow up to the edge, and there is nothing further out.
-        bounded = np.count_nonzero(term.faces == first) < 2
-        bounded &= bool(film.film[first] < BOUNDED * film.film[loaded].min())
-        bounded |= bool(film.filled[first] < PASSED)  # what is not full there begins further in
+        bounded = self._bounded(term, trial, film, first, loaded)
         if width > 0.0 and ahead < AHEAD * width and not bounded:
             self._keep(
                 f"ahead {place}",
@@ -134,6 +132,22 @@ class FilmWatch:
                 f"is {width:.2g} m ({when}): it comes out too thin; let slave and film reach "
                 f"{AHEAD:g} half-widths, or raise film.h_max",
             )
+
+    @staticmethod
+    def _bounded(
+        term: LubricatedTerm, trial: ContactTrial, film: Lubrication, first: int, loaded: Bools
+    ) -> bool:
+        """Whether there is nothing further out than the vertex that a film begins at.
+
+        A slider or a plate, slave or master, has a narrow gap up to its edge; and what is not full
+        at its beginning begins further in.
+        """
+        at_first = (term.faces == first).any(axis=1)
+        bare: Bools = np.zeros(len(film.members), dtype=bool)  # no master below all of their area
+        bare[term.surface.vertices.of_point[~trial.projection.on_surface]] = True
+        ends = np.count_nonzero(at_first) < 2 or bool(bare[term.faces[at_first]].any())
+        narrow = bool(film.film[first] < BOUNDED * film.film[loaded].min())
+        return (ends and narrow) or bool(film.filled[first] < PASSED)
 
     @staticmethod
     def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> tuple[float, int]:

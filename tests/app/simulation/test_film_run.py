@@ -271,6 +271,15 @@ def test_a_slider_carries_and_drags_as_reynolds_says(slider):
     assert warnings_of(slider) == []
 
 
+def test_a_film_that_ends_with_its_runner_does_not_begin_too_close(tmp_path):
+    runner = 'tools.runner={shape="polyline", points=[["9 mm", "22 um"], ["1 mm", "38 um"]], '
+    runner += 'velocity={x="1 m/s", y="-2 mm/s"}}'
+    more = "geometry.blocks.pad.elements=[160, 1]", "stage.0.steps=1", "stage.0.duration=1 us"
+    directory = shipped("slider", tmp_path / "out", runner, *more)
+    assert column(directory, "normal_force") > 10e3
+    assert warnings_of(directory) == []
+
+
 def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
     """Its 300 Pa are far below what its metal could bear, and as exact."""
     slow = 'tools.runner.velocity={x="0.1 mm/s", y="-0.2 um/s"}'
