@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.checkpoint.going_on import unlike
 from tests.app.conftest import BLOCK
 from tests.app.read_log import read_log
 from tests.app.simulation.test_explicit_run import THROWN
@@ -134,7 +135,7 @@ def rewritten(
 
 @pytest.mark.parametrize(
     "about",
-    ["[]", '{"format": 4}', "[" * 100_000, '{"format": 4, "files": []}', "\0"],
+    ["[]", '{"format": 5}', "[" * 100_000, '{"format": 5, "files": []}', "\0"],
     ids=["list", "nothing", "nested", "no files", "zero"],
 )
 def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
@@ -436,7 +437,7 @@ def test_tables_over_time_may_go_on_past_the_end(done, tmp_path):
     run(whole, tmp_path / "whole")
     out = as_killed(done, tmp_path / "out", 6)
     run(whole, out, extend=True)
-    assert (out / "history.csv").read_text() == (tmp_path / "whole" / "history.csv").read_text()
+    assert unlike(tmp_path / "whole", out) == []
 
 
 @pytest.mark.parametrize(
