@@ -220,19 +220,21 @@ def slide_at_speeds(
         most_slip: m, distance after which the points count as not steady.
     """
     shape = len(speeds), len(film)
-    speed = np.repeat(speeds, len(film))
+    speed: Floats = np.repeat(speeds, len(film))
     pressures, films = np.tile(pressure, len(speeds)), np.tile(film, len(speeds))
     found = Steady(
-        *(np.zeros(shape) for _ in range(3)), np.zeros(shape, dtype=np.int8),
+        np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int8),
         np.zeros(shape, dtype=np.bool_), np.zeros(len(speeds)),
     )  # fmt: skip
     running: NDArray[np.bool_] = np.ones(len(speeds), dtype=np.bool_)
     state = law.initial_state(len(films), 1)
-    before, calm = np.zeros(len(films)), np.zeros(len(films), dtype=np.int64)
+    before: Floats = np.zeros(len(films))
+    calm: NDArray[np.int64] = np.zeros(len(films), dtype=np.int64)
     step, slid = FIRST_SLIP, 0.0
     while running.any() and slid <= most_slip:
         slip = np.full((len(films), 1), step)
-        response = law.update(slip, step / speed, pressures, films, state)
+        dt: Floats = np.asarray(step / speed, dtype=np.float64)
+        response = law.update(slip, dt, pressures, films, state)
         state, traction = response.state, response.traction[:, 0]
         slid += step
         calm = np.where(np.abs(traction - before) <= UNCHANGED * np.abs(traction), calm + 1, 0)
