@@ -17,8 +17,6 @@ from tribox.app.simulation.simulation import Simulation
 OFTEN = {"checkpoint_interval": 1e-9, "checkpoints_kept": 10_000}
 OUTPUT = {"figures": False, "fields_every": 2}
 NEAR = 1e-9
-ARM = 1e-3  # m
-MOMENTS = {"twist_moment": "N", "moment_z": "force"}  # and the kind of the forces that make them
 WAY = ("progress.csv",)  # how a run came to its results
 TABLES = ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv")
 
@@ -111,7 +109,9 @@ def _unlike_tables(reference: Path, other: Path, name: str) -> list[str]:
         apart = float(np.max(np.abs(a - b), initial=0.0))
         own = about is not None and not about.difference
         scale = float(np.max(np.abs(a), initial=0.0)) if own else largest[_kind(column)]
-        scale *= ARM if column in MOMENTS else 1.0
+        scale *= 1e-3 if column == "twist_moment" else 1.0  # m
+        if column.startswith("moment_"):
+            scale = max(scale, 1e-3 * largest.get("force", 0.0))  # at an arm
         if not apart <= NEAR * scale:
             found.append(f"{name}: {column} differs by {apart / scale if scale else np.inf:.1e}")
     return found
@@ -135,7 +135,7 @@ def _kind(column: str) -> str:
 
     A moment is compared with forces at an arm of a millimetre, about half the bodies' width.
     """
-    if column in MOMENTS:
-        return MOMENTS[column]
+    if column == "twist_moment":
+        return "N"
     about = DECLARED.get(column)
     return column.rpartition("_")[0] or column if about is None else about.unit or column

@@ -16,7 +16,7 @@ from tests.app.checkpoint.small_cases import IMPLICIT
 from tribox.app.build.model import build_model
 from tribox.app.checkpoint.checkpointer import Checkpoint, latest, write_checkpoint
 from tribox.app.checkpoint.layout import Layout, differences
-from tribox.app.equilibrium.snapshot import AtPoints, Local, Nodal, Partial
+from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Partial
 from tribox.app.errors import InputError
 
 
@@ -169,7 +169,6 @@ def laid_out(comm: MPI.Comm, directory: Path, name: str) -> tuple[Layout, dict[s
         "sum": Partial(np.array([1.0, comm.rank + 1.0])),
         "array": np.arange(3.0),
         "plain": [1, "two", None, {"three": 3.0}],
-        "local": Local({"rank": np.array([comm.rank]), "more": np.ones((comm.rank, 2))}),
     }
     return Layout(model), snapshot
 
