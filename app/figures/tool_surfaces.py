@@ -58,17 +58,17 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
     # What may be seen (c, a, i) of triangles, in parts that are small beside the picture.
     low, high = scene.window
     plane, most = np.stack([RIGHT, UP]).T, float((high - low).max()) / PARTS
-    done = []
-    while len(triangles):
-        flat = triangles @ plane
+    done, rest = [], np.asarray(triangles, dtype=np.float64)
+    while len(rest):
+        flat = rest @ plane
         inside = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
         small: NDArray[np.bool_] = np.ptp(flat, axis=1).max(axis=1) <= most
-        done.append(triangles[inside & small])
-        a, b, c = np.moveaxis(triangles[inside & ~small], 1, 0)  # four of each
+        done.append(rest[inside & small])
+        a, b, c = np.moveaxis(rest[inside & ~small], 1, 0)  # four of each
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
-    near = np.concatenate(done) if done else triangles
+        rest = np.concatenate([np.stack(part, axis=1) for part in parts])
+    near = np.concatenate(done) if done else rest
     near = near + NEARER * float((scene.high - scene.low).max()) * EYE
     corners = scene.polygons.shape[1]
     numbers = len(scene.position) + np.arange(near[..., 0].size).reshape(-1, 3)

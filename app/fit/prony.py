@@ -354,7 +354,8 @@ class PronyProblem:
     def fitted(self, n: int, fewer: Floats | None = None) -> PronyFit:
         """The best series of n branches; ``fewer``: search coordinates of the best of n - 1."""
         limits = {"ftol": 1e-12, "gtol": 1e-12, "max_nfev": 200}
-        x, at_bound = best_minimum(self, self.starts(n, fewer), *self.bounds(n), **limits)
+        low, high = self.bounds(n)
+        x, at_bound = best_minimum(self, self.starts(n, fewer), low, high, **limits)
         order = np.argsort(x[n + 1 : 2 * n + 1])
         for part in (slice(1, n + 1), slice(n + 1, 2 * n + 1)):
             x[part], at_bound[part] = x[part][order], at_bound[part][order]
