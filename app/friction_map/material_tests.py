@@ -238,9 +238,12 @@ def slide_at_speeds(
         state, traction = response.state, response.traction[:, 0]
         slid += step
         calm = np.where(np.abs(traction - before) <= UNCHANGED * np.abs(traction), calm + 1, 0)
-        now = (traction, law.coefficient(state), state.alpha, response.regime)
+        now: tuple[NDArray[Any], ...] = (
+            *(traction, law.coefficient(state), state.alpha, response.regime),
+            calm >= STEPS_IN_A_ROW,
+        )
         names = ("traction", "mu", "alpha", "regime", "steady")
-        for name, values in zip(names, (*now, calm >= STEPS_IN_A_ROW), strict=True):
+        for name, values in zip(names, now, strict=True):
             getattr(found, name)[running] = values.reshape(shape)[running]
         found.slip[running] = slid
         if slid > least_slip:
