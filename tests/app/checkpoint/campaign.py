@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.app.checkpoint.going_on import unlike
+from tests.app.checkpoint.going_on import unlike, unlike_tables
 from tests.app.checkpoint.small_cases import COARSE, changed
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.run.test_signals import SWEEP, of_run
@@ -109,9 +109,7 @@ def differences(kind: str, reference: Path, out: Path) -> list[str]:
     """In what the results of two runs, or of two sweeps, differ."""
     if kind != "sweep":
         return unlike(reference, out)
-    found = []
-    if (reference / "sweep.csv").read_bytes() != (out / "sweep.csv").read_bytes():
-        found.append("sweep.csv differs")
+    found = unlike_tables(reference / "sweep.csv", out / "sweep.csv", "sweep.csv")
     for part in sorted(path.parent.name for path in reference.glob("*/history.csv")):
         found += [f"{part}: {line}" for line in unlike(reference / part, out / part)]
     return found

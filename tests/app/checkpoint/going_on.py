@@ -71,7 +71,7 @@ def unlike(reference: Path, directory: Path) -> list[str]:
     found = [f"{name} is in one only" for name in set(ours) ^ set(theirs)]
     for name in sorted(set(ours) & set(theirs)):
         if name.endswith(".csv") and name not in WAY:
-            found += _unlike_tables(reference / name, directory / name, name)
+            found += unlike_tables(reference / name, directory / name, name)
     pair = [json.loads((p / "summary.json").read_text()) for p in (reference, directory)]
     for key in ("status", "steps", "title"):
         if pair[0].get(key) != pair[1].get(key):
@@ -86,7 +86,7 @@ def _files(directory: Path) -> set[str]:
     return {path.as_posix() for path in paths if path.parts[0] not in skipped}
 
 
-def _unlike_tables(reference: Path, other: Path, name: str) -> list[str]:
+def unlike_tables(reference: Path, other: Path, name: str) -> list[str]:
     one, two = (_columns(path) for path in (reference, other))
     if one.keys() != two.keys():
         return [f"{name} has other columns"]
@@ -111,7 +111,7 @@ def _unlike_tables(reference: Path, other: Path, name: str) -> list[str]:
         scale = float(np.max(np.abs(a), initial=0.0)) if own else largest[_kind(column)]
         scale *= 1e-3 if column == "twist_moment" else 1.0  # m
         if column.startswith("moment_"):
-            scale = max(scale, 1e-3 * largest.get("force", 0.0))  # at an arm
+            scale = max(scale, 1e-3 * largest.get("N", 0.0))  # of its forces, at an arm
         if not apart <= NEAR * scale:
             found.append(f"{name}: {column} differs by {apart / scale if scale else np.inf:.1e}")
     return found
