@@ -212,7 +212,6 @@ def slide_at_speeds(
     does not pass for steady.
 
     Args:
-        law: The law.
         speeds: (v,), m/s, > 0.
         pressure: (q,), Pa.
         film: (q,), m.
