@@ -111,7 +111,8 @@ def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: R
 
 def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
     """Refuse a results directory that holds what the run is made from: it would be cleared."""
-    from tribox.app.results.inputs import input_files  # loads the solver
+    with lasting_imports():
+        from tribox.app.results.inputs import input_files
 
     for path in (case_file, *input_files(case)):
         if directory.resolve() in path.resolve().parents:

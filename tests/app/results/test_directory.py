@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from tribox.app.results.table import Table
 
 from tribox.app.errors import InputError, OutputError
 from tribox.app.results.claim import sweep_labels
@@ -18,6 +17,7 @@ from tribox.app.results.directory import (
     write_table,
     write_text,
 )
+from tribox.app.results.reading import Table
 
 
 def make(directory: Path, *names: str) -> None:
