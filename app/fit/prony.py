@@ -149,21 +149,16 @@ def information(squares: float, values: int, parameters: int) -> float:
 
 
 def best_minimum(
-    problem: _Problem,
-    starts: Iterable[Floats],
-    bounds: tuple[Floats, Floats],
-    tolerance: float,
-    max_nfev: int,
+    problem: _Problem, begun: Iterable[Floats], bounds: tuple[Floats, Floats], tol: float, most: int
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Search coordinates of the least squares from some starts, and which end at a bound."""
     low, high = bounds
     found = [
         least_squares(
             problem.residual, np.clip(x, low + 1e-6, high - 1e-6), jac=problem.jacobian,
-            bounds=bounds, x_scale="jac", xtol=1e-10, ftol=tolerance, gtol=tolerance,
-            max_nfev=max_nfev,
+            bounds=bounds, x_scale="jac", xtol=1e-10, ftol=tol, gtol=tol, max_nfev=most,
         )
-        for x in starts
+        for x in begun
     ]  # fmt: skip
     x = min(found, key=lambda one: one.cost).x.copy()
     return x, np.minimum(x - low, high - x) < 1e-6
