@@ -76,7 +76,7 @@ class FilmWatch:
             self._look_at_motion(index, term, film, carried, row.dt, when)
             if area @ np.where(film.members, film.pressure, 0.0) < FELT * (area @ carried):
                 continue
-            inside = film.members[term.faces].all(axis=1)
+            inside = film.part.inside
             faces, length = term.faces[inside], history.length[inside]
             self._look_at_inlet(place, term, trial, film, faces, length, when)
             self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
@@ -100,7 +100,9 @@ class FilmWatch:
         cells = term.places.per_facet
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
-        upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
+        upstream = np.where(
+            film.step.speed[: cells * len(faces) : cells] >= 0.0, faces[:, 0], faces[:, 1]
+        )
         downstream = faces.sum(axis=1) - upstream
         at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
         if not len(at):
@@ -301,7 +303,7 @@ class FilmWatch:
         assert film.step is not None and film.solution is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = (carried > LOADED * carried.max())[faces].all(axis=1)
-        flow = film.solution.flux
+        flow = film.solution.flux[: cells * len(faces)]
         passing = np.abs(flow[np.repeat(loaded, cells)])
         if np.isfinite(film.step.dt) or not len(passing) or passing.max() == 0.0:
             return
