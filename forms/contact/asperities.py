@@ -105,7 +105,7 @@ class AsperityPressure(AveragedPressure):
         out: Bools = np.bincount(self.facet_of, weight * on, count) > _WHOLE * whole
         return out
 
-    def gaps(self, at: Projection) -> tuple[Floats, Floats]:
+    def gaps(self, at: Projection, shape: Floats | None = None) -> tuple[Floats, Floats]:
         """Gaps (v,), m, at the vertices, and the area (v,), m², that they are averaged over.
 
         It is that of the facets around that have the master below all of them; infinite gaps where
@@ -113,11 +113,14 @@ class AsperityPressure(AveragedPressure):
 
         Args:
             at: projections of all points.
+            shape: (q, k), functions to average with; None: ψ'.
         """
         vertices, whole = self.vertices, self.covered(at)[self.facet_of]
         weight = np.where(whole, self.surface.slave.weight, 0.0)
         area = vertices.sums(weight)
-        summed = vertices.sums(weight * np.where(whole, at.gap, 0.0), self.shape)
+        summed = vertices.sums(
+            weight * np.where(whole, at.gap, 0.0), self.shape if shape is None else shape
+        )
         some = area > 0.0
         gap = np.where(some, summed / np.where(some, area, 1.0), np.inf)
         return gap, np.where(some, area, vertices.area)

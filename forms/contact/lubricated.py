@@ -132,7 +132,8 @@ class LubricatedTerm(ContactTerm):
         content = content if self._flooded else np.full(places.count, self.model.oil)
         volume = content * places.cells(self._length, self._own).area
         none, pressure = np.zeros(places.count), np.zeros(vertices.count)
-        return FilmHistory(none, film, volume, pressure, gap, self._length, self._own, 0.0)
+        felt = self.asperities.gaps(at, self.asperities.spread)[0]
+        return FilmHistory(none, film, volume, pressure, gap, felt, self._length, self._own, 0.0)
 
     def _parts(self, area_ratio: Floats) -> Floats:
         """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,)."""
@@ -475,16 +476,38 @@ class LubricatedTerm(ContactTerm):
             dissipation=replace(parts, viscous=viscous),
         )
 
+    def _felt(self, trial: ContactTrial) -> tuple[Floats, Floats]:
+        """Gaps (v,), m, averaged as pressures are spread, and their way in the step but for them.
+
+        That is what pressures do work on. Along normals of the slave a gap also closes as its place
+        on the master moves on to a higher one, against which no pressure works.
+        """
+        at, spread = trial.projection, self.asperities.spread
+        gap, area = self.asperities.gaps(at, spread)
+        if at.rays is None or trial.anchor is None:
+            return gap, np.zeros_like(gap)
+        climbed = np.einsum("qi,qi->q", at.normal, at.foot - trial.anchor.foot)
+        climbed *= self.surface.slave.weight * self.asperities.covered(at)[self._face]
+        return gap, self.surface.vertices.sums(climbed, spread) / area
+
     def _lost(self, trial: ContactTrial) -> Fading | None:
-        """What the film's pressure takes in a step, by the trapezoidal rule, and its drawing."""
+        """What is not stored of the pressures' work in a step, and what drawing the film takes.
+
+        By the trapezoidal rule: the film stores nothing, asperities do by the vertices' gaps.
+        """
         normal, history = trial.normal_contact, self.state.film
         film = normal.lubrication
         assert history is not None
         if film is None or normal.gap is None:
             return None
-        closed = np.where(np.isfinite(history.gap), normal.gap - history.gap, 0.0)
-        mean = 0.5 * film.ratio * (film.pressure + history.pressure)
-        squeezed = np.where(film.members, -mean * closed, 0.0)
+        known = film.members & np.isfinite(history.gap)
+        felt, climbed = self._felt(trial)
+        with np.errstate(invalid="ignore"):  # of vertices that are not known
+            taken, stored = felt + climbed - history.felt, normal.gap - history.gap
+        before = self.model.asperities.pressure(np.where(known, history.gap, 0.0))[0]
+        mean = (film.pressure + history.pressure) * taken
+        mean += (film.asperity + before) * (taken - stored)
+        squeezed = np.where(known, -0.5 * film.ratio * mean, 0.0)
         drawn = film.drawn * np.einsum("qi,qi->q", film.along, trial.kinematics.slip)
         lost = self.surface.vertices.at_points(squeezed) + drawn
         return Fading(np.ones_like(lost), np.zeros_like(lost), lost)
@@ -533,6 +556,7 @@ class LubricatedTerm(ContactTerm):
             volume=volume,
             pressure=film.pressure,
             gap=np.where(film.members, gap, np.inf),
+            felt=self._felt(trial)[0],
             length=length,
             parts=parts,
             supplied=supplied,

@@ -106,7 +106,8 @@ class FilmHistory:
 
     Attributes:
         unknown: w (n,); film: h_T (n,), m, infinite with no master opposite; volume: (n,), m² or
-            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m.
+            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m;
+            felt: (v,), m, the same averaged as pressures are spread.
         length: (f,), m, current; parts: (f, 2), m² or of rings, current, that each vertex has of a
             facet.
         supplied: m² or m³, oil that came in from the reservoirs since the start.
@@ -117,6 +118,7 @@ class FilmHistory:
     volume: Floats
     pressure: Floats
     gap: Floats
+    felt: Floats
     length: Floats
     parts: Floats
     supplied: float

@@ -422,6 +422,23 @@ def test_facets_of_a_master_are_held_against_the_film(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("elements", "rise", "words"),
+    [(100, "20.1 um", ""), (100, "36 um", "a corner of 0.16 rad of the master passes over facets")],
+)
+def test_a_stepped_master_has_corners_and_no_arc(elements, rise, words, tmp_path):
+    """What it does is dissipated, on the slope too, which the normals of its slave do not see."""
+    points = f'[["9 mm", "20 um"], ["6.9 mm", "20 um"], ["6.8 mm", "{rise}"], ["1 mm", "{rise}"]]'
+    runner = f'tools.runner={{shape="polyline", velocity={{x="-1 m/s", y=0}}, points={points}}}'
+    pad = f"geometry.blocks.pad.elements=[{elements}, 1]"
+    more = "stage.0.steps=8", "stage.0.duration=0.8 ms", "contact.0.film.steady=false"
+    directory = shipped("slider", tmp_path / "out", runner, pad, *more)
+    told = " ".join(warnings_of(directory))
+    assert "arc" not in told and words in told and ("corner" in told) == bool(words)
+    last = read_table(directory / "history.csv")[-1]
+    assert abs(float(last["energy_error"])) < 0.01 * float(last["external_work"])
+
+
+@pytest.mark.parametrize(
     ("film", "words"),
     [
         ({"steady": True, "oil": "50 g/m^2"}, "% of the oil that is brought passes the contact"),
