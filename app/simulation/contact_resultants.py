@@ -134,7 +134,8 @@ def _film(term: ContactTerm, trial: ContactTrial, force: float) -> tuple[float, 
     if film is None or not isinstance(term, LubricatedTerm):
         return force, 0.0, 0.0
     after = term.film_after(trial)
-    carried = float(term.surface.vertices.area @ (film.ratio * film.asperity))
+    area = term.linearised.area_of(trial)
+    carried = float(area @ (film.ratio * film.asperity))
     return carried, float(after.volume.sum()), after.supplied
 
 

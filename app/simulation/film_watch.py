@@ -23,6 +23,8 @@ from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.projection import FacetSurface
+from tribox.geometry.surfaces.rigid import RigidSurface
 
 LOADED = 0.01  # of the largest pressure, from which on a vertex counts as loaded
 PRESSED = 0.1  # the same, from which on it counts to the width of the contact
@@ -39,6 +41,7 @@ BOUNDED = (
 )
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
+SWING = 0.01  # of what flows in a step, by which the film may swing under a corner of the master
 PILED = 0.1  # share of the oil given to the slave that lies at an end that it flows to
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
@@ -76,7 +79,7 @@ class FilmWatch:
             self._look_at_motion(index, term, film, carried, row.dt, when)
             if area @ np.where(film.members, film.pressure, 0.0) < FELT * (area @ carried):
                 continue
-            inside = film.members[term.faces].all(axis=1)
+            inside = film.part.inside
             faces, length = term.faces[inside], history.length[inside]
             self._look_at_inlet(place, term, trial, film, faces, length, when)
             self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
@@ -100,7 +103,9 @@ class FilmWatch:
         cells = term.places.per_facet
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
-        upstream = np.where(film.step.speed[::cells] >= 0.0, faces[:, 0], faces[:, 1])
+        upstream = np.where(
+            film.step.speed[: cells * len(faces) : cells] >= 0.0, faces[:, 0], faces[:, 1]
+        )
         downstream = faces.sum(axis=1) - upstream
         at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
         if not len(at):
@@ -208,35 +213,67 @@ class FilmWatch:
     def _look_at_facets(
         self, place: str, term: LubricatedTerm, trial: ContactTrial, film: Lubrication, when: str
     ) -> None:
-        """Hold the arc over the chord of a faceted master against the film."""
+        """Hold arcs over the chords of a faceted master, and its corners, against the film."""
         vertices, at = term.surface.vertices, trial.projection
         carried = vertices.at_points(np.where(film.members, film.asperity + film.pressure, 0.0))
-        flat = trial.kinematics.closed & (carried > LOADED * carried.max())
-        if at.curvature is not None:  # what is round, or was made smooth, has no arc to miss
-            flat &= np.abs(at.curvature).max(axis=(1, 2, 3)) == 0.0
-        loaded = np.nonzero(flat)[0]
-        facets, first = np.unique(at.facet[loaded], return_index=True)
-        if len(facets) < 2:
+        loaded = trial.kinematics.closed & (carried > LOADED * carried.max())
+        if trial.nodes is None or not loaded.any():
             return
-        tangents = at.tangents[loaded[first], 0]
-        length = np.linalg.norm(tangents, axis=1)
-        unit = tangents / length[:, None]
-        near = np.asarray(term.surface.target.neighbours[facets][:, facets].todense()) > 0
-        turn = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0))
-        turn = np.where(near & (turn < EDGE), turn, 0.0).max(axis=1)
-        worst = int(np.argmax(length * turn))
-        sagitta = 0.125 * float(length[worst] * turn[worst])
-        thickness = vertices.at_points(film.film)[loaded]
-        least = float(thickness[at.facet[loaded] == facets[worst]].min())
-        if sagitta > SAGITTA * least:
-            fine = length[worst] * np.sqrt(SAGITTA * least / sagitta)
+        length, turn, beside = corners(term.surface.target, trial.nodes)
+        least = np.full(len(length), np.inf)
+        np.minimum.at(least, at.facet[loaded], vertices.at_points(film.film)[loaded])
+        flat = np.ones(len(length), dtype=bool)
+        if at.curvature is not None:  # what is round, or was made smooth, has no arc to miss
+            flat[at.facet[loaded]] = np.abs(at.curvature[loaded]).max(axis=(1, 2, 3)) == 0.0
+        # Three corners in a row that turn the same way are those of an arc.
+        arc = (np.prod(turn, axis=1) > 0.0) & (np.abs(turn).max(axis=1) < EDGE) & flat
+        arc &= (arc[beside] & (turn != 0.0)).any(axis=1)
+        sagitta = 0.125 * length * np.where(arc, np.abs(turn).min(axis=1), 0.0)
+        worst = int(np.argmax(sagitta / least))
+        if sagitta[worst] > SAGITTA * least[worst]:
+            fine = length[worst] * np.sqrt(SAGITTA * least[worst] / sagitta[worst])
             self._keep(
                 f"facets {place}",
-                sagitta / least,
+                float(sagitta[worst] / least[worst]),
                 f"{place}: the master's facets are {length[worst]:.2g} m long and lie up to "
-                f"{sagitta:.2g} m from its arc, {100.0 * sagitta / least:.0f} % of the film "
+                f"{sagitta[worst]:.2g} m from its arc, "
+                f"{100.0 * sagitta[worst] / least[worst]:.0f} % of the film "
                 f"({when}): film and friction ripple with them; a circle, a plane or fillets as "
                 f"tool, a smoothing_angle, or facets of {fine:.2g} m",
+            )
+        turn = np.where(arc[:, None] | ~np.isfinite(least[beside]), 0.0, turn)
+        self._look_at_corners(place, term, film, turn, least, when)
+
+    def _look_at_corners(
+        self,
+        place: str,
+        term: LubricatedTerm,
+        film: Lubrication,
+        turn: Floats,
+        least: Floats,
+        when: str,
+    ) -> None:
+        """Hold the film under corners that pass over the slave against what flows in a step.
+
+        The film's volume is that of the gaps at the vertices: it swings as a corner of the angle α
+        passes between two of them, by α l²/8.
+        """
+        assert film.step is not None
+        slid = 2.0 * film.step.dt * float(np.abs(film.step.speed).max(initial=0.0))
+        if not np.isfinite(slid) or slid == 0.0:
+            return
+        size = term.surface.facet_length
+        swing = np.abs(turn).max(axis=1) * size**2 / (4.0 * np.maximum(least, 1e-300) * slid)
+        worst = int(np.argmax(swing))
+        if swing[worst] > SWING:
+            self._keep(
+                f"corners {place}",
+                float(swing[worst]),
+                f"{place}: a corner of {np.abs(turn[worst]).max():.2g} rad of the master passes "
+                f"over facets of {size:.2g} m, under which the film swings by up to "
+                f"{100.0 * swing[worst]:.2g} % of what flows in a step ({when}): load and friction "
+                "may be off by several times as much, up and down from step to step; the body with "
+                f"the corner as slave, or facets of {size * np.sqrt(SWING / swing[worst]):.2g} m",
             )
 
     def _look_at_oil(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
@@ -301,7 +338,7 @@ class FilmWatch:
         assert film.step is not None and film.solution is not None
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = (carried > LOADED * carried.max())[faces].all(axis=1)
-        flow = film.solution.flux
+        flow = film.solution.flux[: cells * len(faces)]
         passing = np.abs(flow[np.repeat(loaded, cells)])
         if np.isfinite(film.step.dt) or not len(passing) or passing.max() == 0.0:
             return
@@ -383,6 +420,41 @@ class FilmWatch:
         self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
         self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
         self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}
+
+
+def corners(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats, Floats, Longs]:
+    """Lengths (f,), m, of a master's facets in the plane, and how they turn at their ends.
+
+    Args:
+        target: the master.
+        nodes: (n, i), m, current.
+
+    Returns:
+        Also the angles (f, 2), rad, by which the way along a facet turns to the left from what is
+        before it, and to what is behind it, 0 at ends; and the facets (f, 2) that are there.
+    """
+    near = target.neighbours.tocoo()
+    facet, other = (index[near.row != near.col] for index in (near.row, near.col))
+    count = near.shape[0]
+    every = np.arange(count, dtype=np.int32)
+    # Places and directions (e, f, i) of both ends.
+    ends = [target.places(every, np.full((count, 1), xi), nodes) for xi in (0.0, 1.0)]
+    place = np.stack([at for at, _ in ends])
+    way = np.stack([tangent[:, 0] for _, tangent in ends])
+    length = np.linalg.norm(way, axis=2).mean(axis=0)
+    turn, beside = np.zeros((count, 2)), np.repeat(every[:, None], 2, axis=1).astype(np.int64)
+    for end in (0, 1):
+        for begin in (0, 1):
+            apart = np.linalg.norm(place[end, facet] - place[begin, other], axis=1)
+            meet = apart <= 1e-6 * length[facet]
+            one, two = facet[meet], other[meet]
+            a, b = way[end, one], way[begin, two] * (1.0 if end != begin else -1.0)
+            if end == 0:
+                a, b = b, a
+            cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+            turn[one, end] = np.arctan2(cross, np.einsum("pi,pi->p", a, b))
+            beside[one, end] = two
+    return length, turn, beside
 
 
 def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Floats:

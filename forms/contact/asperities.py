@@ -39,7 +39,7 @@ from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
-_WHOLE = 0.999  # share of a vertex's area that must have the master below it
+_WHOLE = 0.999  # share of a facet that must have the master below it
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,29 +97,46 @@ class AsperityPressure(AveragedPressure):
         self.spread = dual(shape, weight, self.facet_of)
         self.shape = dual(shape, weight, self.facet_of, bent=True)
 
-    def gaps(self, at: Projection) -> Floats:
-        """Gaps (v,), m, at the vertices; infinite where the master is not below all of their area.
+    def covered(self, at: Projection) -> Bools:
+        """Facets (f,) that have the master below all of them."""
+        weight, count = self.surface.slave.weight, len(self.places.facets)
+        on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
+        whole = np.bincount(self.facet_of, weight, count)
+        out: Bools = np.bincount(self.facet_of, weight * on, count) > _WHOLE * whole
+        return out
+
+    def gaps(self, at: Projection, shape: Floats | None = None) -> tuple[Floats, Floats]:
+        """Gaps (v,), m, at the vertices, and the area (v,), m², that they are averaged over.
+
+        It is that of the facets around that have the master below all of them; infinite gaps where
+        there is none.
 
         Args:
             at: projections of all points.
+            shape: (q, k), functions to average with; None: ψ'.
         """
-        vertices, weight = self.vertices, self.surface.slave.weight
-        on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
-        covered = vertices.sums(weight * on) > _WHOLE * vertices.area
-        summed = vertices.sums(weight * on * np.where(at.on_surface, at.gap, 0.0), self.shape)
-        return np.where(covered, summed / vertices.area, np.inf)
+        vertices, whole = self.vertices, self.covered(at)[self.facet_of]
+        weight = np.where(whole, self.surface.slave.weight, 0.0)
+        area = vertices.sums(weight)
+        summed = vertices.sums(
+            weight * np.where(whole, at.gap, 0.0), self.shape if shape is None else shape
+        )
+        some = area > 0.0
+        gap = np.where(some, summed / np.where(some, area, 1.0), np.inf)
+        return gap, np.where(some, area, vertices.area)
 
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
     ) -> NormalContact:
         """See :class:`tribox.forms.contact.pressure.NormalRule`; without the film's pressure."""
-        vertices, gap = self.vertices, self.gaps(at)
+        vertices, (gap, area) = self.vertices, self.gaps(at)
         members: Bools = gap <= self.model.reach
         gap = np.where(np.isfinite(gap), gap, 2.0 * self.model.reach)
         pressure, slope = self.model.asperities.pressure(gap)
         pressure = np.where(members, mode.penalty_scale * pressure, 0.0)
         slope = np.where(members, mode.penalty_scale * slope, 0.0)
-        closed = at.on_surface & members[vertices.of_point].all(axis=1)
+        covered = self.covered(at)[self.facet_of]
+        closed = covered & members[vertices.of_point].all(axis=1)
         spread = np.where(closed, vertices.at_points(pressure, self.spread), 0.0)
         return NormalContact(
             closed=closed,
@@ -129,16 +146,18 @@ class AsperityPressure(AveragedPressure):
             nodal_pressure=pressure,
             active=members,
             rim=members,
+            area=area,
+            whole=covered,
             stiffness=-slope,
         )
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
         """See :class:`tribox.forms.contact.pressure.NormalRule`: what the asperities store."""
         film = normal.lubrication
-        if normal.gap is None or film is None:
+        if normal.gap is None or normal.area is None or film is None:
             return 0.0
         density = np.where(film.members, self.model.asperities.energy(normal.gap), 0.0)
-        return float(self.vertices.area @ (film.ratio * density))
+        return float(normal.area @ (film.ratio * density))
 
 
 def dual(shape: Floats, weight: Floats, facet: Longs, bent: bool = False) -> Floats:

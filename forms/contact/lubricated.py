@@ -38,7 +38,9 @@ from tribox.forms.contact.state import (
     Lubrication,
     NormalContact,
 )
+from tribox.forms.film.places import FilmCells, FilmPart
 from tribox.forms.film.reynolds import (
+    UNFILLED,
     FilmError,
     FilmSolution,
     FilmStep,
@@ -52,6 +54,7 @@ from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
 _LOADED = 1e-3  # of the largest pressure: less counts as no contact in results
+_LEAST = 1e-3  # of a facet, that a film goes on by to an edge of the master
 _DRY = 1e-3  # share of the asperities from which on a point counts as carried by the film
 _TRACE = 1e-9  # of the pressure scale: the law of a map takes a film without asperities as closed
 
@@ -97,14 +100,21 @@ class LubricatedTerm(ContactTerm):
         self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
         ends = surface.vertices.position[self.faces]
         self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        self._own = self._parts(np.ones(len(self._face)))
         self._axis = np.zeros(self.places.count, dtype=bool)
         if surface.axisymmetric:
             radius = surface.vertices.position[:, 0]
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
         self.state.film = self._initial()
-        # The next slip begins at the place below, pressed or not: films feel it in open gaps.
-        self.state.ahead[:] = 0.0
+        self._start_below()
+
+    def _start_below(self) -> None:
+        """Let the next slip begin at the place below, pressed or not: films feel it in open gaps.
+
+        Only past the end of the master it begins at that opposite, as if the master went on.
+        """
+        self.state.ahead[np.isfinite(self.state.gap)] = 0.0
 
     # -- film ---------------------------------------------------------------------------------
 
@@ -112,18 +122,18 @@ class LubricatedTerm(ContactTerm):
         """Before the first step."""
         vertices, places = self.surface.vertices, self.places
         at = self.surface.project(self.surface.slave.position, self.surface.master.position)
-        gap = self.asperities.gaps(at)
-        part = places.part(np.isfinite(gap))
-        film = np.full(places.count, self.model.reach)
+        gap = self.asperities.gaps(at)[0]
+        part = places.part(np.isfinite(gap), self.asperities.covered(at))
+        film: Floats = np.full(places.count, np.inf)
         film[part.here] = self.model.rough.film(part.gaps(gap, self._length[part.inside]))[0]
-        film = np.minimum(film, self.model.reach)
-        content = np.minimum(self.model.oil, film) if self._flooded else self.model.oil
-        parts = self._parts(np.ones(len(self._face)))
-        volume = content * places.cells(self._length, parts).area
-        none, area = np.zeros(places.count), vertices.area.copy()
-        return FilmHistory(
-            none, film, volume, np.zeros(vertices.count), gap, self._length, parts, area, 0.0
-        )
+        content = np.full(places.count, self.model.oil)
+        content = np.minimum(content, np.minimum(film, self.model.reach))
+        film = np.where(np.isfinite(film), np.minimum(film, self.model.reach), np.inf)
+        content = content if self._flooded else np.full(places.count, self.model.oil)
+        volume = content * places.cells(self._length, self._own).area
+        none, pressure = np.zeros(places.count), np.zeros(vertices.count)
+        felt = self.asperities.gaps(at, self.asperities.spread)[0]
+        return FilmHistory(none, film, volume, pressure, gap, felt, self._length, self._own, 0.0)
 
     def _parts(self, area_ratio: Floats) -> Floats:
         """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,)."""
@@ -135,6 +145,11 @@ class LubricatedTerm(ContactTerm):
     def _flooded(self) -> bool:
         return not np.isfinite(self.model.oil)
 
+    @property
+    def _fed(self) -> bool:
+        """Whether reservoirs feed the film at its ends."""
+        return self._flooded or self.model.steady
+
     def _loaded(
         self,
         normal: NormalContact,
@@ -145,22 +160,23 @@ class LubricatedTerm(ContactTerm):
     ) -> tuple[Floats, FrictionResponse]:
         """See :class:`ContactTerm`; the film's pressure joins that of the asperities."""
         history, vertices = self.state.film, self.surface.vertices
-        assert history is not None and normal.gap is not None
-        ratio = history.area / vertices.area
+        assert history is not None and normal.gap is not None and normal.area is not None
         assert normal.nodal_pressure is not None and normal.stiffness is not None
         along, turned = self._along(kinematics, at)
         # A pair that is switched off has neither asperities nor film.
-        members = normal.active if normal.active is not None else np.zeros_like(ratio, dtype=bool)
+        none: Floats = np.zeros(vertices.count)
+        members = normal.active if normal.active is not None else none > 0.0
         thickness, d_film = self.model.rough.film(normal.gap)
+        part, cells, area = self._extent(at, members)
         film = Lubrication(
             members=members,
             film=np.where(members, thickness, self.model.reach),
             d_film=d_film,
             asperity=normal.nodal_pressure,
             d_asperity=-normal.stiffness,
-            pressure=np.zeros_like(ratio),
-            filled=np.ones_like(ratio),
-            ratio=ratio,
+            pressure=none,
+            filled=np.ones_like(none),
+            ratio=area / (vertices.area if normal.area is None else normal.area),
             along=along,
             turned=turned,
             sign=-1.0 if at.rays is None else 1.0,
@@ -169,17 +185,33 @@ class LubricatedTerm(ContactTerm):
             by_film=np.zeros_like(along),
             by_filled=np.zeros_like(along),
             by_pressure=np.zeros_like(along),
-            part=self.places.part(members),
+            part=part,
             solver=None,
             step=None,
             solution=None,
         )
         if mode.rate_dependent and members.any():
-            film = self._with_film(film, normal.gap, kinematics, dt, self._oil(mode))
+            film = self._with_film(film, normal, kinematics, dt, (cells, self._oil(mode)))
         film, response = self._rubbed(film, normal, kinematics, dt, mode)
         self._press(normal, film)
         thickness = np.where(normal.closed, vertices.at_points(film.film), 0.0)
         return thickness, response
+
+    def _extent(self, at: Projection, members: Bools) -> tuple[FilmPart, FilmCells, Floats]:
+        """Places of the film on ``members`` (v,), their cells, and areas (v,) of the vertices, m².
+
+        These are of the facets with the master below, and what goes on from there to its edge.
+        """
+        history, covered, size = self.state.film, self.asperities.covered(at), len(members)
+        assert history is not None
+        part = self.places.part(members, covered, self._fed)
+        cells = self.places.cells(history.length, history.parts, covered if self._fed else None)
+        cells, added = part.of(cells, self._beyond(at, part)), slice(len(part.faces), None)
+        vertex, own = self.faces[covered].reshape(-1), history.parts[covered].reshape(-1)
+        now: Floats = np.bincount(vertex, own, size).astype(np.float64)
+        now = np.where(now > 0.0, now, self.surface.vertices.area)
+        more = np.bincount(part.last, cells.length[added] * cells.width[added], size)
+        return part, cells, now + more
 
     def _along(self, kinematics: ContactKinematics, at: Projection) -> tuple[Floats, Floats]:
         """Unit vectors (q, i) from the first end of the faces to the second, and their turn (q,).
@@ -194,6 +226,7 @@ class LubricatedTerm(ContactTerm):
 
     def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
         displacement = values[self.surface.slave_rows]
+        self._points = self.surface.slave_positions(displacement)
         self._tangents = self.surface.slave_tangents(displacement)[:, 0]
         trial = super()._evaluate(values, dt, mode)
         trial.faded = self._lost(trial)
@@ -216,34 +249,33 @@ class LubricatedTerm(ContactTerm):
     def _with_film(
         self,
         film: Lubrication,
-        gap: Floats,
+        normal: NormalContact,
         kinematics: ContactKinematics,
         dt: float,
-        oil: FilmRheology,
+        given: tuple[FilmCells, FilmRheology],
     ) -> Lubrication:
         """The same with the pressure of the film; not a number where there is no solution."""
-        model, history, part = self.model, self.state.film, film.part
-        assert history is not None
-        cells = part.of(self.places.cells(history.length, history.parts))
+        model, history, part, (cells, oil) = self.model, self.state.film, film.part, given
+        assert history is not None and normal.gap is not None and normal.area is not None
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
-        fixed = cells.last() & (self._flooded or model.steady) & ~self._axis[part.here]
+        fixed = cells.last() & self._fed
+        fixed[: part.count] &= ~self._axis[part.here]
         length = history.length[part.inside]
-        thickness = model.rough.film(part.gaps(gap, length))[0]
-        before = history.film[part.here]
-        before = np.where(np.isfinite(before), before, thickness)
+        thickness = model.rough.film(part.gaps(normal.gap, length))[0]
+        before, volume = self._at_start(part, thickness, cells)
         number, share = felt_speeds(model.steady, part.inside, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
-        speed = np.bincount(number, share * moved[part.inside])
+        speed: Floats = np.bincount(number, share * moved[part.inside]).astype(np.float64)
         step = FilmStep(
             film=thickness,
-            speed=np.repeat(np.broadcast_to(speed, np.count_nonzero(part.inside)), model.cells),
+            speed=np.broadcast_to(speed, np.count_nonzero(part.inside))[part.feels],
             fixed=fixed,
             content=np.full(len(before), model.oil),
             dt=np.inf if model.steady else dt,
             before=None if model.steady else before,
-            volume=None if model.steady else history.volume[part.here],
+            volume=None if model.steady else volume,
         )
-        solution = self._solved(solver, step, part.here)
+        solution = self._solved(solver, step, part)
         film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
             return replace(film, pressure=np.where(film.members, np.nan, 0.0))
@@ -254,28 +286,72 @@ class LubricatedTerm(ContactTerm):
         full = part.sums(cells.area, solution.filled) / whole
         return replace(
             film,
-            pressure=part.sums(cells.area, solution.pressure) / history.area,
+            pressure=part.sums(cells.area, solution.pressure) / (film.ratio * normal.area),
             filled=np.where(film.members, full, 1.0),
             pulled=pulled,
         )
 
-    def _solved(self, solver: ReynoldsFilm, step: FilmStep, here: Bools) -> FilmSolution | None:
+    def _at_start(self, part: FilmPart, film: Floats, cells: FilmCells) -> tuple[Floats, Floats]:
+        """Film (m,), m, and oil (m,), m² or m³, of the places at the start of a step.
+
+        Where the master was not yet below there is no film to be squeezed: it begins as it is.
+        """
+        history, count = self.state.film, part.count
+        assert history is not None
+        before, volume = film.copy(), film * cells.area
+        known = np.isfinite(history.film[part.here])
+        before[:count] = np.where(known, history.film[part.here], film[:count])
+        before[count:] = before[part.inner]
+        if self._fed:  # of a place at the end of the film it has a part, as full as the whole
+            whole = self.places.cells(history.length, history.parts).area[part.here]
+            held = history.volume[part.here] * (cells.area[:count] / whole)
+            volume[:count] = np.where(known, held, volume[:count])
+        else:
+            volume[:count] = history.volume[part.here]
+        return before, volume
+
+    def _beyond(self, at: Projection, part: FilmPart) -> Floats:
+        """Ways (x,), m, from the last vertices of a film to where the master ends.
+
+        That is where points past the end are projected to. Points that fade before it tell how far
+        it is.
+        """
+        history, places, slave = self.state.film, self.places, self.surface.slave
+        assert history is not None
+        tangent = self._tangents / np.linalg.norm(self._tangents, axis=1)[:, None]
+        share = np.ones(len(self._face)) if at.share is None else at.share
+        to_end = np.einsum("qi,qi->q", at.foot - self._points, tangent)
+        within = self.surface.vertices.shape[:, ::-1] * history.length[self._face][:, None]
+        way = np.stack([to_end, -to_end], axis=1)
+        way = within + np.where(at.on_surface, share * slave.reach, 0.0)[:, None]
+        way = np.where(at.on_surface[:, None], way, within + np.stack([to_end, -to_end], axis=1))
+        way = np.where((at.on_surface & (share >= 1.0))[:, None], np.inf, way)
+        nearest = np.full((len(self.faces), 2), np.inf)
+        np.minimum.at(nearest, self._face, way)
+        facet = np.nonzero(part.inside)[0][part.edges[:, 0]]
+        next_facet, turned = (a[facet, part.edges[:, 1]] for a in (places.beside, places.turned))
+        end = np.where(turned > 0.0, 1 - part.edges[:, 1], part.edges[:, 1])
+        length = history.length[next_facet]
+        return np.clip(nearest[next_facet, end], _LEAST * length, length)
+
+    def _solved(self, solver: ReynoldsFilm, step: FilmStep, part: FilmPart) -> FilmSolution | None:
         """The film from the last w, that of the last step, or from full and empty places."""
-        history = self.state.film
+        history, here = self.state.film, part.here
         assert history is not None
         number = solver.cells.band.number
         first = number < number[np.argmin(step.film)]
-        starts = [history.unknown[here]]
+        ends = np.full(len(part.edges), -UNFILLED)
+        starts = [np.concatenate([history.unknown[here], ends])]
         starts += [np.where(first == up, 0.05, -0.1) for up in (True, False)]
         if self._guess is not None:
-            starts.insert(0, self._guess[here])
+            starts.insert(0, np.concatenate([self._guess[here], ends]))
         for start in starts:
             try:
                 solution = solver.solve(step, start)
             except FilmError:
                 continue
             self._guess = np.zeros(len(here))
-            self._guess[here] = solution.unknown
+            self._guess[here] = solution.unknown[: part.count]
             return solution
         return None
 
@@ -304,7 +380,7 @@ class LubricatedTerm(ContactTerm):
         points = surface.slave_positions(values[surface.slave_rows])
         normals = surface.slave_normals(values)
         at = surface.project(points, surface.master_positions(values), None, normals, True)
-        gap = self.asperities.gaps(at)
+        gap = self.asperities.gaps(at)[0]
         change = np.where(np.isfinite(gap), gap - trial.nodal_gap, np.inf)
         rough = 4.0 * self.model.rough.sigma
         here = film.members & np.isfinite(change)
@@ -360,9 +436,9 @@ class LubricatedTerm(ContactTerm):
     ) -> tuple[Lubrication, FrictionResponse]:
         """The friction with the film's shear, and its derivatives."""
         vertices, slip = self.surface.vertices, kinematics.slip
-        h, ratio = vertices.at_points(film.film), self.state.area_ratio
+        h, pulled = vertices.at_points(film.film), film.pulled[self._face]
         p_f, filled = vertices.at_points(film.pressure), vertices.at_points(film.filled)
-        drawn = np.where(closed, film.sign * 0.5 * ratio * film.pulled[self._face], 0.0)
+        drawn = np.where(closed, film.sign * 0.5 * self.state.area_ratio * pulled, 0.0)
         traction = response.traction + drawn[:, None] * film.along
         parts = response.dissipation
         if self.model.share == "map":
@@ -374,7 +450,7 @@ class LubricatedTerm(ContactTerm):
         rate = np.linalg.norm(slip, axis=1) / (dt * h)
         eta = oil.viscosity(rate, p_f)
         # Where all oil has flowed away θ is 0, and yet its derivative is not.
-        per_filled = np.where(closed, ratio / (dt * h), 0.0)
+        per_filled = np.where(closed, vertices.at_points(film.ratio) / (dt * h), 0.0)
         per_slip = per_filled * filled
         sheared = (per_slip * eta.value)[:, None] * slip
         viscous = parts.viscous + np.einsum("qi,qi->q", sheared, slip)
@@ -400,16 +476,38 @@ class LubricatedTerm(ContactTerm):
             dissipation=replace(parts, viscous=viscous),
         )
 
+    def _felt(self, trial: ContactTrial) -> tuple[Floats, Floats]:
+        """Gaps (v,), m, averaged as pressures are spread, and their way in the step but for them.
+
+        That is what pressures do work on. Along normals of the slave a gap also closes as its place
+        on the master moves on to a higher one, against which no pressure works.
+        """
+        at, spread = trial.projection, self.asperities.spread
+        gap, area = self.asperities.gaps(at, spread)
+        if at.rays is None or trial.anchor is None:
+            return gap, np.zeros_like(gap)
+        climbed = np.einsum("qi,qi->q", at.normal, at.foot - trial.anchor.foot)
+        climbed *= self.surface.slave.weight * self.asperities.covered(at)[self._face]
+        return gap, self.surface.vertices.sums(climbed, spread) / area
+
     def _lost(self, trial: ContactTrial) -> Fading | None:
-        """What the film's pressure takes in a step, by the trapezoidal rule, and its drawing."""
+        """What is not stored of the pressures' work in a step, and what drawing the film takes.
+
+        By the trapezoidal rule: the film stores nothing, asperities do by the vertices' gaps.
+        """
         normal, history = trial.normal_contact, self.state.film
         film = normal.lubrication
         assert history is not None
         if film is None or normal.gap is None:
             return None
-        closed = np.where(np.isfinite(history.gap), normal.gap - history.gap, 0.0)
-        mean = 0.5 * film.ratio * (film.pressure + history.pressure)
-        squeezed = np.where(film.members, -mean * closed, 0.0)
+        known = film.members & np.isfinite(history.gap)
+        felt, climbed = self._felt(trial)
+        with np.errstate(invalid="ignore"):  # of vertices that are not known
+            taken, stored = felt + climbed - history.felt, normal.gap - history.gap
+        before = self.model.asperities.pressure(np.where(known, history.gap, 0.0))[0]
+        mean = (film.pressure + history.pressure) * taken
+        mean += (film.asperity + before) * (taken - stored)
+        squeezed = np.where(known, -0.5 * film.ratio * mean, 0.0)
         drawn = film.drawn * np.einsum("qi,qi->q", film.along, trial.kinematics.slip)
         lost = self.surface.vertices.at_points(squeezed) + drawn
         return Fading(np.ones_like(lost), np.zeros_like(lost), lost)
@@ -418,7 +516,7 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`; the film's content joins the history."""
         after = self.film_after(trial)
         super().commit(trial)
-        self.state.ahead[:] = 0.0  # see __init__
+        self._start_below()
         self.state.film = after
         self._guess = None  # a run that goes on from a checkpoint has none either
 
@@ -427,19 +525,24 @@ class LubricatedTerm(ContactTerm):
         history, film = self.state.film, trial.normal_contact.lubrication
         assert history is not None and film is not None
         weight, faces = self.surface.slave.weight, len(self.faces)
-        here, gap = film.part.here, trial.normal_contact.gap
+        here, gap, count = film.part.here, trial.normal_contact.gap, film.part.count
         assert gap is not None and trial.slave_tangents is not None
         longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
         longer = np.bincount(self._face, weight * longer, faces) / self._weight
         length, parts = self._length * longer, self._parts(trial.area_ratio)
         area = self.places.cells(length, parts).area
-        thickness = np.full(self.places.count, self.model.reach)
+        covered = self.places.part_of(self.asperities.covered(trial.projection))
+        thickness = np.where(covered, self.model.reach, np.inf)
         before = history.length[film.part.inside]
-        thickness[here] = self.model.rough.film(film.part.gaps(gap, before))[0]
+        thickness[here] = self.model.rough.film(film.part.gaps(gap, before))[0][:count]
         volume, unknown = history.volume.copy(), history.unknown.copy()
         supplied = history.supplied
         if film.solution is not None:
-            volume[here], unknown[here] = film.solution.volume, film.solution.unknown
+            volume[here] = film.solution.volume[:count]
+            if self._fed:  # what a place at an edge has besides is as full
+                whole = self.places.cells(history.length, history.parts).area[here]
+                volume[here] = (film.solution.filled[:count] * thickness[here]) * whole
+            unknown[here] = film.solution.unknown[:count]
             supplied += float(film.solution.supply.sum()) * trial.dt
         if self._flooded:  # what no film has is under oil
             flooded = area * np.minimum(thickness, self.model.reach)
@@ -453,9 +556,9 @@ class LubricatedTerm(ContactTerm):
             volume=volume,
             pressure=film.pressure,
             gap=np.where(film.members, gap, np.inf),
+            felt=self._felt(trial)[0],
             length=length,
             parts=parts,
-            area=self.surface.vertices.sums(weight * trial.area_ratio),
             supplied=supplied,
         )
 

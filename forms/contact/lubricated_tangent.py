@@ -54,7 +54,7 @@ class LubricatedTangent(PairTangent):
             return None
         take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
         gaps = self._gap_rows(state, trial, needs)
-        gaps.data /= np.repeat(self.surface.vertices.area, np.diff(gaps.indptr))
+        gaps.data /= np.repeat(self.area_of(trial), np.diff(gaps.indptr))
         own, pressed, filled = (
             self._vertex_rows(trial, take, vectors, needs)
             for vectors in self._field_vectors(trial, film, take)
@@ -108,13 +108,12 @@ class LubricatedTangent(PairTangent):
         d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
         d_film = d_film[:, None] * part.gap_slopes(gap, length).toarray()
         slopes = film.solver.slopes(film.step, film.solution)
-        feels = np.arange(len(part.faces)) // part.per_facet
-        by_speed = slopes.by_speed(np.minimum(feels, speeds - 1), speeds)
+        by_speed = slopes.by_speed(np.minimum(part.feels, speeds - 1), speeds)
         d_unknown = slopes.unknown(np.concatenate([slopes.by_film @ d_film, by_speed], axis=1))
         d_pressure = slopes.by_pressure[:, None] * d_unknown
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
         d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
-        pressed = part.sums(area, d_pressure) / history.area[:, None]
+        pressed = part.sums(area, d_pressure) / (film.ratio * self.area_of(trial))[:, None]
         pulls = part.pull_slopes(
             *wedge_film(film.step.film[part.ends]), film.solution.pressure, length
         )

@@ -105,10 +105,11 @@ class FilmHistory:
     """The film of a pair after a converged step, at places (n,), vertices (v,) and facets (f,).
 
     Attributes:
-        unknown: w (n,); film: h_T (n,), m, infinite where nothing is opposite; volume: (n,), m² or
-            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m.
+        unknown: w (n,); film: h_T (n,), m, infinite with no master opposite; volume: (n,), m² or
+            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m;
+            felt: (v,), m, the same averaged as pressures are spread.
         length: (f,), m, current; parts: (f, 2), m² or of rings, current, that each vertex has of a
-            facet; area: (v,) their sums.
+            facet.
         supplied: m² or m³, oil that came in from the reservoirs since the start.
     """
 
@@ -117,9 +118,9 @@ class FilmHistory:
     volume: Floats
     pressure: Floats
     gap: Floats
+    felt: Floats
     length: Floats
     parts: Floats
-    area: Floats
     supplied: float
 
 
@@ -130,7 +131,8 @@ class Lubrication:
     Attributes:
         members: (v,) vertices that the film has; film: h_T (v,), m, and d_film: dh_T/dg (v,).
         asperity: p_a (v,), Pa, and d_asperity: dp_a/dg (v,), Pa/m; pressure: p_f (v,), Pa;
-            filled: θ (v,). Pressures are per current area; ratio: (v,), da/dA.
+            filled: θ (v,). Pressures are per current area; ratio: (v,), of it to the undeformed
+            area that gaps are averaged over, which ends before an edge of the master.
         along: (q, i) unit vectors from the first end of the points' faces to the second;
             turned: (q,) 1 or −1, whether they are the normals turned to the right; sign: 1 where
             the normal is the slave's, −1 where it is the master's.
@@ -189,7 +191,8 @@ class NormalContact:
             gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices
             that it depends on.
         area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
-            master has below the vertex now; None: nowhere.
+            master has below the vertex now; None: nowhere. whole: (q,) points whose gaps count,
+            None: all with a master below.
         stiffness: Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where
             nobody will ask for the tangent.
         damping: Pa, part of s_A (v,), or of t_N (q,), that is the dashpots'; None without any.
@@ -207,6 +210,7 @@ class NormalContact:
     rim: Bools | None = None
     area: Floats | None = None
     grows: Bools | None = None
+    whole: Bools | None = None
     stiffness: Floats | None = None
     damping: Floats | None = None
     lubrication: Lubrication | None = None
@@ -348,7 +352,8 @@ class ContactTrial:
         if normal.rim is None or not normal.rim.any() or self.of_point is None:
             return self.kinematics.closed
         near = normal.rim[self.of_point].any(axis=1)
-        out: Bools = self.kinematics.closed | (near & self.projection.on_surface)
+        met = self.projection.on_surface if normal.whole is None else normal.whole
+        out: Bools = self.kinematics.closed | (near & met)
         return out
 
     @property

@@ -14,6 +14,8 @@ from scipy.linalg import lapack
 
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
+_NONE = np.zeros(0)
+
 
 class Band:
     """Matrices (n, n) with entries of neighbours only, as bands, and their solution.
@@ -122,6 +124,8 @@ class FilmPart:
         ends: (e, 2) places, of these, that each face lies between; faces: (e,) numbers among all
             faces; band: of matrices between neighbours.
         per_facet: k, cells on each facet.
+        edges: (x, 2) facets f' and their end (0, 1) beyond which the master ends: there the film
+            has a place more, and a face to it, behind the others.
         beside: (f', 2) the facet that follows beyond either end, itself where there is none, and
             turned: whether it runs the same way (1) or not (-1).
     """
@@ -135,13 +139,48 @@ class FilmPart:
     faces: Longs
     band: Band
     per_facet: int
+    edges: Longs
     beside: Longs
     turned: Floats
 
-    def of(self, cells: FilmCells) -> FilmCells:
-        """The cells of these places, of those of all; nothing flows out of them."""
+    @property
+    def count(self) -> int:
+        """Number m − x of places that are also those of facets; they come first."""
+        return self.shared.shape[1] - len(self.edges)
+
+    @property
+    def feels(self) -> Longs:
+        """Facet f' (e,) that each face lies on, or beyond."""
+        own = np.arange(len(self.faces)) // self.per_facet
+        return np.concatenate([own, self.edges[:, 0]])
+
+    @property
+    def inner(self) -> Longs:
+        """The places (x,) before the edges."""
+        out: Longs = self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
+        return out
+
+    def of(self, cells: FilmCells, beyond: Floats = _NONE) -> FilmCells:
+        """The cells of these places, of those of all; nothing flows out of them.
+
+        Args:
+            cells: of all places.
+            beyond: (x,), m, from the last vertices to the edges.
+        """
         length, width = cells.length[self.faces], cells.width[self.faces]
-        return FilmCells(self.ends, length, width, cells.area[self.here], self.band)
+        area: Floats = np.concatenate([cells.area[self.here], np.zeros(len(beyond))])
+        if len(beyond):  # where width goes on growing as in the last cell
+            facet, end = self.edges.T
+            last = facet * self.per_facet + end * (self.per_facet - 1)
+            other = last + (1 - 2 * end) if self.per_facet > 1 else last
+            grows = (width[last] - width[other]) / length[last]
+            high = width[last] + grows * (0.5 * length[last] + beyond)
+            low = width[last] + grows * 0.5 * length[last]
+            np.add.at(area, self.inner, beyond * (low / 3.0 + high / 6.0))
+            area[self.count :] = beyond * (low / 6.0 + high / 3.0)
+            length = np.concatenate([length, beyond])
+            width = np.concatenate([width, 0.5 * (low + high)])
+        return FilmCells(self.ends, length, width, area, self.band)
 
     def gaps(self, gap: Floats, length: Floats) -> Floats:
         """Gaps (m,), m, at the places from those at vertices (v,).
@@ -159,18 +198,26 @@ class FilmPart:
             length: (f',), m, of the facets inside.
         """
         at_vertices, (a, b) = gap[self.members], self.facets.T
+        at_edges = gap[self.last]
         if self.per_facet == 1:
-            return at_vertices
+            return np.concatenate([at_vertices, at_edges])
         up, bent = self._cubic(length)
         slope = _vertex_slopes((gap[b] - gap[a]) / length, length, self.beside, self.turned)[0]
         inner = gap[a][:, None] * (1.0 - up) + gap[b][:, None] * up
         inner = inner + np.einsum("fes,fe->fs", bent, slope)
-        return np.concatenate([at_vertices, inner.reshape(-1)])
+        return np.concatenate([at_vertices, inner.reshape(-1), at_edges])
+
+    @property
+    def last(self) -> Longs:
+        """The vertices (x,) before the edges."""
+        out: Longs = self.facets[self.edges[:, 0], self.edges[:, 1]]
+        return out
 
     def gap_slopes(self, gap: Floats, length: Floats) -> scipy.sparse.csr_matrix:
         """Derivatives (m, v) of :meth:`gaps`."""
         members, (a, b) = np.nonzero(self.members)[0], self.facets.T
-        index, data, row = members, np.ones(len(members)), np.arange(len(members) + 1)
+        index, row = members, np.arange(len(members) + 1)
+        data: Floats = np.ones(len(members))
         if self.per_facet > 1:
             up, bent = self._cubic(length)
             secant = (gap[b] - gap[a]) / length
@@ -187,6 +234,9 @@ class FilmPart:
             data = np.concatenate([data, inner.reshape(-1)])
             more = inner.shape[2] * np.arange(1, inner[:, :, 0].size + 1)
             row = np.concatenate([row, row[-1] + more])
+        last = self.last
+        index, data = np.concatenate([index, last]), np.concatenate([data, np.ones(len(last))])
+        row = np.concatenate([row, row[-1] + 1 + np.arange(len(last))])
         return scipy.sparse.csr_matrix((data, index, row), (len(row) - 1, len(gap)))
 
     def _cubic(self, length: Floats) -> tuple[Floats, Floats]:
@@ -211,7 +261,7 @@ class FilmPart:
         """
         a, b = self.ends.T
         steps = film * (pressure[b] - pressure[a])
-        out: Floats = steps.reshape(-1, self.per_facet).sum(axis=1) / length
+        out: Floats = np.bincount(self.feels, steps, len(length)) / length
         return out
 
     def pull_slopes(
@@ -221,16 +271,15 @@ class FilmPart:
 
         With d_film (e, 2), those of ``film``.
         """
-        (a, b), size = self.ends.T, (len(length), int(np.count_nonzero(self.here)))
-        over = np.repeat(1.0 / length, self.per_facet)
+        (a, b), size = self.ends.T, (len(length), self.shared.shape[1])
+        over = 1.0 / length[self.feels]
         rise = (pressure[b] - pressure[a]) * over
-        start = 2 * self.per_facet * np.arange(len(length) + 1)
         by_film = (d_film * rise[:, None]).reshape(-1)
         by_pressure = np.stack([-film * over, film * over], axis=1).reshape(-1)
-        index = self.ends.reshape(-1)
+        place = np.repeat(self.feels, 2), self.ends.reshape(-1)
         return (
-            scipy.sparse.csr_matrix((by_film, index, start), size),
-            scipy.sparse.csr_matrix((by_pressure, index, start), size),
+            scipy.sparse.csr_matrix((by_film, place), size),
+            scipy.sparse.csr_matrix((by_pressure, place), size),
         )
 
 
@@ -276,12 +325,14 @@ class FilmPlaces:
 
     Attributes:
         facets: (f, 2) vertices; per_facet: k, cells of the film on each.
+        beside, turned: (f, 2), as those of a part.
         count: of places, v + (k − 1) f: the vertices, and those inside the facets, in order.
     """
 
     def __init__(self, facets: Longs, vertices: int, per_facet: int) -> None:
         """Divide ``facets`` (f, 2) of so many vertices."""
         self.facets, self.per_facet = facets, per_facet
+        self.beside, self.turned = _beside(facets)
         inner = vertices + np.arange(len(facets) * (per_facet - 1)).reshape(len(facets), -1)
         self.count = vertices + inner.size
         line = np.concatenate([facets[:, :1], inner, facets[:, 1:]], axis=1)
@@ -296,28 +347,51 @@ class FilmPlaces:
         self._shares = scipy.sparse.csr_matrix((data, place), (self.count, vertices))
         self._part: FilmPart | None = None
 
-    def part(self, members: Bools) -> FilmPart:
-        """Places between vertices (v,) that are members; kept while these stay the same."""
-        known = self._part
-        if known is not None and np.array_equal(known.members, members):
+    def part(self, members: Bools, covered: Bools | None = None, fed: bool = False) -> FilmPart:
+        """Places between vertices (v,) that are members; kept while these stay the same.
+
+        Args:
+            members: see above.
+            covered: (f,) facets that have the master below all of them; None: all.
+            fed: whether the film goes on to where the master ends, where a reservoir feeds it.
+        """
+        covered = np.ones(len(self.facets), dtype=bool) if covered is None else covered
+        known, inside = self._part, covered & np.all(members[self.facets], axis=1)
+        own = np.arange(len(inside))[:, None]
+        bare = fed & inside[:, None] & (self.beside != own) & ~covered[self.beside]
+        facet, end = np.nonzero(bare)
+        edges = np.stack([(np.cumsum(inside) - 1)[facet], end], axis=1)
+        if known is not None and all(
+            np.array_equal(old, new)
+            for old, new in ((known.members, members), (known.inside, inside), (known.edges, edges))
+        ):
             return known
-        inside = np.all(members[self.facets], axis=1)
         here = np.concatenate([members, np.repeat(inside, self.per_facet - 1)])
         faces = np.nonzero(np.repeat(inside, self.per_facet))[0]
-        ends = (np.cumsum(here) - 1)[self._ends[faces]]
-        shared = self._shares[here].T.tocsr()
-        band, facets = Band(ends, int(np.count_nonzero(here))), self.facets[inside]
-        part = FilmPart(
-            *(members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet),
-            *_beside(facets),
-        )
+        number, facets, count = np.cumsum(here) - 1, self.facets[inside], int(here.sum())
+        last = number[facets[edges[:, 0], edges[:, 1]]]
+        beyond = np.stack([last, count + np.arange(len(edges))], axis=1)
+        beyond = np.where(edges[:, 1:] == 1, beyond, beyond[:, ::-1])
+        ends = np.concatenate([number[self._ends[faces]], beyond])
+        shared = self._shares[here]
+        shared = scipy.sparse.vstack([shared, shared[last]]).T.tocsr()
+        band = Band(ends, count + len(edges))
+        given = members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet
+        part = FilmPart(*given, edges, *_beside(facets))
         self._part = part
         return part
 
-    def cells(self, length: Floats, parts: Floats) -> FilmCells:
+    def part_of(self, facets: Bools) -> Bools:
+        """Places (n,) that these facets (f,) have."""
+        out: Bools = np.zeros(self.count, dtype=bool)
+        out[self._ends[np.repeat(facets, self.per_facet)]] = True
+        return out
+
+    def cells(self, length: Floats, parts: Floats, counted: Bools | None = None) -> FilmCells:
         """Cells of facets (f,), m long, of which the vertices have the areas ``parts`` (f, 2).
 
-        The width of rings is linear along a facet.
+        The width of rings is linear along a facet. Areas are of the facets (f,) that are
+        ``counted``, or all.
         """
         k, (a, b) = self.per_facet, parts.T / length
         ends = np.stack([4.0 * a - 2.0 * b, 4.0 * b - 2.0 * a], axis=1)
@@ -325,6 +399,8 @@ class FilmPlaces:
         width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at
         low, high, size = width[:, :-1], width[:, 1:], length[:, None] / k
         shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
+        if counted is not None:
+            shares = shares * counted[:, None, None]
         summed = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)
         middle, area = 0.5 * (low + high).reshape(-1), summed.astype(np.float64)
         return FilmCells(self._ends, np.repeat(length / k, k), middle, area, self._band)
