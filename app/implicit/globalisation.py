@@ -330,6 +330,7 @@ COARSE = 0.2  # relative residual of a stage
 CARRIED = 0.2  # share of the load that the springs may carry in the end
 STAGES, FAILURES = 16, 6  # most stages, and most of them that fail
 LIMIT = 15  # iterations of a stage
+SIDEWAYS = 10.0  # factor along the surfaces until they press: friction holds nothing before
 LEAST = 0.1  # stiffness of the springs in a direction without a load, over the largest
 
 
@@ -404,10 +405,13 @@ class HeldApproach:
         if not loads.any() and not attempt.pressed:
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         pace = Pace(FIRST * facet_length(problem))
+        sideways = attempt.bodies.sideways()
         way, carried, place = distance(problem) + pace.way, loads, trial.array_r.copy()
         iterations, size = 0, attempt.bodies.size()
         for stage in range(STAGES):
-            springs = _springs(attempt.bodies, carried, way, place)
+            pressing = np.any(carried[~sideways] > CARRIED * loads.max())
+            stiffer = np.where(sideways & pressing, SIDEWAYS, 1.0)
+            springs = _springs(attempt.bodies, carried * stiffer, way, place)
             held = attempt.step.held(springs).with_penalty_scale(problem.contacts, pace.soft)
             trial.array[:] = place
             attempt.newton.begin(trial)

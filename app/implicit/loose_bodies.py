@@ -20,7 +20,10 @@ from tribox.app.equilibrium.supports import (
     loose_directions,
     sprung_dofs,
 )
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Bools, Floats
+
+NEAR = 0.1  # lengths of a slave facet that points are near within
+ALONG = 0.05  # mean square of the normals' components up to which a direction is along a surface
 
 
 @dataclass(slots=True)
@@ -52,6 +55,28 @@ class LooseBodies:
         """Mean displacement (d,), m, in each direction; collective."""
         dim = self.problem.dim
         return self.sums(np.repeat(self.shares, dim) * increment)
+
+    def sideways(self) -> Bools:
+        """Directions (d,) along the surfaces that meet: friction alone may hold there; collective.
+
+        By the normals of the last evaluation, of points that are hardly further from the other
+        surface than the nearest.
+        """
+        problem = self.problem
+        sums = np.zeros((len(self.directions), 2))
+        for term, trial in zip(problem.contacts, problem.trials, strict=True):
+            pair = bodies_of(problem, term)
+            names = {pair.slave.name, pair.master.name}
+            gap = np.where(trial.projection.on_surface, trial.kinematics.gap, np.inf)
+            nearest = problem.comm.allreduce(float(np.min(gap, initial=np.inf)), op=MPI.MIN)
+            near = term.surface.slave.weight * (gap <= nearest + NEAR * term.surface.facet_length)
+            for row, one in enumerate(self.directions):
+                if len(names.intersection(one.bodies)) == 1 and not one.turns:
+                    squared = trial.kinematics.normal[:, one.component] ** 2
+                    sums[row] += near @ squared, near.sum()
+        total = problem.comm.allreduce(sums)
+        out: Bools = total[:, 0] < ALONG * total[:, 1]
+        return out
 
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m; collective."""

@@ -37,6 +37,7 @@ from tribox.app.simulation.surface_ends import reaches_end, slid_off
 from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges
 from tribox.forms.bodies.kinematics import stretch_across
 from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.stribeck import StribeckLaw
 from tribox.geometry.compat import cell_values
 from tribox.geometry.surfaces.facets import Floats
 
@@ -64,6 +65,7 @@ LONGER = (
     "longer steps (slip_step), or a first velocity at which asperities carry nearly all, a tenth "
     "of this one or less"
 )
+SLOWER = "longer steps (slip_step), or a first velocity far below V_s"
 ALL_OF_IT = 0.95  # share of the load beyond which a film's friction rises with the speed
 
 # PETSc's numbers for why Newton's method ended without a solution.
@@ -251,7 +253,7 @@ def explain(
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     trials = [what for _, what in findings]
-    if not gross and LONGER not in trials:
+    if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
     problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
@@ -401,6 +403,15 @@ def _of_films(problem: Equilibrium) -> Findings:
 
 
 def _of_weakening(problem: Equilibrium) -> Findings:
-    for index, term in enumerate(problem.contacts):
+    """Friction that falls with the speed, or with the way that was slipped."""
+    for index, (term, trial) in enumerate(zip(problem.contacts, problem.trials, strict=False)):
+        if isinstance(term.law, StribeckLaw) and np.any(trial.response.state.speed):
+            values = term.law.parameters
+            if values.mu_d < values.mu_s:
+                yield (
+                    f"contact.{index}: friction falls from mu_s to mu_d as the surfaces slip "
+                    "faster: what sticks is torn loose, and a shorter step makes that worse",
+                    SLOWER,
+                )
         if isinstance(term.law, FrictionMap) and not term.law.parameters.friction.constant:
             yield f"contact.{index}: friction falls with the slip and may snap", "a lower B"

@@ -119,6 +119,22 @@ def firm(block: str, film: str) -> dict:
     return data
 
 
+def torn_loose(block: str, film: str) -> dict:
+    """A thin block drawn at three times the speed at which friction falls, by short steps."""
+    data = plain(block)
+    data["geometry"]["upper"] = {"width": 2e-3, "height": 1e-4, "elements": [16, 2]}
+    data["geometry"]["lower"] = {"width": 3e-3, "height": 3e-4, "elements": [19, 2]}
+    friction = {"mu_s": 0.2, "mu_d": 0.1, "V_s": 1e-3, "K_T": 1e12}
+    data["contact"][0]["friction"] = {"law": "stribeck", **friction}
+    platen = {"direction": "y", "pressure": [[0.0, 0.0], [1.0, 0.5e6]]}
+    data["boundary"][1] = {"surface": "top", "displacement": {"x": "driven"}, "platen": platen}
+    slide = {"name": "slide", "duration": 0.013, "velocity": 3e-3, "steps": 400}
+    press = {"name": "press", "duration": 1.0, "steps": 3, "rate_dependent": False}
+    data["stage"] = [press, slide]
+    data["solver"] = {"min_step_fraction": 0.1}
+    return data
+
+
 SUPPORT = "try a support there (displacement), or a load that keeps it in contact"
 HOPELESS = {
     unsupported: ("press", "body aluminium has no support in x and no contact presses", SUPPORT),
@@ -136,10 +152,12 @@ HOPELESS = {
      "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
      "(0.0015, 0) m, undeformed", "a master surface aluminium_contact that reaches further there"),
     firm: ("slide", "contact.0: the penalty is 1e+02 times the default", "= 30)"),
+    torn_loose: ("slide", "contact.0: friction falls from mu_s to mu_d as the surfaces slip faster",
+     "try longer steps (slip_step), or a first velocity far below V_s"),
 }  # fmt: skip
 
 
-AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film)
+AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film, torn_loose)
 
 
 def rows_of(directory: Path) -> list[dict[str, str]]:
@@ -215,10 +233,20 @@ def of_default_penalty(data: dict) -> None:
     del data["contact"][0]["penalty_factor"]
 
 
+def by_longer_steps(data: dict) -> None:
+    data["stage"][1]["steps"] = 2
+
+
+def slowly_first(data: dict) -> None:
+    slow = {"name": "begin", "duration": 0.9, "velocity": 3e-5, "steps": 10}
+    data["stage"].insert(1, slow)
+    data["stage"][2]["steps"] = 20
+
+
 CURES = [
     (pushed, held_by_displacement), (pushed, held_by_spring), (pushed, pushed_less),
     (pushed, rubbed_more), (pushed_on_a_film, feeling_rates), (overrun, reaching_further),
-    (firm, of_default_penalty),
+    (firm, of_default_penalty), (torn_loose, by_longer_steps), (torn_loose, slowly_first),
 ]  # fmt: skip
 
 
@@ -227,8 +255,9 @@ def test_what_a_message_says_to_try_helps(block, film, tmp_path, problem, cure):
     """Each problem above fails; with the cure that its message names it is solved."""
     data = problem(block, film) | {"output": {"fields_every": 0, "figures": False}}
     cure(data)
-    simulation = run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
-    assert simulation.rows[-1].time == pytest.approx(2.0)
+    case = Case.model_validate(data)
+    simulation = run_case(case, tmp_path / "out", quiet=True)
+    assert simulation.rows[-1].time == pytest.approx(sum(s.duration or 0.0 for s in case.stage))
 
 
 def test_command_ends_with_code_3_and_one_line(tribox, case_file, block):

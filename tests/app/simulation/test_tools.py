@@ -311,6 +311,22 @@ def test_a_holder_presses_with_its_force_from_first_touch_on(tmp_path):
     assert sum(row.newton_iterations for row in simulation.rows) <= 15
 
 
+@pytest.mark.parametrize("gap", [0.0, 50e-6])
+def test_a_tool_that_is_pressed_and_drawn_at_once_finds_the_contact(mesh, gap):
+    """It is held sideways until it presses: friction carries nothing before."""
+    force = {"x": [["0 s", "0 N"], ["1 s", "0.4 N"]], "y": [["0 s", "0 N"], ["1 s", "-2 N"]]}
+    tools = {"punch": circle(centre=[0.5 * WIDTH, HEIGHT + 5e-3 + gap], radius=5e-3, force=force)}
+    contact = [{"slave": "top", "master": "punch", "friction": {"law": "coulomb", "mu": 0.5}}]
+    held = [{"surface": "bottom", "displacement": {"x": 0, "y": 0}}]
+    stage = [{"name": "both", "duration": "1 s", "steps": 3}]
+    simulation = run(block_case(mesh, tools=tools, contact=contact, boundary=held, stage=stage))
+    driven = last(simulation)
+    assert driven["force_x"] == pytest.approx(-0.4, rel=1e-7)
+    assert driven["force_y"] == pytest.approx(2.0, rel=1e-7)
+    assert len(simulation.rows) == 3
+    assert max(row.newton_iterations for row in simulation.rows) <= 25
+
+
 def test_what_a_force_drives_stays_where_it_is_while_it_touches_nothing(mesh):
     tools = {"punch": plane(force=pushed("-3 N"), stages=["press"])}
     simulation = run(block_case(mesh, tools=tools, stage=stages("press", "rest")))
