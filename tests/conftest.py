@@ -32,6 +32,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
 pytest_plugins = ["tests.budget", "tests.ranks"]
+os.environ["TRIBOX_CONTAINED"] = "1"  # as in the image: drawings of these tests are our own
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
 # The same examples every time: a change is not to fail by what another run would not have tried.
