@@ -18,6 +18,8 @@ K = 400.0
 YEOH = Yeoh(0.6, -0.03, 0.004, K)
 TRELOAR = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), K)
 MATERIALS = {"yeoh": YEOH, "ogden": TRELOAR}
+# Forms are compiled by the number of terms: these are those of other tests.
+IN_CELLS = {"yeoh": YEOH, "ogden": Ogden((0.63, -0.01), (1.3, -2.0), K)}
 SECTIONS = {"plane-strain": "quadrilateral", "axisymmetric": "quadrilateral", "3D": "hexahedron"}
 
 
@@ -84,7 +86,7 @@ def test_points(section, name):
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_ring_is_stretched_round_its_axis(name):
     """Energy of a full disc at the hoop stretch, by the energy's closed form over its volume."""
-    material = MATERIALS[name]
+    material = IN_CELLS[name]
     cell = Cell(material, "axisymmetric", "q1-sri")
     radial, axial = 1.15, 1.15**-2
     cell.deform(np.diag([radial, axial]))
@@ -109,7 +111,7 @@ def test_a_ring_is_stretched_round_its_axis(name):
 )
 def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
     """In a bent cell, where stretches differ from point to point, and undeformed."""
-    cell = Cell(MATERIALS[name], section, formulation)
+    cell = Cell(IN_CELLS[name], section, formulation)
     rng, h = np.random.default_rng(3), 1e-6
     for size in (0.0, 0.2):
         at = size * rng.uniform(-1.0, 1.0, len(cell.u.x.array))

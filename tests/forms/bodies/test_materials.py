@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 
 from tests.grid import grid
+from tribox.forms.bodies.elastoplastic import ElastoPlastic
+from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
     NeoHookean,
     Ogden,
     Yeoh,
+    contact_shear_modulus,
     oedometric_modulus,
     shear_and_bulk,
 )
@@ -21,7 +24,7 @@ MATERIALS = {
     "neo-hookean": NeoHookean(G, K),
     "mooney-rivlin": MooneyRivlin(0.5, 0.15, K),
     "yeoh": Yeoh(0.65, -0.05, 0.02, K),
-    "ogden": Ogden((0.9, 0.02, -0.4), (1.3, 5.0, -2.5), K),
+    "ogden": Ogden((0.9, -0.4), (1.3, -2.0), K),
     "hencky": Hencky(G, K),
 }
 
@@ -184,3 +187,16 @@ def test_moduli_from_young_and_poisson():
     shear, bulk = shear_and_bulk(210.0, 0.3)
     assert pytest.approx(9.0 * bulk * shear / (3.0 * bulk + shear)) == 210.0
     assert (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear)) == pytest.approx(0.3)
+
+
+def test_elastic_bodies_have_their_shear_modulus():
+    assert contact_shear_modulus(Hencky(26e9, 68e9)) == 26e9
+
+
+def test_a_metal_has_its_hardness():
+    """3 (σ₀ + 0.2 H), whatever its elastic constants; one that does not yield has G."""
+    law = Linear(30e6, 200e6)
+    for shear in (26e9, 80e9):
+        found = contact_shear_modulus(ElastoPlastic(shear, 68e9, law))
+        assert found == pytest.approx(3.0 * (30e6 + 40e6))
+    assert contact_shear_modulus(ElastoPlastic(26e9, 68e9, Linear(20e9))) == 26e9

@@ -1,4 +1,4 @@
-"""Points that harden kinematically: tangent, invariances, paths, energy.
+"""Points that flow: tangent, invariances, backstress, paths, energy, bad input.
 
 The rate equations that paths are held against know nothing of the return mapping: F_p and F_pi are
 integrated with the flow rule in the intermediate configuration, and γ̇ is what keeps f at zero.
@@ -12,14 +12,41 @@ from hypothesis import strategies as st
 
 from tests.forms.bodies import plastic_samples as given
 from tests.forms.bodies.test_plastic_paths import YOUNG, closed_path, free_across, shear
-from tests.forms.bodies.test_plastic_points import FIELDS, both, differences, gathered
 from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
-from tribox.forms.bodies.hardening import Backstress, Voce
+from tribox.forms.bodies.hardening import (
+    Backstress,
+    JohnsonCook,
+    Linear,
+    Perzyna,
+    Swift,
+    Table,
+    Voce,
+)
+from tribox.forms.bodies.materials import Hencky
+from tribox.forms.bodies.point_stress import PointStress
 
 G, K = given.SHEAR, given.BULK
-SOME = [name for name in given.BRANCHES if name != "none"]
-branched = pytest.mark.parametrize("branches", SOME)
+branched = pytest.mark.parametrize("branches", given.BRANCHES)
 HELD = ["elastic", "same stretch", "undeformed"]
+FIELDS = ("P", "state", "A", "elastic", "dissipation", "numerical")
+both = pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+
+
+def gathered(points):
+    """All samples in one batch, and their names by point."""
+    found = given.samples(points)
+    names = [name for name, (F, _) in found.items() for _ in F]
+    F, state = (np.concatenate(arrays) for arrays in zip(*found.values(), strict=True))
+    return F, state, np.array(names)
+
+
+def differences(stress, F, h=3e-6):
+    """dP/dF (n, p, p) of fourth order."""
+    columns = []
+    for direction in np.eye(F.shape[1]):
+        P = [stress(F + k * h * direction) for k in (-2, -1, 1, 2)]
+        columns.append((P[0] - 8.0 * P[1] + 8.0 * P[2] - P[3]) / (12.0 * h))
+    return np.stack(columns, axis=2)
 
 
 @pytest.mark.parametrize("rate", given.RATES)
@@ -28,17 +55,23 @@ HELD = ["elastic", "same stretch", "undeformed"]
 def test_the_tangent_is_the_derivative_of_the_stress(space, branches, rate):
     points = PlasticPoints(given.material("voce", rate, branches), space)
     F, state, names = gathered(points)
+    held, alone = np.isin(names, HELD), branches == "none"
     for volumetric in (True, False):
         update = points.update(F, state, 0.1, True, volumetric)
-        assert update.valid and (update.dissipation > 0.0)[~np.isin(names, HELD)].all()
+        flowed = update.dissipation > 0.0
+        assert update.valid and flowed[~held].all()
+        assert not alone or rate == "perzyna" or not flowed[held].any()
 
         def stress(x, volumetric=volumetric):
             return points.update(x, state, 0.1, False, volumetric).P
 
-        wanted = differences(stress, F)
-        smooth = ~np.isin(names, ["elastic"])  # its points lie next to the yield surface
-        error = np.abs(update.A - wanted).max(axis=(1, 2)) / np.abs(update.A).max(axis=(1, 2))
+        wanted, largest = differences(stress, F), np.abs(update.A).max(axis=(1, 2))
+        # With a backstress elastic points lie next to the yield surface.
+        smooth = alone | (names != "elastic")
+        error = np.abs(update.A - wanted).max(axis=(1, 2)) / largest
         assert error[smooth].max() < 1e-7, names[smooth][np.argmax(error[smooth])]
+        uneven = np.abs(update.A - np.swapaxes(update.A, 1, 2)).max(axis=(1, 2))
+        assert not alone or (uneven < 1e-14 * largest).all()
 
 
 def tensors(rows, pairs):
@@ -108,6 +141,9 @@ def test_a_plane_is_a_plane_in_space(branches):
     for field in FIELDS:
         b = wanted.get(field, getattr(other, field))
         np.testing.assert_allclose(getattr(one, field), b, rtol=0, atol=2e-12 * np.abs(b).max())
+    rest = [2, 5, 6, 7]
+    assert np.abs(other.P[:, rest]).max() < 1e-14 * np.abs(other.P).max()
+    assert np.abs(other.A[:, given.PLANE][:, :, rest]).max() < 1e-12 * np.abs(other.A).max()
 
 
 @branched
@@ -153,9 +189,10 @@ def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(space,
     assert error < 1e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.parametrize("branches", ["none", "slow and fast"])
 @both
-def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space):
-    points = PlasticPoints(given.material(branches="slow and fast"), space)
+def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, branches):
+    points = PlasticPoints(given.material(branches=branches), space)
     F, state = given.worked(points, 11)
     F = given.components(given.gradients(11, space, 8) @ F, space)
     good = points.update(F, state, 1.0, True)
@@ -163,10 +200,12 @@ def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space):
     bad[1] *= -1.0
     bad[3] = 0.0
     bad[4, 1] = np.nan
+    bad[6, 0] = np.inf
     bad[7] *= 1e200
-    states[9, 7] = np.nan
+    bad[8, -1] = -bad[8, -1] if not space else np.nan
+    states[9, -2] = np.nan
     found = points.update(bad, states, 1.0, True)
-    wrong = np.array([1, 3, 4, 7, 9])
+    wrong = np.array([1, 3, 4, 6, 7, 8, 9])
     right = np.setdiff1d(np.arange(11), wrong)
     assert good.valid and not found.valid
     for field in FIELDS:
@@ -280,7 +319,7 @@ PATHS = {
 }
 
 
-@pytest.mark.parametrize("branches", [SOME[0], SOME[1]])
+@pytest.mark.parametrize("branches", ["one", "linear"])
 @pytest.mark.parametrize("name", PATHS)
 def test_reversed_paths_go_to_the_solution_of_the_rate_equations(name, branches):
     """To .5 % of the stress, at finite strain; in shear the whole tensor, normal stresses too."""
@@ -299,13 +338,13 @@ def test_reversed_paths_go_to_the_solution_of_the_rate_equations(name, branches)
     assert state[0, -1] == pytest.approx(alpha, rel=5e-3)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=25)
 @hypothesis_given(
     seed=st.integers(0, 2**31),
     space=st.booleans(),
     law=st.sampled_from(sorted(given.LAWS)),
     rate=st.sampled_from(sorted(given.RATES)),
-    branches=st.sampled_from(SOME),
+    branches=st.sampled_from(sorted(given.BRANCHES)),
 )
 def test_on_any_path_volumes_stay_and_energy_is_only_lost(seed, space, law, rate, branches):
     """There and back: det C_p = det C_pi = 1, dissipation ≥ 0 in each step, and the balance."""
@@ -313,4 +352,160 @@ def test_on_any_path_volumes_stay_and_energy_is_only_lost(seed, space, law, rate
     ends = np.random.default_rng(seed).uniform(-0.15, 0.15, (3, 4, 3, 3))
     ends = np.concatenate([ends if space else given.in_plane(ends), np.zeros((1, 4, 3, 3))])
     coarse, fine = (np.abs(closed_path(points, ends, steps)) for steps in (10, 80))
-    assert fine.max() < 0.03 and fine.max() < 0.3 * coarse.max()
+    error, share = (0.02, 0.25) if branches == "none" else (0.03, 0.3)
+    assert fine.max() < error and fine.max() < share * coarse.max()
+
+
+# -- Hencky points, units, layouts and bad input ---------------------------------------------------
+
+
+@both
+def test_elastic_points_are_those_of_hencky(space):
+    points = PlasticPoints(given.material(), space)
+    F = given.gradients(9, space, 3, 4e-4)
+    update = points.update(given.components(F, space), points.start(9), 1.0, False)
+    kirchhoff = given.tensors(update.P) @ np.swapaxes(F, 1, 2)
+    section = "3D" if space else "axisymmetric"
+    cauchy = PointStress(Hencky(given.SHEAR, given.BULK), section).cauchy(F)
+    wanted = cauchy * np.linalg.det(F)[:, None, None]
+    np.testing.assert_allclose(kirchhoff, wanted, rtol=0, atol=3e-15 * given.BULK)
+    e = 0.5 * np.log(np.linalg.eigvalsh(F @ np.swapaxes(F, 1, 2)))
+    deviator = ((e - e.mean(axis=1)[:, None]) ** 2).sum(axis=1)
+    energy = given.SHEAR * deviator + 0.5 * given.BULK * e.sum(axis=1) ** 2
+    np.testing.assert_allclose(update.elastic, energy, rtol=1e-9)
+    np.testing.assert_array_equal(update.state, points.start(9))
+    assert not update.dissipation.any() and not update.numerical.any()
+
+
+@both
+def test_the_distortional_part_is_what_the_bulk_modulus_does_not_change(space):
+    """P − P_dev is K ln J F⁻ᵀ, and the memory is the same."""
+    points = PlasticPoints(given.material(), space)
+    F, state, _ = gathered(points)
+    whole, part = (points.update(F, state, 1.0, False, v) for v in (True, False))
+    tensor = given.tensors(F)
+    volume = given.BULK * np.log(np.linalg.det(tensor))
+    wanted = volume[:, None, None] * np.swapaxes(np.linalg.inv(tensor), 1, 2)
+    difference = given.tensors(whole.P - part.P)
+    np.testing.assert_allclose(difference, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    np.testing.assert_array_equal(whole.state, part.state)
+    np.testing.assert_allclose(
+        whole.elastic - part.elastic, 0.5 * volume**2 / given.BULK, rtol=0, atol=1e-14
+    )
+
+
+@pytest.mark.parametrize("rate", [None, "johnson-cook", "perzyna"])
+def test_units_change_nothing(rate):
+    """GPa and s against Pa and ms."""
+    pascal, milli = 1e9, 1e3
+    law = given.LAWS["voce"]
+    scaled = Voce(law.yield_stress * pascal, law.saturation_stress * pascal, 12.0, 0.05 * pascal)
+    rates = {
+        None: (None, None),
+        "johnson-cook": (JohnsonCook(0.015, 0.01), JohnsonCook(0.015, 0.01 / milli)),
+        "perzyna": (Perzyna(50.0, 0.25), Perzyna(50.0 / milli, 0.25)),
+    }[rate]
+    first = PlasticPoints(ElastoPlastic(given.SHEAR, given.BULK, law, rates[0]), False)
+    moduli = given.SHEAR * pascal, given.BULK * pascal
+    second = PlasticPoints(ElastoPlastic(*moduli, scaled, rates[1]), False)
+    F, state, _ = gathered(first)
+    one = first.update(F, state, 0.1, True)
+    other = second.update(F, state, 0.1 * milli, True)
+    for field in FIELDS:
+        a, b = getattr(one, field), getattr(other, field)
+        b = b if field == "state" else b / pascal
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-12 * np.abs(a).max())
+
+
+@both
+def test_no_points_and_arrays_of_any_layout(space):
+    points = PlasticPoints(given.material(), space)
+    p = points.components
+    none = points.update(np.zeros((0, p)), points.start(0), 1.0, True)
+    assert none.valid and none.P.shape == (0, p) and none.A.shape == (0, p, p)
+    assert none.state.shape == (0, len(points.first)) and none.elastic.shape == (0,)
+    F, state, _ = gathered(points)
+    wanted = points.update(F, state, 1.0, True)
+    F, state = np.asfortranarray(F), np.repeat(state, 2, axis=0)[::2]
+    F.flags.writeable = state.flags.writeable = False
+    before = F.copy(), state.copy()
+    found = points.update(F, state, 1.0, True)
+    for field in FIELDS:
+        a, b = getattr(found, field), getattr(wanted, field)
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.abs(b).max())
+    np.testing.assert_array_equal(F, before[0])
+    np.testing.assert_array_equal(state, before[1])
+
+
+@pytest.mark.parametrize(
+    ("F", "state", "dt", "rate", "words"),
+    [
+        (np.zeros((2, 9)), np.zeros((2, 5)), 1.0, "no rate", r"\(2, 9\), \(2, 5\), not"),
+        (np.zeros((2, 5)), np.zeros((3, 5)), 1.0, "no rate", r"\(3, 5\)"),
+        (np.zeros((2, 5)), np.zeros((2, 5)), 0.0, "perzyna", "dt is 0.0"),
+        (np.zeros((2, 5)), np.zeros((2, 5)), float("nan"), "johnson-cook", "dt is nan"),
+    ],
+)
+def test_wrong_shapes_and_steps_are_refused(F, state, dt, rate, words):
+    with pytest.raises(ValueError, match=words):
+        PlasticPoints(given.material("linear", rate), False).update(F, state, dt, False)
+
+
+# -- The end of a step lies on the yield surface, whatever the law, the rate and the step ----------
+
+
+def tens(low, high):
+    """Powers of ten between two exponents."""
+    return st.floats(low, high).map(lambda x: 10.0**x)
+
+
+def tables(rises):
+    """A table with rises of strain and stress in pairs."""
+    steps = np.cumsum([(0.0, 1.0), *rises], axis=0)
+    return Table(steps)
+
+
+LAWS = st.one_of(
+    st.builds(Linear, st.just(1.0), st.one_of(st.just(0.0), tens(-3, 3))),
+    st.builds(
+        lambda gain, exponent, modulus: Voce(1.0, 1.0 + gain, exponent, modulus),
+        tens(-3, 1),
+        tens(-1, 5),
+        st.one_of(st.just(0.0), tens(-3, 2)),
+    ),
+    st.builds(Swift, st.just(1.0), tens(-8, 0), st.floats(0.0, 1.0)),
+    st.lists(st.tuples(tens(-5, 0), st.one_of(st.just(0.0), tens(-3, 1))), max_size=6).map(tables),
+)
+RATES = st.one_of(
+    st.none(),
+    st.builds(JohnsonCook, tens(-4, 0), tens(-6, 6)),
+    st.builds(Perzyna, tens(-6, 6), tens(-1.3, 0)),
+)
+
+
+@settings(deadline=None, max_examples=100)
+@hypothesis_given(
+    law=LAWS,
+    rate=RATES,
+    dt=tens(-3, 3),
+    strains=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+    size=tens(-3, 0),
+    space=st.booleans(),
+)
+def test_the_stress_after_a_step_is_the_flow_stress(law, rate, dt, strains, size, space):
+    points = PlasticPoints(ElastoPlastic(300.0, 800.0, law, rate), space)
+    F = np.diag(np.exp(size * np.array(strains)))
+    stretches = F.reshape(1, 9) if space else F.reshape(1, 9)[:, [0, 1, 3, 4, 8]]
+    update = points.update(stretches, points.start(1), dt, False, volumetric=False)
+    tau = update.P[0, ::4] * np.diag(F) if space else update.P[0, [0, 3, 4]] * np.diag(F)
+    mises, alpha = np.sqrt(1.5 * tau @ tau), update.state[:, -1]
+    factor = 1.0 if rate is None else rate.factor(alpha / dt)
+    trial = 2.0 * 300.0 * np.sqrt(1.5) * np.linalg.norm(size * (strains - np.mean(strains)))
+    roundoff = 1e-12 * trial + 4e-15 * 600.0  # of the strain, which is of order 1
+    assert update.valid and tau.sum() == pytest.approx(0.0, abs=roundoff)
+    if alpha > 0.0:
+        assert mises == pytest.approx(law.stress(alpha) * factor, abs=roundoff)
+        assert mises == pytest.approx(trial - 900.0 * alpha, abs=roundoff)
+    else:
+        assert trial <= law.stress(alpha) * (1.0 + 2e-11)
+        assert mises == pytest.approx(trial, abs=roundoff)
