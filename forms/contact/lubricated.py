@@ -265,10 +265,12 @@ class LubricatedTerm(ContactTerm):
         model, history, part, (cells, oil) = self.model, self.state.film, film.part, given
         assert history is not None and normal.gap is not None and normal.area is not None
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
-        fixed = cells.last() & self._fed
-        fixed[: part.count] &= ~self._axis[part.here]
         length = history.length[part.inside]
         thickness = model.rough.film(part.gaps(normal.gap, length))[0]
+        fixed = cells.last() & self._fed
+        fixed[: part.count] &= ~self._axis[part.here]
+        if model.steady and not fixed.any():  # nothing else says how much oil a ring has
+            fixed[np.argmax(thickness)] = True
         before, volume = self._at_start(part, thickness, cells)
         number, share = felt_speeds(model.steady, part.inside, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
