@@ -264,7 +264,8 @@ class FilmWatch:
         if not np.isfinite(slid) or slid == 0.0:
             return
         size = term.surface.facet_length
-        swing = np.abs(turn).max(axis=1) * size**2 / (4.0 * np.maximum(least, 1e-300) * slid)
+        over = size * min(size, slid) / (4.0 * slid)  # what it passes in the step
+        swing = np.abs(turn).max(axis=1) * over / np.maximum(least, 1e-300)
         worst = int(np.argmax(swing))
         if swing[worst] > SWING:
             self._keep(
