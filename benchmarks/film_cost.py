@@ -23,6 +23,7 @@ from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.lubricated_tangent import LubricatedTangent
 
 OWN: tuple[tuple[type, str], ...] = (
+    (LubricatedTerm, "_extent"),
     (LubricatedTerm, "_with_film"),
     (LubricatedTerm, "_sheared"),
     (LubricatedTerm, "bearable"),

@@ -99,7 +99,7 @@ class FilmWatch:
         when: str,
     ) -> None:
         """Hold the facet at the inlet, and the film before it, against what they should be."""
-        assert film.step is not None
+        assert film.step is not None and film.solver is not None
         cells = term.places.per_facet
         carried = np.where(film.members, film.asperity + film.pressure, 0.0)
         loaded = carried > LOADED * carried.max()
@@ -128,7 +128,8 @@ class FilmWatch:
         pressed = carried > PRESSED * carried.max()
         width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())
         ahead, first = self._ahead(upstream, downstream, length, inlet)
-        bounded = self._bounded(term, trial, film, first, loaded)
+        ring = not film.solver.cells.last().any()
+        bounded = ring or self._bounded(term, trial, film, first, loaded)
         if width > 0.0 and ahead < AHEAD * width and not bounded:
             self._keep(
                 f"ahead {place}",
@@ -263,7 +264,8 @@ class FilmWatch:
         if not np.isfinite(slid) or slid == 0.0:
             return
         size = term.surface.facet_length
-        swing = np.abs(turn).max(axis=1) * size**2 / (4.0 * np.maximum(least, 1e-300) * slid)
+        over = size * min(size, slid) / (4.0 * slid)  # what it passes in the step
+        swing = np.abs(turn).max(axis=1) * over / np.maximum(least, 1e-300)
         worst = int(np.argmax(swing))
         if swing[worst] > SWING:
             self._keep(

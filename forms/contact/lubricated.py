@@ -106,6 +106,7 @@ class LubricatedTerm(ContactTerm):
             radius = surface.vertices.position[:, 0]
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
+        self._known: tuple[FilmHistory, tuple[FilmPart, FilmCells, Floats]] | None = None
         self.state.film = self._initial()
         self._start_below()
 
@@ -205,13 +206,19 @@ class LubricatedTerm(ContactTerm):
         history, covered, size = self.state.film, self.asperities.covered(at), len(members)
         assert history is not None
         part = self.places.part(members, covered, self._fed)
+        known = self._known
+        if known is not None and known[0] is history and known[1][0] is part:
+            return known[1]
         cells = self.places.cells(history.length, history.parts, covered if self._fed else None)
         cells, added = part.of(cells, self._beyond(at, part)), slice(len(part.faces), None)
         vertex, own = self.faces[covered].reshape(-1), history.parts[covered].reshape(-1)
         now: Floats = np.bincount(vertex, own, size).astype(np.float64)
         now = np.where(now > 0.0, now, self.surface.vertices.area)
         more = np.bincount(part.last, cells.length[added] * cells.width[added], size)
-        return part, cells, now + more
+        found = part, cells, now + more
+        # Until the next step nothing of it changes but the way to the edges.
+        self._known = None if len(part.edges) else (history, found)
+        return found
 
     def _along(self, kinematics: ContactKinematics, at: Projection) -> tuple[Floats, Floats]:
         """Unit vectors (q, i) from the first end of the faces to the second, and their turn (q,).
@@ -258,10 +265,12 @@ class LubricatedTerm(ContactTerm):
         model, history, part, (cells, oil) = self.model, self.state.film, film.part, given
         assert history is not None and normal.gap is not None and normal.area is not None
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
-        fixed = cells.last() & self._fed
-        fixed[: part.count] &= ~self._axis[part.here]
         length = history.length[part.inside]
         thickness = model.rough.film(part.gaps(normal.gap, length))[0]
+        fixed = cells.last() & self._fed
+        fixed[: part.count] &= ~self._axis[part.here]
+        if model.steady and not fixed.any():  # nothing else says how much oil a ring has
+            fixed[np.argmax(thickness)] = True
         before, volume = self._at_start(part, thickness, cells)
         number, share = felt_speeds(model.steady, part.inside, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
@@ -318,6 +327,8 @@ class LubricatedTerm(ContactTerm):
         """
         history, places, slave = self.state.film, self.places, self.surface.slave
         assert history is not None
+        if not len(part.edges):
+            return np.zeros(0)
         tangent = self._tangents / np.linalg.norm(self._tangents, axis=1)[:, None]
         share = np.ones(len(self._face)) if at.share is None else at.share
         to_end = np.einsum("qi,qi->q", at.foot - self._points, tangent)

@@ -163,13 +163,11 @@ class _Given:
 
 @dataclass(frozen=True, slots=True)
 class _Flow:
-    """Flow through the faces (f,) and its derivatives for both ends (f, 2)."""
+    """Flow through the faces (f,) and its derivatives for p and θ of both ends (f, 2)."""
 
     value: Floats
     by_pressure: Floats
     by_filled: Floats
-    by_film: Floats
-    by_speed: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,14 +227,15 @@ class ReynoldsFilm:
         given, cells = self._given(step), self.cells
         p, theta, d_p, d_theta = self.parts(solution.unknown)
         flow = self._flow(step, given, p, theta)
+        of_film, of_speed = self._given_slopes(step, given, p, theta)
         free = np.where(step.fixed, 0.0, 1.0)
         stored = theta * self._per_time(step)
-        data = self._entries(flow.by_film, stored, free, np.zeros_like(free))
+        data = self._entries(of_film, stored, free, np.zeros_like(free))
         held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row[: 4 * len(cells.ends)]]
         data[: len(held)] += held * np.tile(given.d_film.reshape(-1), 2).reshape(-1)
         place = cells.band.row, cells.band.column
         by_film = scipy.sparse.csr_matrix((data, place), (len(theta), len(theta)))
-        by_speed = np.stack([flow.by_speed, -flow.by_speed], axis=1) * free[cells.ends]
+        by_speed = np.stack([of_speed, -of_speed], axis=1) * free[cells.ends]
         entries = self._by_unknown(step, flow, d_p, d_theta)
         return FilmSlopes(d_p, d_theta, by_film, cells.ends, by_speed, entries, cells.band)
 
@@ -311,31 +310,35 @@ class ReynoldsFilm:
 
     def _flow(self, step: FilmStep, given: _Given, p: Floats, theta: Floats) -> _Flow:
         """Flow through the faces."""
-        cells, (a, b) = self.cells, self.cells.ends.T
-        ends, film, rate = cells.ends, given.film, given.rate
-        flow = self.rheology.viscosity(rate, 0.5 * (p[a] + p[b]))
-        over = given.cube / (12.0 * flow.value)
-        slope = (p[b] - p[a]) / cells.length
-        pressed, thinning = -over * slope, over * slope / flow.value
-        up = np.where(step.speed >= 0.0, a, b)
-        carried = step.speed * theta[up]
-        at_up = ends == up[:, None]
-        by_pressure = 0.5 * (thinning * flow.d_pressure)[:, None] + np.stack(
-            [over / cells.length, -over / cells.length], axis=1
+        cells, (a, b), width = self.cells, self.cells.ends.T, self.cells.width
+        flow = self.rheology.viscosity(given.rate, 0.5 * (p[a] + p[b]))
+        over = given.cube * width / (12.0 * flow.value)
+        steep, drop = over / cells.length, p[b] - p[a]
+        thinner = (0.5 * steep * drop / flow.value) * flow.d_pressure
+        moved = step.speed * given.film * width
+        forwards = step.speed >= 0.0
+        by_filled = np.where(np.stack([forwards, ~forwards], axis=1), moved[:, None], 0.0)
+        return _Flow(
+            moved * np.where(forwards, theta[a], theta[b]) - steep * drop,
+            np.stack([thinner + steep, thinner - steep], axis=1),
+            by_filled,
         )
-        by_filled = at_up * (step.speed * film)[:, None]
+
+    def _given_slopes(
+        self, step: FilmStep, given: _Given, p: Floats, theta: Floats
+    ) -> tuple[Floats, Floats]:
+        """Derivatives of the flow for the film at both ends (f, 2), and for the speed (f,)."""
+        cells, (a, b), film, rate = self.cells, self.cells.ends.T, given.film, given.rate
+        flow = self.rheology.viscosity(rate, 0.5 * (p[a] + p[b]))
+        slope = (p[b] - p[a]) / cells.length
+        thinning = given.cube / (12.0 * flow.value) * slope / flow.value
+        filled = np.where(step.speed >= 0.0, theta[a], theta[b])
+        carried = step.speed * filled
         by_film = -(slope / (12.0 * flow.value))[:, None] * given.d_cube
         by_film += given.d_film * (carried - thinning * flow.d_rate * rate / film)[:, None]
-        by_speed = theta[up] * film
+        by_speed = filled * film
         by_speed += thinning * flow.d_rate * 2.0 * np.sign(step.speed) / film
-        width = cells.width
-        return _Flow(
-            width * (pressed + carried * film),
-            width[:, None] * by_pressure,
-            width[:, None] * by_filled,
-            width[:, None] * by_film,
-            width * by_speed,
-        )
+        return cells.width[:, None] * by_film, cells.width * by_speed
 
     def _by_unknown(self, step: FilmStep, flow: _Flow, d_p: Floats, d_theta: Floats) -> Floats:
         """Entries (e,) of the balance's derivatives for w."""
