@@ -35,6 +35,12 @@ def documented_material_case(old: str = "", new: str = "") -> str:
     return case.replace(old, new, 1) if old else case
 
 
+def line_of(text: str) -> int:
+    """Number of the line of the documented law that a text begins in."""
+    code = documented_law()
+    return 1 + code[: code.index(text)].count("\n")
+
+
 def mischief(statement: str) -> str:
     """The documented law, which does something in a step after some slip, beside its work."""
     return documented_law(CLOSED, f"{CLOSED}        if {SLID}:\n            {statement}\n")

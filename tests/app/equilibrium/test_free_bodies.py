@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
+from tests.grid import grid
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.constraints import Platen, Prescribed
@@ -29,15 +30,10 @@ SIZE = 2e-3
 
 def problem(dim, supports=(), platen=None, section=None):
     """One body, supported at sides: (axis, end, component) each."""
-    comm = MPI.COMM_SELF
-    ends = [[0.0] * dim, [SIZE] * dim]
-    if dim == 2:
-        mesh = dolfinx.mesh.create_rectangle(comm, ends, [2, 2])
-    else:
-        mesh = dolfinx.mesh.create_box(comm, ends, [2, 2, 2])
+    mesh = grid({2: "quadrilateral", 3: "hexahedron"}[dim], (2,) * dim, [SIZE] * dim)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    solid = Solid("block", u, cells, Hencky(1.0, 1.0), "q1", 1.0, section)
+    solid = Solid("block", u, cells, Hencky(1.0, 1.0), "q1-sri", 1.0, section)
 
     def side(axis, end):
         return dolfinx.mesh.locate_entities_boundary(
@@ -95,7 +91,7 @@ def test_rigid_motions_stretch_nothing(dim):
 
 def test_bonded_bodies_are_held_together_or_float_as_one():
     """Two blocks that share nodes: a support of one is a support of both."""
-    mesh = dolfinx.mesh.create_rectangle(MPI.COMM_SELF, [[0.0, 0.0], [2 * SIZE, SIZE]], [2, 1])
+    mesh = grid("quadrilateral", (2, 1), [2 * SIZE, SIZE])
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
     cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     left = dolfinx.mesh.compute_midpoints(mesh, 2, cells)[:, 0] < SIZE

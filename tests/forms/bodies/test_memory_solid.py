@@ -30,11 +30,10 @@ SOFT = Viscoelastic(NeoHookean(G, K), (Branch(0.5, 0.3),), Mullins(1.5, 2e-3, 0.
 VISCOUS = Viscoelastic(NeoHookean(G, K), (Branch(0.7, 0.3), Branch(0.4, 2.0)))
 KINDS = [
     ("quadrilateral", "plane-strain", "q1"), ("quadrilateral", "plane-strain", "q1-sri"),
-    ("quadrilateral", "axisymmetric", "q1-sri"), ("quadrilateral", "axisymmetric", "q2"),
-    ("triangle", "plane-strain", "q2"), ("triangle", "axisymmetric", "q1"),
-    ("hexahedron", "3D", "q1-sri"), ("tetrahedron", "3D", "q2"),
+    ("quadrilateral", "axisymmetric", "q1-sri"), ("triangle", "plane-strain", "q2"),
+    ("triangle", "axisymmetric", "q1"), ("hexahedron", "3D", "q1-sri"), ("tetrahedron", "3D", "q1"),
 ]  # fmt: skip
-FEW = [KINDS[0], KINDS[2], KINDS[5], KINDS[6]]
+FEW = [KINDS[0], KINDS[2], KINDS[4], KINDS[5]]
 
 
 def body(cell, section, formulation, material, counts=(2, 2, 2), wave=0.05):
@@ -80,7 +79,7 @@ def pattern_matrix(space):
     return matrix
 
 
-@pytest.mark.parametrize(("cell", "section", "formulation"), KINDS)
+@pytest.mark.parametrize(("cell", "section", "formulation"), FEW)
 def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulation):
     found = []
     for material in (Hencky(G, K), NEVER):
@@ -131,7 +130,7 @@ def by_forms(u, solid, dt):
     return sum(vectors), sum(dolfinx.fem.assemble_matrix(one).to_dense() for _, one in parts)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, ("tetrahedron", "3D", "q1"), ("hexahedron", "3D", "q1")])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_loop_over_cells_gives_what_forms_do(kind):
     """Metals with and without backstress, and branches beside an energy: residual and matrix."""
     for material in (SOON, BACK, VISCOUS):
@@ -308,7 +307,7 @@ def test_a_ring_that_is_compressed_bears_its_section_times_the_yield_stress():
 
 def test_the_stress_of_points_reaches_any_place_of_a_cell():
     """Below the yield stress it is the elastic stress, exactly where it is linear in the cell."""
-    for kind in (KINDS[1], KINDS[6]):
+    for kind in (KINDS[1], KINDS[5]):
         values = []
         for material in (Hencky(G, K), NEVER):
             u, solid = body(*kind, material)
