@@ -82,7 +82,10 @@ class Beside(ctypes.Structure):
 
     work: _Work  # that ``cells`` points to
     arrays: dict[str, Floats]
-    _fields_ = (("add", ctypes.c_void_p), ("cells", ctypes.c_void_p))
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("add", "moduli", "cells")),
+        ("points", ctypes.c_int64),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +146,10 @@ class PointCells:
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
-        self._block = getattr(library(CELLS), f"tribox_point_block_{NAMES[section]}")
+        names = [f"tribox_point_block_{NAMES[section]}"]
+        names += [f"tribox_point_moduli_{NAMES[section]}"] if section != "axisymmetric" else []
+        code = [getattr(library(CELLS), name) for name in names]
+        self._beside = [ctypes.cast(one, ctypes.c_void_p).value for one in code]
         tables = (cells.table, cells.nodes, cells.number[:, None])
         self._tables = [in_lanes(table) for table in tables]
         table, node, cell = (part.ctypes.data for part in self._tables)
@@ -188,7 +194,7 @@ class PointCells:
         of = self.moduli
         if of.kernel is None or not of.kernel.symmetric:
             return None
-        found = Beside(ctypes.cast(self._block, ctypes.c_void_p).value)
+        found = Beside(*self._beside, points=self._fixed["points"])
         found.arrays = {"u": u} | of.arrays()
         found.work = self._work(of.kernel, True, **found.arrays)
         found.cells = ctypes.addressof(found.work)

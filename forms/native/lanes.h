@@ -11,12 +11,18 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 
 #define EXPORT /* seen from outside */
 
-/* What adds the matrices of points that remember to those of a block's cells before these go to
- * their places, which takes as long as computing them: symmetric blocks (a, b) of the nodes with
- * a <= b, those of b = 0 first, each (i, j) row by row. */
+/* Points that remember of the same cells as a loop's own, `points` of each cell. `moduli` adds those
+ * of a point to the second derivatives (a, i, b, j) by the columns g (a, i) of the derivatives of the
+ * current position by parent coordinates, which are `scale` times as long as the unit cell's; it is
+ * what costs least where the loop has moduli of its own at that point. `add` adds the matrices of a
+ * block's cells: symmetric blocks (a, b) of the nodes with a <= b, those of b = 0 first, each (i, j)
+ * row by row. The way to the matrix's places takes as long as computing them. */
 typedef struct {
     void (*add)(const void *cells, int64_t block, vec *matrix);
+    void (*moduli)(const void *cells, int64_t block, int64_t point, double scale, const vec *g,
+                   vec *out);
     const void *cells;
+    int64_t points;
 } Beside;
 
 INLINE vec all(double x)

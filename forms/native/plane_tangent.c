@@ -126,7 +126,8 @@ INLINE void to_nodes(vec along, vec up, vec mixed, vec at[4])
 }
 
 INLINE void quadrilateral(enum material material, int reduced, const double *c, const vec E[3][2],
-                          const vec e[3][2], vec excess, vec matrix[4][2][4][2])
+                          const vec e[3][2], vec excess, const Beside *beside, int64_t block,
+                          vec matrix[4][2][4][2])
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
     vec K[3][2][3][2] = {}, rows[4][2][3][2], G[2][2], g[2][2], H[2][2][2][2];
@@ -135,6 +136,8 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);
         second_derivatives(material, reduced ? DISTORTION : WHOLE, c, 0.25, G, g, all(0.0), H);
+        if (beside) /* whose last coordinate runs first */
+            beside->moduli(beside->cells, block, (point & 1) << 1 | point >> 1, 1.0, g[0], &H[0][0][0][0]);
         add_point(xi, eta, H, K);
     }
     if (reduced) {
@@ -191,6 +194,7 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
                        const int32_t *start, double *values)
 {
     const int nodes = triangles ? 3 : 4;
+    const int shared = beside && !triangles && material != VOLUMETRIC && beside->points == 4;
     for (int64_t b = 0; b < blocks; ++b, node += 4 * LANES, edge += 6 * LANES) {
         const int lanes = b + 1 < blocks ? LANES : lanes_of_last;
         vec E[3][2], e[3][2], matrix[4][2][4][2], more = all(0.0);
@@ -204,8 +208,8 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
         if (triangles)
             triangle(material, c, E, e, matrix);
         else
-            quadrilateral(material, reduced, c, E, e, more, matrix);
-        add_beside(beside, b, nodes, matrix);
+            quadrilateral(material, reduced, c, E, e, more, shared ? beside : 0, b, matrix);
+        add_beside(shared ? 0 : beside, b, nodes, matrix);
         start = scatter_matrix(start, nodes, lanes, matrix, values);
     }
 }

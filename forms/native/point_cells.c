@@ -261,6 +261,24 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
     return start;
 }
 
+/* Fetches what the point q of the next block needs: the rows of its cells lie far apart in memory. */
+INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q, int size)
+{
+    if (n + 1 >= w->blocks)
+        return;
+    const char *table = (const char *)(w->table + ((n + 1) * w->points + q) * size * LANES);
+    for (int k = 0; k < size; ++k)
+        __builtin_prefetch(table + 64 * k);
+    for (int l = 0; l < LANES; ++l) {
+        const int64_t point = w->cell[(n + 1) * LANES + l] * w->points + q;
+        const char *row = (const char *)(w->state + point * w->width);
+        for (int64_t k = 0; k < 8 * w->width; k += 64)
+            __builtin_prefetch(row + k);
+        for (int64_t k = 0; end && k < 8 * w->width; k += 64)
+            __builtin_prefetch((const char *)(end + point * w->width) + k, 1);
+    }
+}
+
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
 INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
@@ -298,6 +316,7 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
         gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
         deformation(section, nodes, B, at, F);
         if (w->update) {
+            fetch_next(w, w->end, n, q, size);
             load(of_state, q * width, width, s);
             if (known)
                 load(of_end, q * width, width, next);
@@ -324,6 +343,59 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
             add_matrix(section, nodes, 0, B, A, weight, matrix);
     }
     return bad;
+}
+
+/* See `moduli` of Beside: A_iJkL T_aJ T_bL, T = d xi/dX. The end of the step is found anew, which is
+ * quicker than to read it. */
+INLINE void add_moduli(enum section section, const Work *w, int64_t n, int64_t q, double scale,
+                       const vec *g, vec *out)
+{
+    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5, all_of = dim * dim;
+    const int width = (int)w->width, size = all_of + 2;
+    const double *table = w->table + (n * w->points + q) * size * LANES;
+    vec T[11], F[9], P[9], A[81], half[81], s[width + 1];
+    double *row[LANES];
+    int64_t number[LANES];
+    ivec good;
+    fetch_next(w, 0, n, q, size);
+    __builtin_memcpy(T, table, size * sizeof(vec));
+    for (int p = 0; p < count; ++p)
+        F[p] = all(p == 4);
+    for (int p = 0; p < all_of; ++p) {
+        F[p] = g[p / dim] * T[p % dim];
+        for (int a = 1; a < dim; ++a)
+            F[p] += g[dim * a + p / dim] * T[dim * a + p % dim];
+        F[p] *= scale;
+    }
+    for (int l = 0; l < LANES; ++l)
+        number[l] = w->cell[n * LANES + l] * w->points + q;
+    find_rows(w->state, width, number, row);
+    load(row, 0, width, s);
+    w->update(w->material, F, s, P, 0, A, 0, &good);
+    vec weight = (vec)((ivec)(scale * scale * T[all_of]) | ~good); /* all bits set: not a number */
+#pragma GCC unroll 1
+    for (int i = 0; i < dim; ++i)
+#pragma GCC unroll 1
+        for (int r = 0; r < all_of; ++r) {
+            const vec *of = A + count * dim * i + r, first = of[0], second = of[count];
+            const vec third = dim == 3 ? of[2 * count] : first;
+            for (int a = 0; a < dim; ++a) {
+                vec sum = first * T[dim * a] + second * T[dim * a + 1];
+                half[all_of * (dim * a + i) + r] = dim == 3 ? sum + third * T[3 * a + 2] : sum;
+            }
+        }
+#pragma GCC unroll 1
+    for (int p = 0; p < all_of; ++p)
+#pragma GCC unroll 1
+        for (int k = 0; k < dim; ++k) {
+            const vec *of = half + all_of * p + dim * k;
+            const vec first = weight * of[0], second = weight * of[1];
+            const vec third = dim == 3 ? weight * of[2] : first;
+            for (int b = 0; b < dim; ++b) {
+                vec sum = first * T[dim * b] + second * T[dim * b + 1];
+                out[all_of * p + dim * b + k] += dim == 3 ? sum + third * T[3 * b + 2] : sum;
+            }
+        }
 }
 
 /* All cells of one body; returns whether a point could not be evaluated. */
@@ -359,7 +431,7 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     return any(bad);
 }
 
-/* The loop, and what adds the matrices of one block of it: see Beside of lanes.h. */
+/* The loop, and what adds of it to another one: see Beside of lanes.h. */
 #define LOOPS(name, section)                                                                       \
     EXPORT int64_t tribox_point_cells_##name(const Work *w)                                        \
     {                                                                                              \
@@ -367,8 +439,16 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     }                                                                                              \
     EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
     {                                                                                              \
-        at_block(section, cells, block, 0, matrix, 0, 0);                                             \
+        at_block(section, cells, block, 0, matrix, 0, 0);                                          \
+    }
+#define MODULI(name, section)                                                                      \
+    EXPORT void tribox_point_moduli_##name(const void *cells, int64_t block, int64_t point,        \
+                                           double scale, const vec *g, vec *out)                   \
+    {                                                                                              \
+        add_moduli(section, cells, block, point, scale, g, out);                                   \
     }
 LOOPS(strain, STRAIN)
 LOOPS(ring, RING)
 LOOPS(space, SPACE)
+MODULI(strain, STRAIN)
+MODULI(space, SPACE)

@@ -466,6 +466,12 @@ INLINE double place_of(enum shape shape, int point, double *x)
     return shape == TETRAHEDRON ? 1.0 / 6.0 : point < 8 ? 1.0 : 8.0;
 }
 
+/* The number of a point where the last coordinate runs first. */
+INLINE int reversed(enum shape shape, int point)
+{
+    return shape == HEXAHEDRON ? (point & 1) << 2 | (point & 2) | point >> 2 : point;
+}
+
 INLINE void scatter(enum shape shape, const int32_t *node, int lanes, vec force[8][3], double *f)
 {
     const int nodes = shape == HEXAHEDRON ? 8 : 4;
@@ -570,6 +576,9 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
     const double *edge = work->edge;
     double sum = 0.0;
     Point at = {};
+    const Beside *shared = second && material != VOLUMETRIC ? work->beside : 0;
+    if (shared && shared->points != (shape == HEXAHEDRON ? 8 : 1))
+        shared = 0;
     for (int64_t n = 0; n < work->blocks; ++n, node += nodes * LANES, edge += 21 * LANES) {
         const int lanes = n + 1 < work->blocks ? LANES : (int)work->lanes_of_last;
         vec E[8][3], e[8][3], force[8][3] = {}, block[36][3][3], total = all(0.0);
@@ -599,6 +608,9 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
             at_point(&law, G, g, second, &at);
             if (second) {
+                if (shared && law.part != VOLUME)
+                    shared->moduli(shared->cells, n, reversed(shape, point),
+                                   shape == HEXAHEDRON ? 2.0 : 1.0, g[0], at.moduli[0]);
                 gradients(shape, x, dN);
                 stiffen(nodes, at.moduli, dN, block);
             } else {
@@ -606,7 +618,7 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
         }
         if (second) {
-            if (work->beside)
+            if (work->beside && !shared)
                 work->beside->add(work->beside->cells, n, &block[0][0][0]);
             insert(nodes, lanes, start, block, work->values);
             start += lanes * nodes * 3 * nodes;
