@@ -42,7 +42,7 @@ SHARES: Mapping[str, float] = {
     "built": 0.03,
     "map": 0.03,
 }
-if find_spec("tribox.geometry.meshes.own_process") is not None:
+if find_spec("tribox.geometry.meshes.gmsh_model") is not None:
     # Meshes of others are read in a process of their own; here gmsh would take the tests with it.
     SHARES = {**SHARES, "meshes": 0.02}
 

@@ -17,9 +17,8 @@ from pathlib import Path
 import gmsh
 from mpi4py import MPI
 
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
+from tribox.app.build.mesh import bodies_sharing_nodes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session
 from tribox.geometry.meshes.mesh import read
 
