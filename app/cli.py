@@ -142,7 +142,7 @@ def init(
     ] = None,
 ) -> None:
     """Write a commented starter case that runs at once, with its mesh and a schema for editors."""
-    from tribox.app.init.starters import write_starter
+    from tribox.app.init import write_starter
 
     made = write_starter(kind, target)
     for path in made:

@@ -42,10 +42,10 @@ GROUPS = (
 
 def compile_forms() -> Iterator[str]:
     """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
-    import tribox.forms.native.libraries
+    import tribox.forms.native
     import tribox.geometry.native.compiler
 
-    for libraries in (tribox.geometry.native.compiler, tribox.forms.native.libraries):
+    for libraries in (tribox.geometry.native.compiler, tribox.forms.native):
         for source in libraries.SOURCES:
             libraries.library(source)
             yield f"{source} compiled"
@@ -118,8 +118,7 @@ def _materials() -> tuple[Material, ...]:
 
 def _shape(cell: str) -> Shape:
     """Two small blocks or boxes of these cells."""
-    from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-    from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+    from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 
     if cell in ("quadrilateral", "triangle"):
         block = Block(width=1.0, height=1.0, elements=(2, 2))

@@ -43,9 +43,8 @@ from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
-from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats
-from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, NodalVector
 
 SOURCES = Path(tribox.__file__).parents[1]
 WIDTH, SPEED, PRESSURE = 1e-3, 0.05, 1e5

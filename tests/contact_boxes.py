@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from tests.grid import coordinate_element, grid
 from tribox.forms.contact.penalty import AS_IS, ContactTerm
 from tribox.geometry.compat import cell_nodes
-from tribox.geometry.surfaces.rays import RaySearch
+from tribox.geometry.surfaces.facet_search import RaySearch
 from tribox.geometry.surfaces.surface import ContactSurface
 
 GAP = 0.05

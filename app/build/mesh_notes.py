@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Constraint, Loads
+from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.app.case.bodies import ElastoPlasticBody
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
@@ -27,7 +28,6 @@ from tribox.app.equilibrium.supports import (
 from tribox.app.equilibrium.unknowns import Prescribed
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.partition import metis_is_available
 from tribox.geometry.surfaces.facets import Floats, Ints

@@ -33,9 +33,8 @@ from tribox.app.errors import InputError
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.facets import Floats, Ints
-from tribox.geometry.surfaces.rigid import RigidSurface
+from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.rigid_polyline import Polyline
 from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Plane, Sphere
 

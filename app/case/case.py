@@ -39,7 +39,15 @@ from tribox.app.case.generators import (
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
-from tribox.app.case.stage import Stage, order_problems, release_problems, solver_of, stage_problems
+from tribox.app.case.stage import (
+    LoadStep,
+    Stage,
+    load_steps_of,
+    order_problems,
+    release_problems,
+    solver_of,
+    stage_problems,
+)
 from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.toml_files import KeyPathError, set_value, toml_text, value_at
@@ -372,6 +380,15 @@ class Case(Model):
     def film_conductance(self) -> float:
         """Largest eta_b/D of all contacts, Pa s/m; 0 without a film."""
         return max((contact.film_conductance for contact in self.contact), default=0.0)
+
+    @property
+    def load_steps(self) -> list[LoadStep]:
+        """The load steps of all stages, in order."""
+        out: list[LoadStep] = []
+        for stage in self.stage:
+            before = out[-1].velocity if out else 0.0
+            out += load_steps_of(stage, self.film_conductance, before)
+        return out
 
     def _formulation_problems(self, geometry: GeneratedGeometry) -> Iterator[Problem]:
         for name, reason in formulation_problems(self.bodies, geometry.cell):

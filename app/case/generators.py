@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from tribox.geometry.generators.blocks import Blocks, PlacedBlock
     from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
     from tribox.geometry.generators.sphere_on_block import SphereOnBlock
-    from tribox.geometry.generators.two_blocks import TwoBlocks
-    from tribox.geometry.generators.two_boxes import TwoBoxes
+    from tribox.geometry.generators.two_blocks import TwoBlocks, TwoBoxes
 
 
 class BlockSize(Model):
@@ -311,7 +310,7 @@ class BoxesGeometry(GeneratedGeometry):
         Raises:
             ValueError: the boxes cannot be meshed so; the message says why.
         """
-        from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+        from tribox.geometry.generators.two_blocks import Box, TwoBoxes
 
         upper, lower = (
             Box(b.width, b.height, b.depth, b.elements, b.size, b.grading)

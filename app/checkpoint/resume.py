@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from tribox.app.build.load_steps import all_load_steps
 from tribox.app.case.case import Case
 from tribox.app.checkpoint.checkpointer import DAMAGE, INSTEAD, Checkpoint, latest, why
 from tribox.app.checkpoint.layout import Layout, differences
@@ -23,10 +22,10 @@ from tribox.app.results.claim import is_beginning
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
 from tribox.app.results.inputs import versions
 from tribox.app.results.saving import on_first
-from tribox.app.results.watches import Watches
 from tribox.app.simulation.history import COLUMNS, Row, time_text
 from tribox.app.simulation.run_state import RunState
 from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.watches import Watches
 
 # What a manifest must hold of a run.
 _KINDS: dict[str, type | tuple[type, ...]] = {
@@ -162,7 +161,7 @@ def _compare(
     try:
         began = _past_case(checkpoint.tree["case"], directory)
         at = checkpoint.tree["simulation"]["state"]["position"]["load_step"]
-        load_steps = all_load_steps(began)
+        load_steps = began.load_steps
         stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
@@ -204,7 +203,7 @@ def _past_case(text: str, directory: Path) -> Case:
 def _open_again(simulation: Simulation, recorder: Snapshot, extend: bool) -> None:
     """Let a run that is done go on with further stages, or with more of the last one."""
     at = simulation.state.position
-    load_steps = all_load_steps(simulation.model.case)
+    load_steps = simulation.model.case.load_steps
     last = load_steps[at.load_step - 1]
     if last.steps is not None and last.steps > at.count:
         at.load_step, at.begun = at.load_step - 1, True

@@ -22,7 +22,7 @@ from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import PointCells
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 

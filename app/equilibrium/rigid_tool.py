@@ -13,8 +13,7 @@ from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from tribox.geometry.surfaces.rigid import RigidSurface
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,8 +32,8 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.slave_points import SlaveVertices
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
-from tribox.geometry.surfaces.vertices import SlaveVertices
 
 
 def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:

@@ -15,8 +15,8 @@ from mpi4py import MPI
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.surface import NodalVector, SurfaceExchange
 
 # -- The state of an explicit run: displacements at whole steps, velocities at half steps ----------
 

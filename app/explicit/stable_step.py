@@ -27,12 +27,11 @@ from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot
 from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
-from tribox.forms.bodies.element_frequency import element_frequencies
 from tribox.forms.bodies.internal_force import InternalForce
-from tribox.forms.bodies.weights import cell_field, lumped_mass
+from tribox.forms.bodies.weights import cell_field, element_frequencies, lumped_mass
 from tribox.forms.contact.stiffness import PairStiffness
-from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import NodalVector
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,8 +48,8 @@ from tribox.forms.contact.law_faults import has_fault, law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.stiffness import PairStiffness
 from tribox.forms.friction.guarded_law import LawError
-from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import NodalVector
 
 __all__ = ["ExplicitError", "ExplicitOptions", "ExplicitStepper", "MassScaling", "StableStep"]
 

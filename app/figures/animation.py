@@ -19,19 +19,21 @@ from PIL import Image
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale, read_bodies
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
-from tribox.app.figures.scenes import View, draw_space, facets_seen, scene_of
-from tribox.app.figures.states import title_of
-from tribox.app.figures.style import CASE_STYLE
-from tribox.app.figures.tool_surfaces import (
+from tribox.app.figures.scenes import (
+    View,
+    draw_space,
     draw_tools,
+    facets_seen,
     room_for,
+    scene_of,
     tool_lines,
     tool_triangles,
     veil_of,
     with_room,
 )
+from tribox.app.figures.states import title_of
+from tribox.app.figures.style import CASE_STYLE, axis_names, body_names, heading, pair_names
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
-from tribox.app.figures.units import axis_names, body_names, heading, pair_names
 from tribox.app.results.directory import create
 
 if TYPE_CHECKING:

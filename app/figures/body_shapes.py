@@ -15,8 +15,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
-from tribox.app.figures.style import Floats
-from tribox.app.figures.units import FIELDS, Unit, fitting
+from tribox.app.figures.style import FIELDS, Floats, Unit, fitting
 
 if TYPE_CHECKING:
     from tribox.app.results.vtu import CellBlock, Grid

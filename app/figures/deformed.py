@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from matplotlib.tri import Triangulation
 
 from tribox.app.figures.body_shapes import (
     Bodies,
@@ -22,7 +26,6 @@ from tribox.app.figures.body_shapes import (
     named_after,
     read_bodies,
 )
-from tribox.app.figures.deformed_space import draw_states_in_space, mesh_in_space
 from tribox.app.figures.plane_bodies import (
     Frame,
     close_up,
@@ -31,21 +34,47 @@ from tribox.app.figures.plane_bodies import (
     frame_round,
     pair_colour,
 )
+from tribox.app.figures.scenes import (
+    View,
+    draw_space,
+    draw_tools,
+    facets_seen,
+    room_for,
+    scene_of,
+    tool_lines,
+    tool_triangles,
+    veil_of,
+    with_room,
+)
 from tribox.app.figures.states import State, states_to_draw
-from tribox.app.figures.style import CASE_STYLE, panels_in, save
-from tribox.app.figures.tool_surfaces import draw_tools, tool_lines, with_room
+from tribox.app.figures.style import (
+    CASE_STYLE,
+    CONTACT_PRESSURE,
+    TRACTION,
+    Floats,
+    Unit,
+    axis_names,
+    body_names,
+    fitting,
+    heading,
+    pair_names,
+    panels_in,
+    save,
+)
 from tribox.app.figures.tractions import (
+    Ints,
     draw_tractions,
     facets_of,
     pairs_shown,
     roundoff_of,
     without_roundoff,
+    write_no_load,
 )
-from tribox.app.figures.units import Unit, axis_names, body_names, fitting, heading, pair_names
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
     from tribox.app.results.vtu import Grid
+
 
 MOST_PAIRS = 8  # pairs with a panel of their own
 PALE = 8  # colours for bodies in the picture of the mesh
@@ -204,3 +233,240 @@ def _fill_panels(
         drawn.figure.legend(
             *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
         )
+
+
+# -- Pictures of deformed bodies in space, with the pressure of each pair seen along its normal ----
+
+
+MOST_IN_SPACE = 4
+
+
+def draw_states_in_space(
+    results: Results, states: Sequence[State], drawn: Sequence[Bodies], figures: Path
+) -> list[Path]:
+    """Draw states in space, each into a file of its name."""
+    scale = common_scale([one.field for one in drawn])
+    tools = [tool_triangles(results, state.step) for state in states]
+    frames = [
+        room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), triangles)
+        for bodies, triangles in zip(drawn, tools, strict=True)
+    ]
+    scenes = [scene_of(b, scale, *frame) for b, frame in zip(drawn, frames, strict=True)]
+    files = []
+    with rc_context(CASE_STYLE):
+        for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
+            view = View(scene, facets_seen(scene), veil_of(scene, tools[number]))
+            figure = _figure_in_space(results, state, drawn[number], scale, view)
+            files.append(figures / f"{state.name}.png")
+            save(figure, files[-1])
+    return files
+
+
+def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
+    """The outer facets of the bodies, a colour for each body."""
+    scene = scene_of(bodies, scale)
+    figure = Figure(figsize=(7.5, 6.5), layout="constrained")
+    draw_space(figure.subplots(), View(scene, facets_seen(scene)), bodies.names)
+    return figure
+
+
+def _figure_in_space(
+    results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
+) -> Figure:
+    """The bodies from outside, and beside them the pressure of each pair."""
+    names = pair_names(results)
+    if not names:
+        figure = Figure(figsize=(7.0, 5.5), layout="constrained")
+        _draw_bodies(figure, view, bodies, scale)
+        figure.suptitle(heading(results, state.title), fontsize=9)
+        return figure
+    nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
+    pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_IN_SPACE)}
+    columns = 1 if len(pairs) == 1 else 2
+    rows = -(-len(pairs) // columns)
+    figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
+    _draw_bodies(left, view, bodies, scale)
+    figure.suptitle(heading(results, state.title), fontsize=9)
+    panels = panels_in(right, rows, columns, len(pairs))
+    draw_pairs(right, panels[: len(pairs)], nodes, pairs)
+    return figure
+
+
+def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourScale) -> None:
+    """The bodies with a bar of their colours below."""
+    bar = ScalarMappable(scale.norm, scale.colours)
+    axes = figure.add_subplot()
+    draw_space(axes, view, bodies.names)
+    figure.colorbar(bar, ax=axes, label=scale.label(bodies.field), extend=scale.extend,
+                    orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip
+
+
+# -- Pressure and friction on slave surfaces in space, each seen along its mean normal -------------
+#
+# Axis letters: f facets, a corners, v vertices of a slave, i space.
+#
+
+SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
+ARROWS = 250  # friction tractions drawn, about
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A slave surface seen along its mean normal.
+
+    Attributes:
+        across: (v, 2), m, current, in the directions of ``axes``; axes: (2, 3), unit vectors.
+        names: of the two directions. facets: (f, a).
+    """
+
+    across: Floats
+    axes: Floats
+    names: tuple[str, str]
+    facets: Ints
+
+
+def seen_along_normal(nodes: Grid, pair: int) -> Plan:
+    """A slave in the plane across its mean normal, where it is pressed (all of it if nowhere).
+
+    The normal is that of the slave, out of its body, turned towards the viewer where it has to be:
+    the picture is seen from y, from z or from x upwards, never from below.
+    """
+    facets = facets_of(nodes, pair)
+    x = np.asarray(nodes.points, dtype=np.float64)
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    share = pressure[facets].mean(axis=1)
+    areas = _area_vectors(x[facets])
+    normal = (areas * share[:, None]).sum(axis=0) if share.any() else areas.sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    normal = normal / length if length > 0.0 else np.array([0.0, 1.0, 0.0])
+    for axis in (1, 2, 0):
+        if abs(normal[axis]) > 0.1:
+            normal = normal * np.sign(normal[axis])
+            break
+    right = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 0.0, -1.0])
+    right = right - normal * (normal @ right)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(normal, right)])
+    return Plan(x @ axes.T, axes, (_direction(axes[0]), _direction(axes[1])), facets)
+
+
+def _area_vectors(corners: Floats) -> Floats:
+    """Area vectors (f, i) of facets with corners (f, a, i)."""
+    first = corners[:, 1] - corners[:, 0]
+    if corners.shape[1] == 3:
+        return 0.5 * np.cross(first, corners[:, 2] - corners[:, 0])
+    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+
+
+def _direction(vector: Floats) -> str:
+    """Name of a direction: that of an axis, or its components."""
+    largest = int(np.argmax(np.abs(vector)))
+    if abs(vector[largest]) > 0.9999:
+        return ("−" if vector[largest] < 0.0 else "") + "xyz"[largest]
+    return "along (" + ", ".join(f"{v:.2g}" for v in vector) + ")"
+
+
+def draw_pairs(figure: Any, panels: Sequence[Axes], nodes: Grid, pairs: Mapping[int, str]) -> None:
+    """Pressure and friction of each pair, in the same colours in all panels."""
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    stress = fitting(pressure, "Pa")
+    top = float(pressure.max()) * stress.factor or 1.0
+    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
+        plan = seen_along_normal(nodes, pair)
+        unit = fitting(np.ptp(plan.across[np.unique(plan.facets)], axis=0), "m")
+        draw_pressure(axes, nodes, plan, unit, stress, top)
+        draw_friction(axes, nodes, plan, unit)
+        axes.set_title(name, fontsize=9, color=pair_colour(pair))
+        axes.set(xlabel=f"{plan.names[0]} ({unit.name})", ylabel=f"{plan.names[1]} ({unit.name})")
+        axes.set_aspect("equal", adjustable="box")
+        axes.grid(False)
+    label = f"{CONTACT_PRESSURE.name} {CONTACT_PRESSURE.symbol} ({stress.name})"
+    bar = ScalarMappable(Normalize(0.0, top), "inferno")
+    figure.colorbar(bar, ax=list(panels), label=label, orientation="horizontal", shrink=0.7,
+                    pad=0.02, aspect=35)  # fmt: skip
+
+
+def draw_pressure(
+    axes: Axes, nodes: Grid, plan: Plan, unit: Unit, stress: Unit, top: float
+) -> None:
+    """Pressure on a slave where half or more of a node's surroundings touches; else its facets.
+
+    Nodal pressures end somewhere between two nodes. Drawn down to the last node that has some, the
+    rim would have the teeth of the mesh; the share that touches says where it is.
+    """
+    facets, place = plan.facets, plan.across * unit.factor
+    pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64) * stress.factor
+    around = np.concatenate([facets, facets[:, :1]], axis=1)
+    outlines = LineCollection(list(place[around]), colors="0.88", linewidths=0.4, zorder=0)
+    axes.add_collection(outlines)
+    pressed = np.unique(facets[(pressure[facets] > 0.0).any(axis=1)])
+    if len(pressed):
+        mesh, values = _triangles(place, facets, pressure)
+        colours = axes.tripcolor(
+            mesh, values, shading="gouraud", cmap="inferno", vmin=0.0, vmax=top
+        )
+        rim = touching(nodes, facets, place)
+        colours.set_clip_path(rim, axes.transData)
+        axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
+    else:
+        write_no_load(axes)
+    _limit(axes, place[np.unique(facets)], place[pressed])
+
+
+def touching(nodes: Grid, facets: Ints, place: Floats) -> Outline:
+    """Outline of where half or more of a node's surroundings touches.
+
+    Where the contact file lacks ``cover``, pressed nodes count as covered. ``place``: (v, 2), of
+    the nodes, in the unit of the outline.
+    """
+    data = nodes.point_data
+    cover = np.asarray(data["cover"] if "cover" in data else data["pressure"] > 0.0, np.float64)
+    mesh, values = _triangles(place, facets, cover)
+    filled = Figure().subplots().tricontourf(mesh, values, levels=[0.5, 2.0])
+    return Outline.make_compound_path(*filled.get_paths())
+
+
+def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulation, Floats]:
+    """Triangles of the facets and their nodal values; quadrilaterals are cut from their middle."""
+    if facets.shape[1] == 3:
+        return Triangulation(*place.T, facets), values
+    middle = len(place) + np.arange(len(facets))
+    sides = [np.stack([facets[:, k], facets[:, (k + 1) % 4], middle], axis=1) for k in range(4)]
+    places = np.concatenate([place, place[facets].mean(axis=1)])
+    mesh = Triangulation(*places.T, np.concatenate(sides))
+    return mesh, np.concatenate([values, values[facets].mean(axis=1)])
+
+
+def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
+    """Limits round a slave, or round what is pressed where that is a small part of it."""
+    shown = whole
+    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
+        shown = pressed
+    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
+    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
+    axes.set(xlim=(left, right), ylim=(low, high))
+
+
+def draw_friction(axes: Axes, nodes: Grid, plan: Plan, unit: Unit) -> None:
+    """Arrows of the friction on the master, where there is some."""
+    vectors = nodes.point_data.get("friction_traction")
+    if vectors is None:
+        return
+    own = np.unique(plan.facets)
+    traction = np.asarray(vectors, dtype=np.float64)[own]
+    largest = float(np.linalg.norm(traction, axis=1).max(initial=0.0))
+    pressure = np.asarray(nodes.point_data["pressure"])[own]
+    shown = np.flatnonzero((np.linalg.norm(traction, axis=1) > 0.02 * largest) & (pressure > 0.0))
+    if not largest > 0.0 or not len(shown):
+        return
+    shown = shown[:: max(1, len(shown) // ARROWS)]
+    place = plan.across[own[shown]] * unit.factor
+    along = traction[shown] @ plan.axes.T
+    stress = fitting([largest], "Pa")
+    axes.quiver(*place.T, *(along * stress.factor).T, color="#7fd4ff", width=0.004, pivot="mid",
+                zorder=3)  # fmt: skip
+    axes.annotate(
+        f"arrows: {TRACTION.name} {TRACTION.symbol} on the master, up to {stress.text(largest)}",
+        (0.0, -0.17), xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
+    )  # fmt: skip

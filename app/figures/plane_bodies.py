@@ -19,9 +19,8 @@ from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
 from tribox.app.figures.body_shapes import Bodies, ColourScale
-from tribox.app.figures.style import RED, Floats
+from tribox.app.figures.style import RED, Floats, Unit, fitting
 from tribox.app.figures.tractions import facets_of, line_starts
-from tribox.app.figures.units import Unit, fitting
 
 if TYPE_CHECKING:
     from tribox.app.results.vtu import Grid

@@ -11,8 +11,12 @@ from matplotlib.figure import Figure
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import DEFAULT_FIELD, named_after
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
-from tribox.app.figures.force_displacement import draw_phases, force_displacement_figure
-from tribox.app.figures.history import energies_figure, forces_figure
+from tribox.app.figures.history import (
+    draw_phases,
+    energies_figure,
+    force_displacement_figure,
+    forces_figure,
+)
 from tribox.app.figures.steady_points import draw_steady, steady_series
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.figures.style import CASE_STYLE, save

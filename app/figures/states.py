@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tribox.app.figures.units import unit_of_velocity, velocity_text
+from tribox.app.figures.style import unit_of_velocity, velocity_text
 from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:

@@ -15,20 +15,18 @@ from numpy.typing import NDArray
 from tribox.app.case.case import Case
 from tribox.app.figures.style import (
     COLOURS,
+    MEAN_TRACTION,
+    SHEAR_RATE,
+    VELOCITY,
+    VISCOSITY,
     Floats,
+    Unit,
     colour_of,
     columns,
     dashes_of,
     marker_of,
     save,
     thin_log_ticks,
-)
-from tribox.app.figures.units import (
-    MEAN_TRACTION,
-    SHEAR_RATE,
-    VELOCITY,
-    VISCOSITY,
-    Unit,
     titled,
     velocity_unit,
 )

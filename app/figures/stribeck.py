@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import series_numbers
-from tribox.app.figures.style import Floats, colour_of, dashes_of, marker_of, thin_log_ticks
-from tribox.app.figures.units import (
+from tribox.app.figures.style import (
     HERSEY,
     RATIO,
     VELOCITY,
+    Floats,
     Unit,
+    colour_of,
+    dashes_of,
     fitting,
+    marker_of,
     pair_names,
+    thin_log_ticks,
     titled,
     velocity_unit,
 )

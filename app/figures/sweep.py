@@ -14,22 +14,20 @@ from matplotlib.figure import Figure
 from tribox.app.case.quantities import QuantityError, split_quantity
 from tribox.app.figures.history import DECADES, LEAST, NOUGHT, spans_decades
 from tribox.app.figures.style import (
+    FRICTION_FORCE,
     MARKERS,
+    NORMAL_FORCE,
+    RATIO,
     Floats,
+    Quantity,
+    Unit,
     colour_of,
     dashes_of,
+    fitting,
+    heading,
     marker_of,
     panels_in,
     thin_log_ticks,
-)
-from tribox.app.figures.units import (
-    FRICTION_FORCE,
-    NORMAL_FORCE,
-    RATIO,
-    Quantity,
-    Unit,
-    fitting,
-    heading,
     unit_of_velocity,
     velocity_text,
 )

@@ -15,8 +15,18 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.figures.states import stage_ends
-from tribox.app.figures.style import COLOURS, Floats, colour_of, thin_log_ticks
-from tribox.app.figures.units import CONTACT_PRESSURE, TRACTION, Unit, fitting, pair_names, titled
+from tribox.app.figures.style import (
+    COLOURS,
+    CONTACT_PRESSURE,
+    TRACTION,
+    Floats,
+    Unit,
+    colour_of,
+    fitting,
+    pair_names,
+    thin_log_ticks,
+    titled,
+)
 from tribox.geometry.surfaces.facets import chains
 
 if TYPE_CHECKING:

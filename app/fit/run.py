@@ -18,8 +18,18 @@ from tribox.app.case.friction import MAP, TABLES
 from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import tell
 from tribox.app.figures.steady_points import film_numbers
-from tribox.app.figures.style import CASE_STYLE, colour_of, marker_of, save, thin_log_ticks
-from tribox.app.figures.units import LOCAL_RATIO, SLIP, TRACTION, VELOCITY, VISCOSITY
+from tribox.app.figures.style import (
+    CASE_STYLE,
+    LOCAL_RATIO,
+    SLIP,
+    TRACTION,
+    VELOCITY,
+    VISCOSITY,
+    colour_of,
+    marker_of,
+    save,
+    thin_log_ticks,
+)
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (

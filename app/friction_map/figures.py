@@ -17,23 +17,21 @@ from numpy.typing import NDArray
 from tribox.app.figures.steady_points import broken, film_numbers, with_room
 from tribox.app.figures.style import (
     COLOURS,
-    RED,
-    STYLE,
-    colour_of,
-    dashes_of,
-    marker_of,
-    plain_number,
-    save,
-    thin_log_ticks,
-)
-from tribox.app.figures.units import (
     LOCAL_RATIO,
+    RED,
     SLIP,
+    STYLE,
     TIME,
     TRACTION,
     VELOCITY,
     VISCOSITY,
+    colour_of,
+    dashes_of,
     fitting,
+    marker_of,
+    plain_number,
+    save,
+    thin_log_ticks,
     titled,
 )
 from tribox.app.friction_map.material_tests import Curve, FrictionMapResult, Track

@@ -28,8 +28,15 @@ from tribox.app.case.bodies import Body, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
-from tribox.app.figures.style import STYLE, colour_of, dashes_of, marker_of, save, thin_log_ticks
-from tribox.app.figures.units import titled
+from tribox.app.figures.style import (
+    STYLE,
+    colour_of,
+    dashes_of,
+    marker_of,
+    save,
+    thin_log_ticks,
+    titled,
+)
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.film.places import FilmCells
 from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film

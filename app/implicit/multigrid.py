@@ -19,7 +19,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import blocks_in_place
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.factor import CLOSEST, petsc_kinds
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 SOURCE = "block_sweeps.c"

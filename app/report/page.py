@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from tribox.app.case.case import Case, given_keys
 from tribox.app.errors import InputError
-from tribox.app.figures.units import fitting
+from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
     Table,
     Verdict,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from tribox.app.errors import SaidOnce
-from tribox.app.figures import units
-from tribox.app.figures.units import Unit, fitting
+from tribox.app.figures import style
+from tribox.app.figures.style import Unit, fitting
 from tribox.app.simulation.history import DECLARED
 
 if TYPE_CHECKING:
@@ -327,9 +327,9 @@ class Column:
 
 
 _VECTORS = {
-    "displacement": units.DISPLACEMENT,
-    "force": units.REACTION,
-    "moment": units.MOMENT,
+    "displacement": style.DISPLACEMENT,
+    "force": style.REACTION,
+    "moment": style.MOMENT,
 }
 _KNOWN = {
     column.name: column

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.model import Model
-from tribox.app.case.stage import solver_of
+from tribox.app.case.stage import LoadStep, solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.explicit.energies import energy_roundoff
 from tribox.app.implicit.stepper import StepResult
@@ -26,12 +25,12 @@ from tribox.app.results.inputs import NOTHING, KeptInputs, host, kernels, versio
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
-from tribox.app.results.watches import Watches
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.history import COLUMNS, Row, energy_gap, time_text
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.simulation.simulation import Simulation
+from tribox.app.simulation.watches import Watches
 from tribox.forms.contact.penalty import ContactTerm, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from mpi4py import MPI
 
 from tribox.app.build.case_notes import highest_pressure
-from tribox.app.build.load_steps import load_steps_of
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
 from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import OwnLaw
+from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 from tribox.app.implicit.linear_solver import silence
 from tribox.app.simulation.explicit_stage import notes_on_steps

@@ -28,8 +28,7 @@ from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError, write_msh
 from tribox.geometry.meshes.mesh import NamedMesh, read
-from tribox.geometry.pictures.plane import length_unit, save_picture
-from tribox.geometry.pictures.space import Arrow, Marks
+from tribox.geometry.pictures import Arrow, Marks, length_unit, save_picture
 
 
 def write_case_mesh(

@@ -9,9 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tribox.app.build.load_steps import LoadStep
 from tribox.app.case.case import Case
-from tribox.app.case.stage import Stage
+from tribox.app.case.stage import LoadStep, Stage
 from tribox.app.errors import SaidOnce, folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import GrowingFile

@@ -13,10 +13,10 @@ from typing import Self
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.stage import LoadStep
 from tribox.app.checkpoint.checkpointer import Checkpointer
 from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
 from tribox.app.errors import InputError, Interrupted, OutputError, SolutionError

@@ -45,7 +45,7 @@ from tribox.app.simulation.surface_faults import (
     waves_text,
 )
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.rim import facet_length_along
+from tribox.forms.contact.pressure import facet_length_along
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
 from tribox.geometry.surfaces.master import MasterFacets

@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.build.load_steps import LoadStep
 from tribox.app.case.case import Case
+from tribox.app.case.stage import LoadStep
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot
 from tribox.app.equilibrium.step_mode import StepMode

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import Model, failures_as, initial_velocity
 from tribox.app.case.solver import Solver
-from tribox.app.case.stage import solver_of
+from tribox.app.case.stage import LoadStep, load_steps_of, solver_of
 from tribox.app.equilibrium.snapshot import Partial, Snapshot, to_bodies, to_contacts
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.energies import ExplicitError

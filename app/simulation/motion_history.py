@@ -23,8 +23,8 @@ from tribox.app.equilibrium.supports import bonded_groups
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.simulation.contact_resultants import ContactResultants
 from tribox.forms.bodies.weights import body_weights, surface_weights
-from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.surface import NodalVector
 
 # -- Forces of supports, platens and loads on the bodies, unknown by unknown -----------------------
 

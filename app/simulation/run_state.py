@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tribox.app.build.load_steps import LoadStep
 from tribox.app.build.model import Model
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
+from tribox.app.case.stage import LoadStep
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult

@@ -8,9 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from tribox.app.build.load_steps import LoadStep, all_load_steps
 from tribox.app.build.model import Model, failures_as
-from tribox.app.case.stage import Stage, solver_of
+from tribox.app.case.stage import LoadStep, Stage, solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
@@ -257,7 +256,7 @@ class Simulation:
                 converged one.
         """
         state, at = self.state, self.state.position
-        for load_step in all_load_steps(self.model.case)[at.load_step :]:
+        for load_step in self.model.case.load_steps[at.load_step :]:
             released = begin_stage(self.model, load_step.stage.name, state.stepper.x)
             state.energy_balance.take_over(released)
             with failures_as(SolutionError, f"stage {load_step.stage.name}"):

@@ -23,8 +23,7 @@ from tribox.forms.bodies.loads import FollowerPressure, Load
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Formulation
-from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
-from tribox.forms.closed_forms.thick_tube import inner_pressure
+from tribox.forms.closed_forms.metal_bar import inner_pressure, load_maximum, stress_at
 from tribox.geometry.compat import cell_nodes, mesh_of_cells
 from tribox.geometry.surfaces.facets import Floats, Ints
 

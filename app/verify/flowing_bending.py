@@ -17,7 +17,7 @@ from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Hardening, Linear, Voce
 from tribox.forms.bodies.loads import Load, surface_measure
 from tribox.forms.bodies.solid import Formulation
-from tribox.forms.closed_forms.bent_strip import Strip
+from tribox.forms.closed_forms.metal_bar import Strip
 from tribox.geometry.surfaces.facets import Floats, Longs
 
 # -- Cook's membrane ------------------------------------------------------------------------------

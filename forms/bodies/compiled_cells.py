@@ -21,7 +21,7 @@ from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 

@@ -75,7 +75,7 @@ from tribox.forms.bodies.hardening import Backstress, Hardening, Linear, RateFac
 from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Hencky
 from tribox.forms.bodies.point_state import Floats, Kernel, MaterialPoints
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 
 NEVER = 1e300  # Pa, yield stress of a material that stays elastic
 PLASTIC_STRAIN = "equivalent_plastic_strain"  # its name among the variables

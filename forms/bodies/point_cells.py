@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tribox.forms.bodies.deformation import quadrature_rows
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_state import CELLS, Kernel
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 from tribox.geometry.meshes.places import shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 

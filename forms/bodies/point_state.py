@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 
 Floats = NDArray[np.float64]
 DISSIPATED = "dissipated"  # of variables that sum up, J/m³, what each part of a point has lost

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed, outside_parts
-from tribox.forms.native.libraries import library
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface

@@ -21,11 +21,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tribox.forms.contact.carried import Carried
-from tribox.forms.contact.fading import fading
-from tribox.forms.contact.kinematics import relate
+from tribox.forms.contact.kinematics import Carried, relate
 from tribox.forms.contact.penalty import ContactTerm, carried_by
-from tribox.forms.contact.pressure import ROUNDOFF_DEPTH, AveragedPressure, PointwisePressure
+from tribox.forms.contact.pressure import (
+    ROUNDOFF_DEPTH,
+    AveragedPressure,
+    PointwisePressure,
+    fading,
+)
 from tribox.forms.contact.state import (
     AS_IS,
     ContactMode,
@@ -34,8 +37,8 @@ from tribox.forms.contact.state import (
     NormalContact,
 )
 from tribox.forms.contact.tie import TieTerm
-from tribox.geometry.surfaces.exchange import NodalVector, SurfaceExchange
 from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.surface import NodalVector, SurfaceExchange
 
 # Share of critical damping ζ_∞ of the dashpots beside a stiff penalty.
 DAMPING = 0.3

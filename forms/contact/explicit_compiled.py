@@ -27,12 +27,12 @@ from tribox.forms.contact.state import (
     NormalContact,
 )
 from tribox.forms.contact.tie import TieTerm
-from tribox.forms.native.libraries import library
-from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facet_search import TIE
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
+from tribox.geometry.surfaces.surface import NodalVector
 
 
 class CompiledContact(ExplicitContact):

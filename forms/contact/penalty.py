@@ -16,18 +16,17 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.compiled_tangent import Entries, compiled_tangent
-from tribox.forms.contact.fading import fading
 from tribox.forms.contact.interior_point import InteriorSlip
-from tribox.forms.contact.kinematics import Anchor, ContactKinematics, opposite, relate
+from tribox.forms.contact.kinematics import Anchor, Carried, ContactKinematics, opposite, relate
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
     AveragedPressure,
     PressureKind,
+    fading,
     normal_rule,
+    rim_cover,
 )
-from tribox.forms.contact.rim import rim_cover
 from tribox.forms.contact.shared_slave import Neighbour, brought_along, covered_by_others
 from tribox.forms.contact.state import (
     AS_IS,

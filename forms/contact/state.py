@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tribox.forms.contact.carried import Carried
 from tribox.forms.contact.interior_point import InteriorPoint
-from tribox.forms.contact.kinematics import Anchor, ContactKinematics
+from tribox.forms.contact.kinematics import Anchor, Carried, ContactKinematics
 from tribox.forms.film.places import FilmPart
 from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
 from tribox.forms.friction.law import FrictionResponse, FrictionState
@@ -187,9 +186,9 @@ class NormalContact:
         gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
             whether a vertex carries pressure, or touches. None point by point.
         cover: (q,) share of each point's piece of the surface that touches: less than 1 only at the
-            rim (:mod:`tribox.forms.contact.rim`); cover_slope: (q, k), 1/m, its derivatives for the
-            gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open vertices
-            that it depends on.
+            rim (:mod:`tribox.forms.contact.pressure`); cover_slope: (q, k), 1/m, its derivatives
+            for the gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open
+            vertices that it depends on.
         area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
             master has below the vertex now; None: nowhere. whole: (q,) points whose gaps count,
             None: all with a master below.
@@ -260,7 +259,7 @@ class ContactState:
             it takes the slip up to the end away.
         gap: (q,), m; +inf where there was no projection on the surface.
         area_ratio: (q,) area ratio da/dA of the slave surface.
-        share: (q,) and sunk: (q,), J/m²: see :mod:`tribox.forms.contact.fading`.
+        share: (q,) and sunk: (q,), J/m²: see :mod:`tribox.forms.contact.pressure`.
         friction: the law's own state; friction_traction: (q, i), Pa, T.
         film: the film, where it is an unknown.
     """

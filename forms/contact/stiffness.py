@@ -10,8 +10,8 @@ from mpi4py import MPI
 from tribox.forms.contact.explicit import ExplicitContact, ExplicitTie
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.factored_law import strongest
-from tribox.geometry.surfaces.exchange import NodalVector
 from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.surface import NodalVector
 
 PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluated
 

@@ -12,8 +12,8 @@ the averaged pressure, with H_A = 1 where they are active and
     R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,
     L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A),
 
-one sparse product; χ is the film's cover at the rim (:mod:`tribox.forms.contact.rim`). Point by
-point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+one sparse product; χ is the film's cover at the rim (:mod:`tribox.forms.contact.pressure`). Point
+by point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
 """
 
 from __future__ import annotations

@@ -31,8 +31,7 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from tribox.forms.contact.carried import Carried
-from tribox.forms.contact.kinematics import ContactKinematics
+from tribox.forms.contact.kinematics import Carried, ContactKinematics
 from tribox.forms.contact.penalty import ContactTerm, carried_by
 from tribox.forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
 from tribox.forms.contact.tangent import Coupling

@@ -1,1 +1,34 @@
-"""C sources and how they are compiled and loaded."""
+"""C sources, and the libraries that they are compiled to."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from pathlib import Path
+
+from tribox.geometry.native.compiler import compiled
+
+SOURCES = (
+    "plane_kernel.c",
+    "plane_tangent.c",
+    "ring_cells.c",
+    "space_kernel.c",
+    "plane_contact.c",
+    "space_contact.c",
+    "contact_tangent.c",
+    "plastic_points.c",
+    "viscous_points.c",
+    "point_cells.c",
+    "cell_places.c",
+    "block_sweeps.c",
+)
+
+
+@functools.cache
+def library(name: str) -> ctypes.CDLL:
+    """The compiled library of the source ``name``.
+
+    Raises:
+        KernelError: it can be neither found nor made.
+    """
+    return compiled(Path(__file__).with_name(name))

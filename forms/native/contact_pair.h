@@ -237,7 +237,7 @@ static void press(Pair *p, int64_t q)
             pressure = -p->penalty[q] * gap + p->damping[q];
     }
     p->pressure[q] = pressure;
-    /* What is given up at the end of the master, see forms/contact/fading.py. */
+    /* What is given up at the end of the master, see forms/contact/pressure.py. */
     double before = p->share_before[q], sunk_before = p->sunk_before[q];
     double share = p->on_surface[q] ? p->share[q] : 0.0;
     double sunk = p->on_surface[q] ? full * fmin(p->gap[q], 0.0) : 0.0;

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, named_groups
-from tribox.geometry.meshes.own_process import ask
+from tribox.geometry.meshes.gmsh_model import MeshError, ask, gmsh_session, named_groups
 
 LONGEST = 3600.0
 """Processor time of a drawing, s."""

@@ -24,9 +24,8 @@ import numpy.typing as npt
 
 from tribox.geometry.meshes.drawing import write_mesh_of
 from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import SIDES, MeshError, gmsh_session
+from tribox.geometry.meshes.gmsh_model import REFUSED, SIDES, MeshError, gmsh_session
 from tribox.geometry.meshes.mesh_arrays import MeshArrays
-from tribox.geometry.meshes.own_process import REFUSED
 
 
 def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:

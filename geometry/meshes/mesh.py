@@ -32,10 +32,10 @@ from tribox.geometry.meshes.gmsh_model import (
     NUMBERS,
     MeshError,
     Shape,
+    ask,
     gmsh_session,
 )
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
-from tribox.geometry.meshes.own_process import ask
 from tribox.geometry.meshes.partition import metis_is_available, share_out
 
 __all__ = ["MeshError", "NamedMesh", "generate", "read"]

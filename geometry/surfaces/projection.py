@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR, Candidates, CompiledFacets
-from tribox.geometry.surfaces.facet_search import TIE, FacetSearch
+from tribox.geometry.surfaces.facet_search import TIE, FacetSearch, RaySearch
 from tribox.geometry.surfaces.facets import (
     Bools,
     FacetShape,
@@ -25,7 +25,6 @@ from tribox.geometry.surfaces.facets import (
     facet_shape,
     unit_normals,
 )
-from tribox.geometry.surfaces.rays import RaySearch
 from tribox.geometry.surfaces.slave_points import PointNormals
 from tribox.geometry.surfaces.smoothing import smooth_patches
 from tribox.geometry.surfaces.target import Projection

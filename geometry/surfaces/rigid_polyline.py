@@ -5,9 +5,10 @@ Axis letters: q slave points, p pieces (the facets), e the two ends of a piece, 
 Straight pieces and arcs meet without a kink at fillets, where the closest point passes from one to
 the next with a continuous normal. At a sharp corner the normal is that from the corner to the
 point. With pressure that is averaged over facets, points beside a convex sharp corner are projected
-along the slave's normals instead, as on facets with kinks (:mod:`tribox.geometry.surfaces.rays`):
-closest points below a punch would be on its flank as soon as they are deeper than away from the
-corner. What looks at a flank that it only grazes fades.
+along the slave's normals instead, as on facets with kinks
+(:mod:`tribox.geometry.surfaces.facet_search`): closest points below a punch would be on its flank
+as soon as they are deeper than away from the corner. What looks at a flank that it only grazes
+fades.
 """
 
 from __future__ import annotations

@@ -11,10 +11,10 @@ from unittest import mock
 from tests.app.conftest import BLOCK as ON_MESH
 from tests.fuzz.guard import OddLine, see_line
 from tribox.app.build.case_notes import notes_on
-from tribox.app.build.load_steps import load_steps_of
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.generators import BlocksGeometry, BoxesGeometry
 from tribox.app.case.reading import check_case, load_case
+from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
 from tribox.app.friction_map.run import run_map

@@ -18,8 +18,7 @@ from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.mesh import NamedMesh, generate
 
 

@@ -11,8 +11,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import resolved_toml
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 BODIES = """

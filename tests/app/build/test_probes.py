@@ -4,8 +4,8 @@ import pytest
 from mpi4py import MPI
 
 from tribox.app.build.mesh import make_mesh
+from tribox.app.build.model import displacement_on, resolved_bodies
 from tribox.app.build.probes import place_probes
-from tribox.app.build.solids import displacement_on, resolved_bodies
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
 

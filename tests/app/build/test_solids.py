@@ -8,8 +8,7 @@ from mpi4py import MPI
 from pydantic import TypeAdapter
 
 from tribox.app.build.contacts import contact_modulus, penalty_modulus
-from tribox.app.build.model import build_model
-from tribox.app.build.solids import notes_on_materials
+from tribox.app.build.model import build_model, notes_on_materials
 from tribox.app.case.bodies import Body
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.supports import bodies_of

@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from tests.app.case.test_case import FILM_CASE
-from tribox.app.build.solids import notes_on_materials
+from tribox.app.build.model import notes_on_materials
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import entries
 from tribox.app.case.quantities import parse_quantity

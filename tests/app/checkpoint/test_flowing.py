@@ -15,7 +15,7 @@ from tests.app.simulation.test_ranks import SAME
 from tests.app.simulation.test_tools import rolled
 from tests.flowing import soft_block
 from tests.tool_cases import WIDTH, block_case, block_mesh, plane
-from tribox.app.figures.force_displacement import moved_parts
+from tribox.app.figures.history import moved_parts
 from tribox.app.results import read
 from tribox.app.results.directory import read_table
 from tribox.app.simulation import explicit_stage

@@ -19,7 +19,7 @@ from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.explicit_compiled import explicit_contact
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.surface import NodalVector
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 WAY = np.array([0.6, 0.8, 0.0])

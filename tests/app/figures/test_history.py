@@ -14,8 +14,12 @@ from tests.app.figures.made_results import (
     normal_force,
     write_rows,
 )
-from tribox.app.figures.force_displacement import force_displacement_figure
-from tribox.app.figures.history import abscissa_of, energies_figure, forces_figure
+from tribox.app.figures.history import (
+    abscissa_of,
+    energies_figure,
+    force_displacement_figure,
+    forces_figure,
+)
 from tribox.app.figures.stribeck import series_of, stribeck_figure
 from tribox.app.results import Results, read
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.app.figures.test_scenes import SQUARE, scene
-from tribox.app.figures.scenes import EYE
-from tribox.app.figures.tool_surfaces import VEIL, veil_of
+from tribox.app.figures.scenes import EYE, VEIL, veil_of
 
 SMALL = (SQUARE - 0.5) * [0.4, 0.0, 0.4] + [0.5, 0.0, 0.5]
 

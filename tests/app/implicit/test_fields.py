@@ -35,11 +35,10 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid import RigidMotion
 from tribox.geometry.surfaces.rigid_shapes import Circle
 from tribox.geometry.surfaces.surface import ContactSurface
 

@@ -9,7 +9,7 @@ import pytest
 import tribox.app.implicit.predictor
 from tests.app.conftest import BLOCK
 from tests.solved import built
-from tribox.app.build.load_steps import load_steps_of
+from tribox.app.case.stage import load_steps_of
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.predictor import Predictor, lagrange_weights
 from tribox.app.simulation.run_state import Observer

@@ -11,8 +11,7 @@ import pytest
 from tribox.app.case.reading import check_case
 from tribox.app.case.schema import FILE_NAME, json_schema
 from tribox.app.errors import InputError
-from tribox.app.init import starters
-from tribox.app.init.starters import KINDS, write_starter
+from tribox.app.init import HERE, KINDS, write_starter
 from tribox.geometry.meshes.drawing import mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError
 
@@ -67,7 +66,7 @@ def assert_springback(out: Path) -> None:
 
 
 def test_every_starter_is_listed():
-    texts = {p.stem for p in starters.HERE.glob("*.toml")}
+    texts = {p.stem for p in HERE.glob("*.toml")}
     assert set(KINDS) == texts and set(MESHED) < texts
 
 
@@ -76,7 +75,7 @@ def test_comments_are_in_step_with_the_program(kind):
     """Commands and files that a starter speaks of are there, and so are the commented tables."""
     from tribox.app.cli import cli
 
-    text = (starters.HERE / f"{kind}.toml").read_text(encoding="utf-8")
+    text = (HERE / f"{kind}.toml").read_text(encoding="utf-8")
     spoken = set(re.findall(r"#.*?\btribox (\w+)", text))
     known = {c.name or c.callback.__name__ for c in cli.registered_commands}
     assert {"check", "mesh", "run"} <= spoken <= known
@@ -168,7 +167,7 @@ def test_a_changed_drawing_is_meshed_again(tribox, tmp_path):
 )
 def test_what_is_wrong_with_a_drawing_is_one_error(tmp_path, old, new, said):
     drawing = tmp_path / "pad.geo"
-    drawing.write_text((starters.HERE / "own-mesh.geo").read_text().replace(old, new))
+    drawing.write_text((HERE / "own-mesh.geo").read_text().replace(old, new))
     with pytest.raises(MeshError, match=said) as refused:
         mesh_drawing(drawing, tmp_path / "pad.msh")
     assert "\n" not in str(refused.value) and str(drawing) in str(refused.value)

@@ -17,8 +17,7 @@ from tribox.app.results.fields import CellStrain, StressField
 from tribox.app.results.output_files import BpWriter, FieldSeries
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.mesh import generate
 
 G, K = 2.0e6, 5.0e6

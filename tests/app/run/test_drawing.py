@@ -20,7 +20,7 @@ from tribox.app.results import Results
 from tribox.app.run.mesh_files import marks_of
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
-from tribox.geometry.pictures.plane import draw
+from tribox.geometry.pictures import draw
 
 
 def small(block: str) -> Case:

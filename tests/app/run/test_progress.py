@@ -11,8 +11,8 @@ from rich.console import Console
 
 from tests.app.read_log import read_log, unfolded
 from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
-from tribox.app.build.load_steps import load_steps_of
 from tribox.app.case.reading import load_case
+from tribox.app.case.stage import load_steps_of
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.report.page import contents
 from tribox.app.results import read

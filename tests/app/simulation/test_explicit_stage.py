@@ -10,11 +10,10 @@ from scipy.integrate import quad
 
 import tribox.forms.contact.explicit
 from tests.solved import solved
-from tribox.app.build.load_steps import LoadStep, load_steps_of
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import check_case, load_case
-from tribox.app.case.stage import Stage
+from tribox.app.case.stage import LoadStep, Stage, load_steps_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.simulation.energy_balance import Inertia, notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing

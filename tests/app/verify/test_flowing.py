@@ -29,9 +29,7 @@ from tribox.app.verify.flowing_bending import (
     springback,
 )
 from tribox.forms.bodies.hardening import Backstress, Voce
-from tribox.forms.closed_forms.bent_strip import Strip
-from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at
-from tribox.forms.closed_forms.thick_tube import inner_pressure
+from tribox.forms.closed_forms.metal_bar import Strip, inner_pressure, load_maximum, stress_at
 
 RIGID_VOLUME = metal(TUBE, poisson=0.4999)
 

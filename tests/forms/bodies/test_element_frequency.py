@@ -8,10 +8,9 @@ import pytest
 import scipy.linalg
 
 from tests.grid import grid
-from tribox.forms.bodies.element_frequency import element_frequencies, element_masses
 from tribox.forms.bodies.materials import MooneyRivlin
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.bodies.weights import lumped_mass
+from tribox.forms.bodies.weights import element_frequencies, element_masses, lumped_mass
 
 RUBBER = MooneyRivlin(0.4, 0.1, 30.0)
 KINDS = [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import ufl
 
-import tribox.forms.native.libraries
+import tribox.forms.native
 import tribox.geometry.native.compiler
 from tests.grid import grid
 from tribox.forms.bodies.compiled_cells import CompiledCells
@@ -141,24 +141,24 @@ def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "none",))
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    tribox.forms.native.libraries.library.cache_clear()
+    tribox.forms.native.library.cache_clear()
     try:
         u, solid = body("quadrilateral", MATERIALS["hencky"], "q1-sri")
         with pytest.raises(KernelError, match=r"plane_kernel.c .*no C compiler on the PATH"):
             InternalForce(u, [solid])
     finally:
-        tribox.forms.native.libraries.library.cache_clear()
+        tribox.forms.native.library.cache_clear()
 
 
 def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path):
     monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "cache",))
-    tribox.forms.native.libraries.library.cache_clear()
+    tribox.forms.native.library.cache_clear()
     try:
-        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
+        assert tribox.forms.native.library("plane_contact.c") is not None
         (built,) = (tmp_path / "cache").iterdir()
         stamp = built.stat().st_mtime_ns
-        tribox.forms.native.libraries.library.cache_clear()
-        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
+        tribox.forms.native.library.cache_clear()
+        assert tribox.forms.native.library("plane_contact.c") is not None
         assert built.stat().st_mtime_ns == stamp
         broken = tmp_path / "other" / built.name
         broken.parent.mkdir()
@@ -166,11 +166,11 @@ def test_a_library_is_compiled_once_and_a_broken_one_again(monkeypatch, tmp_path
         monkeypatch.setattr(
             tribox.geometry.native.compiler, "_caches", lambda: (tmp_path / "other",)
         )
-        tribox.forms.native.libraries.library.cache_clear()
-        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
+        tribox.forms.native.library.cache_clear()
+        assert tribox.forms.native.library("plane_contact.c") is not None
         assert broken.stat().st_size > 1000
     finally:
-        tribox.forms.native.libraries.library.cache_clear()
+        tribox.forms.native.library.cache_clear()
 
 
 def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
@@ -178,15 +178,15 @@ def test_libraries_of_strangers_are_not_loaded(monkeypatch, tmp_path):
     directory.mkdir()
     os.chown(directory, 4242, -1) if os.getuid() == 0 else pytest.skip("needs root")
     monkeypatch.setattr(tribox.geometry.native.compiler, "_caches", lambda: (directory,))
-    tribox.forms.native.libraries.library.cache_clear()
+    tribox.forms.native.library.cache_clear()
     try:
         with pytest.raises(KernelError, match="belongs to somebody else"):
-            tribox.forms.native.libraries.library("plane_contact.c")
+            tribox.forms.native.library("plane_contact.c")
         os.chown(directory, 0, -1)
-        tribox.forms.native.libraries.library.cache_clear()
-        assert tribox.forms.native.libraries.library("plane_contact.c") is not None
+        tribox.forms.native.library.cache_clear()
+        assert tribox.forms.native.library("plane_contact.c") is not None
     finally:
-        tribox.forms.native.libraries.library.cache_clear()
+        tribox.forms.native.library.cache_clear()
 
 
 # -- Follower pressure: force, work and tangent, on surfaces that turn and stretch -----------------

@@ -5,7 +5,7 @@ import pytest
 
 from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Voce
-from tribox.forms.closed_forms.bent_strip import Strip
+from tribox.forms.closed_forms.metal_bar import Strip
 
 E, NU, T = 70e9, 0.33, 1e-3
 STIFFNESS = E * T**3 / 12.0 / (1.0 - NU**2)

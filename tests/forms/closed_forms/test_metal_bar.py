@@ -6,8 +6,13 @@ from scipy.optimize import minimize_scalar
 
 from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Swift, Voce
-from tribox.forms.closed_forms.metal_bar import load_maximum, stress_at, stretch_and_stress
-from tribox.forms.closed_forms.thick_tube import flow_curve, inner_pressure
+from tribox.forms.closed_forms.metal_bar import (
+    flow_curve,
+    inner_pressure,
+    load_maximum,
+    stress_at,
+    stretch_and_stress,
+)
 
 LAW = Voce(60e6, 160e6, 12.0, 50e6)
 

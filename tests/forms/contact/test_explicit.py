@@ -19,7 +19,7 @@ from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
-from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.surface import NodalVector
 
 PENALTY = 50.0
 

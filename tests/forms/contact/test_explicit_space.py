@@ -11,7 +11,7 @@ from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
-from tribox.geometry.surfaces.exchange import NodalVector
+from tribox.geometry.surfaces.surface import NodalVector
 
 
 def path():

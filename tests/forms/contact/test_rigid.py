@@ -17,9 +17,8 @@ from tests.grid import coordinate_element
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.law import Regime
-from tribox.geometry.surfaces.rigid import normals
+from tribox.geometry.surfaces.rigid import RigidMotion, normals
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.rigid_polyline import Polyline
 from tribox.geometry.surfaces.rigid_shapes import Extruded, directions_across
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster

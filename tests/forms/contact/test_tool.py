@@ -9,12 +9,11 @@ from petsc4py import PETSc
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
+from tribox.geometry.surfaces.rigid import RigidMotion
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
 from tribox.geometry.surfaces.rigid_polyline import Polyline
 from tribox.geometry.surfaces.rigid_shapes import Circle, Plane
 from tribox.geometry.surfaces.surface import ContactSurface

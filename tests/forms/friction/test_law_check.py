@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tribox.forms import closed_forms
-from tribox.forms.friction.checks import (
+from tribox.app.build.case_notes import (
     fixed_threshold_note,
     tabulation_note,
     threshold_speed_warning,
     uniqueness_warning,
 )
+from tribox.forms import closed_forms
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
 from tribox.forms.friction.film import threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap

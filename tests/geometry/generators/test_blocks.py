@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.generators.blocks import Blocks, PlacedBlock
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.mesh import generate
 
 STRIP = PlacedBlock("strip", (0.0, 0.0), (4.0, 1.0), (4, 2), grading=(8.0, 1.0))

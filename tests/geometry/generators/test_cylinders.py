@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.gmsh_model import gmsh_session, named_groups
 from tribox.geometry.meshes.mesh import generate
 

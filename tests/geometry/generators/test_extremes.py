@@ -8,8 +8,7 @@ from mpi4py import MPI
 
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import generate
 

@@ -9,8 +9,8 @@ import pytest
 import ufl
 from mpi4py import MPI
 
+from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 from tribox.geometry.meshes.mesh import generate
 

@@ -8,7 +8,7 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBoxes
 from tribox.geometry.meshes.mesh import generate
 
 UPPER = Box(1.0e-3, 0.5e-3, 0.6e-3, (4, 3, 2), grading=3.0)

@@ -11,8 +11,7 @@ from tribox.app.results.output_files import BpWriter
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 

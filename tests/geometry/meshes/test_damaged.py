@@ -9,9 +9,8 @@ from mpi4py import MPI
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes import drawing
 from tribox.geometry.meshes.drawing import mesh_drawing
-from tribox.geometry.meshes.gmsh_model import MeshError, write_msh
+from tribox.geometry.meshes.gmsh_model import MeshError, ask, write_msh
 from tribox.geometry.meshes.mesh import read
-from tribox.geometry.meshes.own_process import ask
 
 HEAD = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
 CRASHING = HEAD + '$PhysicalNames\n1\n77777 2 "a"\n$EndPhysicalNames\n'

@@ -10,8 +10,8 @@ import ufl
 from mpi4py import MPI
 
 from tests.geometry.meshes.test_damaged import CRASHING
+from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.meshes.bonds import bodies_sharing_nodes
 from tribox.geometry.meshes.foreign import read_msh
 from tribox.geometry.meshes.gmsh_model import MeshError, gmsh_session, write_msh
 from tribox.geometry.meshes.mesh import generate, read

@@ -6,8 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from tribox.geometry.compat import cell_nodes
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.meshes.partition import share_out
 

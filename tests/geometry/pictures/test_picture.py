@@ -11,10 +11,9 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from mpi4py import MPI
 
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.mesh import NamedMesh, generate
-from tribox.geometry.pictures.plane import draw, save_picture
+from tribox.geometry.pictures import draw, save_picture
 
 BLOCKS = TwoBlocks(Block(1.0e-3, 0.5e-3, (8, 4)), Block(2.0e-3, 0.4e-3, (13, 5)))
 

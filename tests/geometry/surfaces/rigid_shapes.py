@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid import RigidMotion
 from tribox.geometry.surfaces.rigid_polyline import Polyline
 from tribox.geometry.surfaces.rigid_shapes import Circle, Cylinder, Extruded, Plane, Sphere
 

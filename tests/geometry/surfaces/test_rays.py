@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from tribox.geometry.surfaces.facet_search import RaySearch
 from tribox.geometry.surfaces.facets import facet_shape
-from tribox.geometry.surfaces.rays import RaySearch
 
 LINE = facet_shape("interval", 1)
 CURVE = facet_shape("interval", 2)

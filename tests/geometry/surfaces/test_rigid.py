@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from tests.geometry.surfaces.closest import nearest
 from tests.geometry.surfaces.rigid_shapes import SMOOTH, around, moved
 from tribox.geometry.surfaces.facets import facet_shape
-from tribox.geometry.surfaces.rigid import normals
-from tribox.geometry.surfaces.rigid_motion import RigidMotion
+from tribox.geometry.surfaces.rigid import RigidMotion, normals
 from tribox.geometry.surfaces.rigid_polyline import FACING, LineEnds, filleted
 
 BOX = np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]])
@@ -94,8 +93,8 @@ def test_nothing_changes_when_all_moves_as_one(name, theta, shift, seed):
 
 def test_shapes_need_neither_meshes_nor_solvers():
     """A case may be checked where there is no DOLFINx."""
-    names = "shapes", "motion", "polyline"
-    script = "".join(f"import tribox.geometry.surfaces.rigid_{name}\n" for name in names)
+    names = "_shapes", "", "_polyline"
+    script = "".join(f"import tribox.geometry.surfaces.rigid{name}\n" for name in names)
     script += "import sys; print([m for m in ('basix', 'dolfinx', 'mpi4py') if m in sys.modules])"
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -13,9 +13,8 @@ from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces import master
 from tribox.geometry.surfaces.facets import facet_shape, order_by_place
-from tribox.geometry.surfaces.slave_points import CHORDS, SlaveNormals
+from tribox.geometry.surfaces.slave_points import CHORDS, SlaveNormals, SlaveVertices
 from tribox.geometry.surfaces.surface import ContactSurface
-from tribox.geometry.surfaces.vertices import SlaveVertices
 
 SLAVE, MASTER = "elastomer_contact", "aluminium_contact"
 

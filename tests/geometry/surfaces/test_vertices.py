@@ -10,8 +10,7 @@ from mpi4py import MPI
 
 from tests.contact_boxes import SHAPES
 from tests.grid import grid
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-from tribox.geometry.generators.two_boxes import Box, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.surface import ContactSurface
 
