@@ -8,7 +8,7 @@ What is prescribed is in :mod:`tribox.app.equilibrium.constraints`, the matrix i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import dolfinx
 import numpy as np
@@ -133,6 +133,19 @@ def _extent(mesh: dolfinx.mesh.Mesh) -> float:
 # -- The discrete equilibrium of all bodies, contacts and loads: residual and tangent --------------
 
 
+@dataclass(slots=True)
+class Known:
+    """What has been computed at the displacement spread last.
+
+    Attributes:
+        strain_energy: J (J/m); None: not yet; balanced: how the residual was evaluated there, if
+            that came last.
+    """
+
+    strain_energy: float | None = None
+    balanced: StepMode | None = None
+
+
 class Equilibrium:
     """Residual and tangent of the whole problem, as SNES asks for them.
 
@@ -185,7 +198,7 @@ class Equilibrium:
         self.rounding = RoundOff(self.space, self.solids)
         self.evaluated = DEFAULT_STEP
         self.turning = holding_of_idle_tools(self.tools, self.solids, self.owned)
-        self._strain_energy: float | None = None
+        self._known = Known()
         self._work = dolfinx.la.vector(self.space.dofmap.index_map, self.dim)
 
     # -- parts --------------------------------------------------------------------------------
@@ -288,16 +301,16 @@ class Equilibrium:
 
     def spread(self, x: PETSc.Vec) -> None:
         """Copy the unknowns into the displacement function, ghosts included; collective."""
-        self._strain_energy = None
+        self._known = Known()
         self.u.x.array[: self.owned] = x.array_r
         self.u.x.scatter_forward()
 
     def strain_energy(self) -> float:
         """Strain energy of all bodies at the displacement spread last, J/m; collective."""
-        if self._strain_energy is None:
+        if self._known.strain_energy is None:
             local = self.bodies.strain_energy()
-            self._strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
-        return self._strain_energy
+            self._known.strain_energy = float(self.comm.allreduce(local, op=MPI.SUM))
+        return self._known.strain_energy
 
     def plastic_dissipation(self) -> tuple[float, float]:
         """What bodies that yield dissipated so far, and its numerical part, see `dissipated`."""
@@ -317,8 +330,16 @@ class Equilibrium:
         same = np.array_equal(self.u.x.array[: self.owned], x.array_r)
         return bool(self.comm.allreduce(same, op=MPI.LAND))
 
+    def knows(self, x: PETSc.Vec, step: StepMode) -> bool:
+        """Whether the residual at ``x`` in this very attempt of a step came last; collective.
+
+        Loads and states do not change within one; the default stands for any number of them.
+        """
+        return self._known.balanced is step is not DEFAULT_STEP and self.is_evaluated(x)
+
     def commit(self) -> None:
         """Make what was evaluated last the state that the next step starts from."""
+        self._known.balanced = None
         for solid in self.solids:
             solid.commit()
         self.committed = list(self.trials)
@@ -333,6 +354,13 @@ class Equilibrium:
         self, snes: PETSc.SNES | None, x: PETSc.Vec, f: PETSc.Vec, step: StepMode = DEFAULT_STEP
     ) -> None:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function; collective."""
+        if not self.knows(x, step):
+            self._evaluate(x, f, step)
+        f.array[:] = self.unbalanced
+        self.constraints.constrain_residual(f.array, x.array_r)
+
+    def _evaluate(self, x: PETSc.Vec, f: PETSc.Vec, step: StepMode) -> None:
+        """Evaluate everything at ``x``; ``f`` is worked with."""
         self.spread(x)
         with self.timer("assembly"):
             self._evaluate_solids(step)
@@ -348,7 +376,7 @@ class Equilibrium:
         self.reference_force = reference_force(
             self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
         )
-        self.constraints.constrain_residual(f.array, x.array_r)
+        self._known.balanced = step
 
     def _on_bodies(self, values: Floats) -> Floats:
         """Residuals (n,) without those of fields, which are no forces."""
@@ -397,7 +425,8 @@ class Equilibrium:
             solid.evaluate(step.material_dt, tangent)
 
     def _evaluate_contacts(self, x: PETSc.Vec, step: StepMode) -> None:
-        self.evaluated, pairs = step, step.pairs(self.contacts)
+        self.evaluated, self._known.balanced = step, None
+        pairs = step.pairs(self.contacts)
         self.trials = [term.evaluate(x, step.dt, mode) for term, mode in pairs]
 
     def _contact_forces(self, f: PETSc.Vec) -> float:
@@ -472,11 +501,14 @@ class Equilibrium:
             before: displacement, m, that the pressure in nearly incompressible cells is carried
                 from (:mod:`tribox.forms.bodies.solid`); None: the exact tangent.
         """
-        self.spread(x)
+        known = self.knows(x, step)
+        if not known:
+            self.spread(x)
         with self.timer("assembly"):
             self._evaluate_solids(step, tangent=True)
-        with self.timer("contact"):
-            self._evaluate_contacts(x, step)
+        if not known:
+            with self.timer("contact"):
+                self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
         springs = self._springs(step)

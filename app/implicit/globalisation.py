@@ -76,7 +76,7 @@ def hold_closed(attempt: Attempt) -> int:
     newton, problem = attempt.newton, attempt.newton.problem
     if problem.flows or newton.is_bounded or not attempt.predictor.rubbing():
         return 0
-    if newton.residual_of(attempt.step) > RIM:
+    if not SOLVED <= newton.residual_of(attempt.step) <= RIM:
         return 0
     opened, last = _opened(problem), np.inf
     for number in range(HOLDS):
@@ -228,6 +228,7 @@ THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
 HELD = 0.05  # gap, in lengths of a slave facet, up to which what was closed is held together
 HOLDS, FEWER = 3, 0.95  # such iterations at most, and open ones left over those before
 RIM = 0.05  # relative residual of a prediction up to which it errs only at the rim of a contact
+SOLVED = 1e-3  # the same from which on so much is opened that holding saves iterations
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
 

@@ -1,5 +1,6 @@
 """What the Newton iteration does where it does not simply converge."""
 
+import itertools
 import tomllib
 from dataclasses import replace
 
@@ -201,3 +202,18 @@ def test_a_restored_stepper_knows_what_pressed_and_what_floated(pressed, floatin
     assert tried[0].converged and tried[1].converged
     assert tried[0].iterations == tried[1].iterations
     assert tried[0].floating == tried[1].floating == floating
+
+
+def test_no_state_of_an_attempt_is_evaluated_twice_in_turn(monkeypatch):
+    """Neither where the prediction ends, nor where Newton's method begins or asks for a tangent."""
+    evaluate, asked = ContactTerm.evaluate, []
+
+    def noted(term, x, dt, mode):
+        asked.append((x.array_r.tobytes(), term.state, mode))
+        return evaluate(term, x, dt, mode)
+
+    monkeypatch.setattr(ContactTerm, "evaluate", noted)
+    sim = pressed()
+    assert len(asked) > 2 * sum(row.newton_iterations for row in sim.rows) > 0
+    pairs = itertools.pairwise(asked[2:])  # the first two are made with the equations
+    assert not [one[2] for one, other in pairs if one[0] == other[0] and one[1:] == other[1:]]

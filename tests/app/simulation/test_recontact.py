@@ -113,7 +113,7 @@ def load_of(run: Simulation) -> float:
     return float(term.surface.slave.weight @ trial.pressure) * MM
 
 
-@pytest.mark.parametrize("degrees", [2.0, 10.0, -2.0, -10.0])
+@pytest.mark.parametrize("degrees", [10.0, -2.0])
 def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees):
     """Corners and points pass convex and concave edges with the default settings."""
     run, cuts = over_the_edges(block, tmp_path, degrees, 0.2)
@@ -127,10 +127,9 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
 
 
-@pytest.mark.parametrize("degrees", [10.0, 15.0])
-def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path, degrees):
+def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
     """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
-    run, cuts = over_the_edges(block, tmp_path, degrees, 0.5)
+    run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5)
     assert cuts <= 6 and sum(row.newton_iterations for row in run.rows) <= 400
     # In the end all points slide forwards, and the friction of all has one direction with the
     # load's: T is mu times the load to the last digit.
@@ -244,23 +243,34 @@ def test_dry_points_that_come_over_the_end_dissipate_the_work_of_the_step(tmp_pa
 # -- the rim of a contact that begins to slide -----------------------------------------------------
 
 
-def boxes_at_the_onset_of_slip() -> list[Row]:
-    """A box in space, pressed until it holds and then pulled until it slides."""
+def boxes_that_slip(layers: int, duration: str, steps: int) -> list[Row]:
+    """A box in space of so many layers, pressed until it holds and then pulled until it slides."""
     data = tomllib.loads((ROOT / "cases" / "boxes-3d.toml").read_text())
-    data["geometry"]["upper"]["elements"] = [12, 6, 12]
-    data["geometry"]["lower"]["elements"] = [16, 4, 16]
-    data["stage"][1] |= {"duration": "0.75 s", "steps": 3}
+    data["geometry"]["upper"]["elements"] = [12, layers, 12]
+    data["geometry"]["lower"]["elements"] = [16, max(2, layers - 2), 16]
+    data["stage"][1] |= {"duration": duration, "steps": steps}
     return simulate(data)[0].rows
 
 
 @pytest.mark.long
 def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
     """The path continued opens vertices at the rim, which Newton's method would close by twos."""
-    held = boxes_at_the_onset_of_slip()
+    held = boxes_that_slip(6, "0.75 s", 3)
     monkeypatch.setattr(globalisation, "HOLDS", 0)
-    left = boxes_at_the_onset_of_slip()
+    left = boxes_that_slip(6, "0.75 s", 3)
     iterations = [sum(row.newton_iterations for row in rows) for rows in (held, left)]
     assert iterations[0] <= iterations[1] - 3
     for now, then in zip(held, left, strict=True):
         assert now.newton_iterations <= then.newton_iterations
         assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)
+
+
+@pytest.mark.long
+def test_rim_that_a_close_prediction_opens_is_not_held(monkeypatch):
+    """Where hardly anything is left, holding points and letting them go costs iterations."""
+    held = boxes_that_slip(3, "4 s", 7)
+    monkeypatch.setattr(globalisation, "SOLVED", 0.0)
+    always = boxes_that_slip(3, "4 s", 7)
+    iterations = [sum(row.newton_iterations for row in rows) for rows in (held, always)]
+    assert iterations[0] <= iterations[1] - 3
+    assert held[-1].tangential_force == pytest.approx(always[-1].tangential_force, rel=1e-7)
