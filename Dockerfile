@@ -57,8 +57,9 @@ RUN chmod 755 /root && mkdir -p -m 1777 /results /var/cache/tribox && cd /var/ca
     && mkdir -m 1777 fenics home matplotlib \
     && python3 -c "import matplotlib.font_manager" && chmod -R a+rX .
 
-# The program: `tribox`, and an `mpirun` that writes as the owner of /results too.
-ENV PYTHONPATH=/tribox/src TRIBOX_RESULTS=/results
+# The program: `tribox`, and an `mpirun` that writes as the owner of /results too. Drawings, which are
+# scripts of gmsh, reach no further in here than the program itself: they need no trust.
+ENV PYTHONPATH=/tribox/src TRIBOX_RESULTS=/results TRIBOX_CONTAINED=1
 COPY docker/entry /usr/local/bin/tribox
 RUN cd /usr/local/bin && chmod 755 tribox && ln -s tribox mpirun && ln -s tribox mpiexec
 WORKDIR /tribox

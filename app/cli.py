@@ -164,7 +164,7 @@ Extend = Annotated[
     bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
 ]
 Trust = Annotated[
-    bool, typer.Option("--trust", help="run the Python that the case names (see tribox trust)")
+    bool, typer.Option("--trust", help="run the code that the case names (see tribox trust)")
 ]
 
 
@@ -239,7 +239,7 @@ def mesh(
     overrides: Overrides = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
     trust: Annotated[
-        bool, typer.Option("--trust", help="let a drawing do more than draw (see tribox trust)")
+        bool, typer.Option("--trust", help="run the script that a drawing is (see tribox trust)")
     ] = False,
 ) -> None:
     """Write the mesh of a case or drawing (.msh) and a picture of it with its names."""
@@ -419,7 +419,7 @@ def trust(
     show: Annotated[bool, typer.Option("--list", help="list the trusted directories")] = False,
     remove: Annotated[bool, typer.Option("--remove", help="trust the directory no more")] = False,
 ) -> None:
-    """Let the cases in a directory, and in those below it, run the Python that they name."""
+    """Let the cases in a directory, and in those below it, run the code that they name."""
     from tribox.app.case.trust import forget_directory, list_file, trust_directory, trust_lines
 
     if directory is None and remove:
@@ -427,7 +427,7 @@ def trust(
     if directory is not None and remove:
         print(f"{forget_directory(directory)}: no longer trusted")
     elif directory is not None:
-        print(f"{trust_directory(directory)}: cases from here on down may run their Python code")
+        print(f"{trust_directory(directory)}: cases from here on down may run their code")
     if directory is None or show:
         lines = list(trust_lines())
         print("\n".join(lines) if lines else f"no directory is trusted ({list_file()})")

@@ -18,6 +18,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import tribox.app
 from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.bodies.materials import Material, NeoHookean
@@ -31,6 +32,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
 pytest_plugins = ["tests.budget", "tests.ranks"]
+os.environ["TRIBOX_CONTAINED"] = "1"  # as in the image: drawings of these tests are our own
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
 # The same examples every time: a change is not to fail by what another run would not have tried.
@@ -154,6 +156,21 @@ def pytest_collection_finish() -> None:
     """Leave the million objects of the imports out of the collections between tests."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _bytecode(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let processes share what they compile of sources beside which nothing may be written.
+
+    Without bytecode each would compile all that it imports, which takes a third of a short run.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if not Path(tribox.app.__spec__.cached or "").exists():
+            base = tmp_path_factory.getbasetemp()
+            shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+            patch.setenv("PYTHONPYCACHEPREFIX", str(shared / "bytecode"))
+            patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,6 @@ from mpi4py import MPI
 from tribox.app.build.boundary_conditions import ON_AXIS
 from tribox.app.case.case import Case, of_a_tool
 from tribox.app.case.geometry import GeneratedGeometry
-from tribox.app.case.trust import require_drawing
 from tribox.app.case.validation import format_problem
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.bonds import bonded_groups, surfaces_sharing_nodes
@@ -17,7 +16,7 @@ from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import NamedMesh, generate, read
 
 
-def make_mesh(case: Case, comm: MPI.Comm, trusted: bool = False) -> NamedMesh:
+def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     """The case's mesh, generated or read, with every name the case uses; collective.
 
     Raises:
@@ -25,7 +24,7 @@ def make_mesh(case: Case, comm: MPI.Comm, trusted: bool = False) -> NamedMesh:
             names the case file.
     """
     try:
-        return _made_mesh(case, comm, trusted)
+        return _made_mesh(case, comm)
     except InputError as error:
         raise of_case(case, error) from None
 
@@ -37,15 +36,13 @@ def of_case(case: Case, error: InputError) -> InputError:
     return InputError(first, more)
 
 
-def _made_mesh(case: Case, comm: MPI.Comm, trusted: bool) -> NamedMesh:
+def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
     geometry = case.geometry
     shared = case.solver.partition == "contact"
     contacts = [(contact.slave, contact.master) for contact in case.contact] if shared else []
     try:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts)
-        if geometry.is_drawing and geometry.meshed is None and not trusted:
-            require_drawing(geometry.mesh)
         try:
             named = read(
                 geometry.meshed or geometry.mesh,

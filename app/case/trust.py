@@ -21,8 +21,9 @@ from tribox.app.case.friction import OwnLaw
 from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.drawing import GEO
-from tribox.geometry.meshes.drawing_words import beyond_drawing, companion
 
+CONTAINED = "TRIBOX_CONTAINED"
+"""Set in the image, where what a drawing may do besides drawing reaches what is mounted only."""
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -101,22 +102,40 @@ def forget_directory(directory: Path) -> Path:
     return real
 
 
-def code_files(case: Case) -> list[tuple[str, Path]]:
-    """(key that says so, file) of all Python that a case, or a value of its sweep, would run."""
+def code_files(case: Case, python: bool) -> list[tuple[str, Path]]:
+    """(what says so, file) of all code that a case, or a value of its sweep, would run.
+
+    Drawings are scripts of gmsh, which can start programs and write files.
+
+    Args:
+        python: whether its laws and materials are run, and not only its mesh made.
+    """
     parts = [case, *(part for _, part in case.sweep_cases())]
     found: dict[tuple[str, Path], None] = {}
     for part in parts:
-        for name, body in part.bodies.items():
+        for name, body in part.bodies.items() if python else ():
             if isinstance(body, OwnBody):
-                found[f"bodies.{name}.material", body.file] = None
-        for index, contact in enumerate(part.contact):
+                found[f'bodies.{name}.material = "python"', body.file] = None
+        for index, contact in enumerate(part.contact if python else ()):
             if isinstance(contact.friction, OwnLaw):
-                found[f"contact.{index}.friction.law", contact.friction.file] = None
+                found[f'contact.{index}.friction.law = "python"', contact.friction.file] = None
+        geometry = part.geometry
+        if isinstance(geometry, MeshGeometry) and geometry.meshed is None:
+            if is_code(geometry.mesh):
+                found["geometry.mesh", geometry.mesh] = None
     return list(found)
 
 
-def require_trust(case: Case, case_file: Path, given: bool) -> bool:
+def is_code(drawing: Path) -> bool:
+    """Whether meshing a drawing takes trust; STEP files hold no code."""
+    return drawing.suffix.lower() in GEO and CONTAINED not in os.environ
+
+
+def require_trust(case: Case, case_file: Path, given: bool, python: bool = True) -> bool:
     """See that the code of a case may be run.
+
+    Args:
+        given: whether the user said so; python: see :func:`code_files`.
 
     Returns whether the case runs code.
 
@@ -124,48 +143,23 @@ def require_trust(case: Case, case_file: Path, given: bool) -> bool:
         InputError: it does, and neither that was said nor are the case file and all files of code
             in directories that the user trusts.
     """
-    files, drawings = code_files(case), drawings_of(case)
-    wild = [(one, said) for one in drawings if (said := beyond_drawing_in(one))]
-    if not (files or wild) or given:
-        return bool(files or wild)
-    for drawing, said in wild:
-        require_trusted_file(drawing, said)
-    if not files:
-        return True
+    files = code_files(case, python)
+    if not files or given:
+        return bool(files)
     for path, (place, file) in ((case_file, files[0]), *((one[1], one) for one in files)):
-        said = f'{place} = "python" makes this case code: {file} would be run'
-        require_trusted_file(path, f"{case_file}: {said}", exact=path == file)
+        said = f"{case_file}: {place} makes this case code: {file} would be run"
+        require_trusted_file(path, said, exact=path == file and file.suffix not in GEO)
     return True
 
 
-def drawings_of(case: Case) -> list[Path]:
-    """The drawings that the mesh of a case, or of a value of its sweep, is made of."""
-    parts = [case, *(part for _, part in case.sweep_cases())]
-    found = [part.geometry for part in parts if isinstance(part.geometry, MeshGeometry)]
-    return list(dict.fromkeys(g.mesh for g in found if g.is_drawing and g.meshed is None))
-
-
-def beyond_drawing_in(drawing: Path) -> str:
-    """What in a drawing may do more than draw, as a gmsh script can, in words; "" if nothing."""
-    if drawing.suffix.lower() not in GEO:
-        return ""
-    try:
-        found = beyond_drawing(drawing.read_bytes().decode("latin-1"))
-    except OSError:
-        return ""  # said where it is read
-    what = f"{drawing}:{found.line}: {found.what}" if found else ""
-    if companion(drawing).exists():
-        what = str(companion(drawing))
-    return what and f"{what} may do more than draw: gmsh can start programs and write files"
-
-
 def require_drawing(drawing: Path) -> None:
-    """See that a drawing only draws, or lies where the user trusts all.
+    """See that a drawing holds no code, or lies where the user trusts all.
 
     Raises:
-        InputError: it may do more.
+        InputError: it does not.
     """
-    if said := beyond_drawing_in(drawing):
+    if is_code(drawing):
+        said = f"{drawing} is code, which gmsh would run: it can start programs and write files"
         require_trusted_file(drawing, said)
 
 

@@ -180,8 +180,7 @@ def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool)
     case = load_case(case_file, overrides)
     if case.sweep is not None and (reason := without_effect(overrides, case.sweep.key)):
         raise InputError(reason)
-    if law:
-        require_trust(case, case_file, trust)
+    require_trust(case, case_file, trust, python=law)
     notes, problems = notes_on_sweep(case, runs_code=law)
     if problems:
         return _refused([f"tribox: {line}" for line in problems])

@@ -19,7 +19,7 @@ from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
 from tribox.app.case.reading import load_case, load_past_case
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.tools import AnyTool
-from tribox.app.case.trust import drawings_of, require_drawing
+from tribox.app.case.trust import require_drawing, require_trust
 from tribox.app.errors import InputError, tell
 from tribox.app.results.directory import default_directory
 from tribox.app.results.inputs import INPUTS, sha256_of
@@ -48,16 +48,17 @@ def write_case_mesh(
     directory = out or default.with_name(default.name + "-mesh")
     msh, picture = directory / "mesh.msh", directory / "mesh.png"
     _see_free((msh, picture), force)
-    geometry, drawings = case.geometry, drawings_of(case)
-    for drawing in drawings if not trust else ():
-        require_drawing(drawing)
+    geometry = case.geometry
+    require_trust(case, case_file, trust, python=False)
     with meshed(case, None, MPI.COMM_SELF) as whole:
         named = make_mesh(whole, MPI.COMM_SELF)
         directory.mkdir(parents=True, exist_ok=True)
         if isinstance(geometry, GeneratedGeometry):
             write_msh(geometry.shape(), msh)
             print(f"wrote {msh}")
-        elif drawings and isinstance(whole.geometry, MeshGeometry) and whole.geometry.meshed:
+        elif (
+            whole is not case and isinstance(whole.geometry, MeshGeometry) and whole.geometry.meshed
+        ):
             msh.write_bytes(whole.geometry.meshed.read_bytes())
             print(f"wrote {msh}")
     for note in named.notes:

@@ -69,14 +69,13 @@ def give_back(before: Mapping[signal.Signals, signal._HANDLER]) -> None:
         signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
-def repeats(first: int) -> tuple[int, ...]:
+def repeats(first: int) -> tuple[int, int]:
     """Signals that, after a first one to stop, are a second one.
 
     Not any other: engines of containers whose terminal has gone send SIGHUP, and SIGTERM after it.
-    But mpirun, which has passed on SIGUSR1, ends its ranks by SIGTERM.
+    But mpirun, which passes on one SIGUSR1 once or twice, ends its ranks by SIGTERM.
     """
-    by_mpirun = (signal.SIGTERM,) if first == signal.SIGUSR1 else ()
-    return first, signal.SIGINT, *by_mpirun
+    return signal.SIGTERM if first == signal.SIGUSR1 else first, signal.SIGINT
 
 
 class Forwarding:

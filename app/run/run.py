@@ -78,6 +78,10 @@ class Interruption(Observer):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if isinstance(error, Interrupted) and self._comm.size > 1:
+            if self._before.pop(signal.SIGUSR1, None) is not None:
+                # That of mpirun may still be to come: another rank was told first.
+                signal.signal(signal.SIGUSR1, signal.SIG_IGN)
         self.restore()
 
     def ready(self, state: RunState) -> None:

@@ -45,6 +45,7 @@ from tribox.app.simulation.surface_faults import (
     waves_text,
 )
 from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.rim import facet_length_along
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
 from tribox.geometry.surfaces.master import MasterFacets
@@ -249,8 +250,7 @@ class PairProbe:
         such facets, and the half-width from the vertex or point that is furthest from it.
         """
         surface, vertices = self.surface, self.surface.vertices
-        weight, length = surface.slave.weight, surface.slave.facet_length
-        nodal = trial.nodal_pressure
+        weight, nodal = surface.slave.weight, trial.nodal_pressure
         pressing: Bools = self._whole(patch) if nodal is None else nodal > 0.0
         ends = pressing[vertices.of_point]
         crossed = ends.any(axis=1) & ~ends.all(axis=1)
@@ -265,11 +265,13 @@ class PairProbe:
         deepest = int(np.argmax(depth)) if len(depth) else -1
         mine = (float(depth[deepest]), *places[deepest]) if len(depth) else (0.0,)
         half, *middle = max(self._comm.allgather(mine))
-        near = crossed
+        near: Bools = np.asarray(crossed)
         if middle:
             apart = np.linalg.norm(surface.slave.position - middle, axis=1)
             near = crossed & (apart < NEAR * half)
-        parts = (near, near * length, crossed, ends.all(axis=1))
+        length = np.zeros(len(near))
+        length[near] = facet_length_along(surface, near, ends[near].astype(np.float64))[0]
+        parts = (near, length, crossed, ends.all(axis=1))
         sums = self._total(*(float(weight @ part) for part in parts))
         rim_length, half_crossed = _over(sums[1], sums[0]), 0.5 * sums[2]
         half_width = max(half - 0.5 * rim_length, 0.5 * rim_length)

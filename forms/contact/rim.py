@@ -16,7 +16,10 @@ to the length h of the facet, the vertices get signed distances :math:`\varphi` 
 
 (where more vertices are open or closed, the largest g_B and s_A), and a point that stands for a
 piece of the facet of length l is covered by
-:math:`\chi = \langle \tfrac12 + (\varphi + c h)/l \rangle`, at most 1.
+:math:`\chi = \langle \tfrac12 + (\varphi + c h)/l \rangle`, at most 1. In space h is the facet's
+length along the slope :math:`\gamma` of its gaps, across the end: with its corners' second moments
+w and their principal axes :math:`h^2 \propto \sum w_a \gamma_a^2 / \sum \gamma_a^2`, the sides of
+a rectangle, and of the same mean as the root of the area.
 
 The nodal values are means over the facets beside them, and elements are too stiff beside the end:
 without c contacts end early by 0.16 h on each side, measured on round tools over rubber for all
@@ -29,7 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from tribox.forms.contact.state import NormalContact
-from tribox.geometry.surfaces.facets import Bools, Floats
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.surface import ContactSurface
 
 _EARLY = 0.175  # c
@@ -62,21 +65,70 @@ def rim_cover(
     if not len(at):
         return cover, None
     inside, number = active[at], vertices.of_point[at]
-    gap, size = normal.gap[number], surface.slave.facet_length[at]
-    piece = size * surface.slave.facet_share[at] ** (1.0 / surface.shape.directions)
-    distance, d_distance = _distances(gap, stiffness[number], inside, size, modulus)
+    gap = normal.gap[number]
+    size, d_size = facet_length_along(surface, at, gap)
+    piece = surface.slave.facet_share[at] ** (1.0 / surface.shape.directions)  # over the length
+    distance, d_distance = _distances(gap, stiffness[number], inside, size, d_size, modulus)
     shape = vertices.shape[at]
-    share = 0.5 + (np.einsum("pk,pk->p", shape, distance) + _EARLY * size) / piece
+    part = np.einsum("pk,pk->p", shape, distance) / size
+    share = 0.5 + (part + _EARLY) / piece
     cover[at] = np.clip(share, 0.0, 1.0)
     slope = np.zeros((len(cover), active.shape[1]))
     within = (share > 0.0) & (share < 1.0)
-    change = np.einsum("pk,pkl->pl", shape, d_distance) / piece[:, None]
-    slope[at] = np.where(within[:, None], change, 0.0)
+    change = np.einsum("pk,pkl->pl", shape, d_distance) - part[:, None] * d_size
+    slope[at] = np.where(within[:, None], change / (size * piece)[:, None], 0.0)
     return cover, slope
 
 
+def facet_length_along(
+    surface: ContactSurface, at: Longs | Bools, gap: Floats
+) -> tuple[Floats, Floats]:
+    """Length (p,), m, of the facets of points along the slope of what changes on them.
+
+    Args:
+        at: which points of the surface.
+        gap: (p, k) what changes, at the vertices of their facets.
+
+    Returns:
+        The length, and its derivatives (p, k) by ``gap``; in the plane it does not change.
+    """
+    length = surface.slave.facet_length[at]
+    if surface.dim < 3:
+        return length, np.zeros_like(gap)
+    return _along_slope(surface.vertices.position[surface.vertices.of_point[at]], gap, length)
+
+
+def _along_slope(corners: Floats, gap: Floats, mean: Floats) -> tuple[Floats, Floats]:
+    """The same of facets in space.
+
+    Args:
+        corners: (p, k, i), m, reference.
+        gap: (p, k) what changes, there.
+        mean: (p,), m, the length where it is the same in all directions, or there is no slope.
+    """
+    away = corners - corners.mean(axis=1, keepdims=True)
+    moments, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", away, away))
+    moments = moments[:, 1:]  # the first is across the facet
+    by_gap = np.einsum("pki,pia->pka", away, axes[:, :, 1:]) / moments[:, None, :]
+    slope = np.einsum("pka,pk->pa", by_gap, gap)
+    spread = np.sqrt(moments.prod(axis=1))
+    weight = moments * (mean**2 / spread)[:, None]
+    # What no slope explains, of a saddle, has no direction.
+    rest = gap - gap.mean(axis=1, keepdims=True)
+    rest -= np.einsum("pka,pa->pk", by_gap, moments * slope)
+    twist = np.einsum("pk,pk->p", rest, rest) / spread
+    total = np.einsum("pa,pa->p", slope, slope) + twist
+    known = total > 0.0
+    total = np.where(known, total, 1.0)
+    squared = (np.einsum("pa,pa->p", weight, slope**2) + mean**2 * twist) / total
+    length = np.sqrt(np.where(known, squared, mean**2))
+    change = np.einsum("pa,pka->pk", (weight - squared[:, None]) * slope, by_gap)
+    change += ((mean**2 - squared) / spread)[:, None] * rest
+    return length, np.where(known[:, None], change / (length * total)[:, None], 0.0)
+
+
 def _distances(
-    gap: Floats, stiffness: Floats, inside: Bools, size: Floats, modulus: float
+    gap: Floats, stiffness: Floats, inside: Bools, size: Floats, d_size: Floats, modulus: float
 ) -> tuple[Floats, Floats]:
     """Signed distances φ (p, k), m, of vertices with mean gaps (p, k), and ∂φ_k/∂g_l (p, k, l)."""
     rows = np.arange(len(gap))
@@ -98,6 +150,7 @@ def _distances(
     below = np.where(known, below, 1.0)
     d_kappa[rows, deepest] -= kappa**3 * d_squared[rows, deepest] / below
     d_kappa[rows, widest] -= kappa * d_root[rows, widest] / below
+    d_kappa += d_size / below[:, None]
     by_kappa = 3.0 * squared * kappa[:, None] ** 2 - root
     d_distance = by_kappa[:, :, None] * d_kappa[:, None, :]
     corner = np.arange(gap.shape[1])

@@ -31,12 +31,9 @@ JOB = Job("short", 1, ("short.toml",))
 SIDES = (Side("old"), Side("new"))
 SHORT = ("stage.0.steps=2", "stage.1.steps=3", "output.figures=false")
 OTHER_MAIN = """
-import sys, time
+import sys
 if sys.argv[1] == "run":
-    sys.argv += ["--set", "contact.0.friction.mu=0.1"]
-    end = time.process_time() + 3.0
-    while time.process_time() < end:
-        pass
+    sys.argv += ["--set", "contact.0.friction.mu=0.1", "--set", "solver.tolerance=1e-12"]
 """
 
 
@@ -116,7 +113,7 @@ def test_sides_run_in_turn_and_the_fastest_of_each_counts(monkeypatch):
 
 @pytest.fixture(scope="module")
 def other_tree(tmp_path_factory) -> Path:
-    """A copy of this tree whose runs burn three seconds and have half the friction."""
+    """A copy of this tree whose runs have half the friction, and iterate further."""
     tree = tmp_path_factory.mktemp("other") / "tree"
     skipped = shutil.ignore_patterns("__pycache__")
     shutil.copytree(SOURCES / "tribox", tree / "src" / "tribox", ignore=skipped)
@@ -138,7 +135,7 @@ def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file,
     run_bench(["1"], options)
     (found,) = json.loads((out / "bench.json").read_text(encoding="utf-8"))["comparisons"]
     old, new = found["sides"]
-    assert old["cpu"] > new["cpu"] + 0.5
+    assert old["iterations"] > new["iterations"]
     # Half the friction force, and by so much less than all of it.
     worst, where = found["forces"]
     assert 0.4 < worst < 0.7 and where.startswith(("friction", "tangential", "force_x"))

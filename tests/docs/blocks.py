@@ -16,8 +16,9 @@ LANGUAGES = ("sh", "python", "toml", "text", "json", "csv", "geo")
 DIRECTIVE = re.compile(r"\{[\w:-]+\}.*")
 # Why a block need not run, and why a text need not be what a block above has printed.
 REASONS = (
-    "a benchmark", "needs a cluster", "needs a container engine", "needs a second machine",
-    "needs another program", "needs root", "needs the network", "takes minutes",
+    "a benchmark", "another test runs the case", "needs a cluster", "needs a container engine",
+    "needs a second machine", "needs another program", "needs root", "needs the network",
+    "takes minutes",
 )  # fmt: skip
 SHOWN = ("a sketch", "of another machine", "of a long run", "the parts of a line")
 MARKS = (

@@ -18,7 +18,6 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 
@@ -41,10 +40,8 @@ SHARES: Mapping[str, float] = {
     "figures": 0.02,
     "built": 0.03,
     "map": 0.03,
+    "meshes": 0.02,
 }
-if find_spec("tribox.geometry.meshes.own_process") is not None:
-    # Meshes of others are read in a process of their own; here gmsh would take the tests with it.
-    SHARES = {**SHARES, "meshes": 0.02}
 
 
 @dataclass

@@ -90,9 +90,7 @@ def without_dashpots(one):
     return one
 
 
-@pytest.mark.parametrize(
-    ("penalty", "kind"), [(20.0, "averaged"), (800.0, "averaged"), (800.0, "pointwise")]
-)
+@pytest.mark.parametrize(("penalty", "kind"), [(20.0, "averaged"), (800.0, "pointwise")])
 def test_penalty_contact(pair, penalty, kind):
     """The bodies limit the step at the low penalty, the contact at the high one."""
     law = CoulombLaw(CoulombParameters(mu=0.5, K_T=30.0))
@@ -167,9 +165,8 @@ def exact_with_film(stiffness, viscosity, mass):
     return low
 
 
-@pytest.mark.parametrize("viscosity", [2.0, 20.0])
-def test_viscous_film_in_the_bound(pair, viscosity):
-    problem, x = pressed(pair, film(viscosity), 20.0, film=0.5)
+def test_viscous_film_in_the_bound(pair):
+    problem, x = pressed(pair, film(20.0), 20.0, film=0.5)
     one = stepper(problem, x, viscous="bounded")
     stiffness, mass = dense(problem, one, x, rate_dependent=False)
     with_film, _ = dense(problem, one, x, dt=1.0)
@@ -182,15 +179,14 @@ def test_viscous_film_in_the_bound(pair, viscosity):
     assert growth(stepper(problem, x, viscous="bounded"), 1.1 * exact, 600) > 1e3
 
 
-@pytest.mark.parametrize("viscosity", [2.0, 2000.0])
-def test_semi_implicit_film_does_not_limit_the_step(pair, viscosity):
+def test_semi_implicit_film_does_not_limit_the_step(pair):
     """Stable at 0.95 of the step of the bodies and the penalty, far beyond the viscous bound."""
-    problem, x = pressed(pair, film(viscosity), 20.0, film=0.5)
+    problem, x = pressed(pair, film(2000.0), 20.0, film=0.5)
     one = stepper(problem, x)
     found = one.estimate()
     assert found.viscous == found.penalty
     bound = stepper(problem, x, viscous="bounded").estimate().viscous
-    assert bound < (0.9 if viscosity < 10.0 else 0.02) * found.penalty
+    assert bound < 0.02 * found.penalty
     # The film takes energy from the shaken blocks: what is left is less than there was.
     assert growth(one, 0.95 * found.penalty, 4000) < 5.0
 

@@ -74,8 +74,7 @@ def bars(other: bool, cells: int = CELLS, **contact) -> Simulation:
     )
 
 
-@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
-@pytest.mark.parametrize("other", [False, True], ids=["wall", "bar"])
+@pytest.mark.parametrize(("other", "pressure"), [(False, "averaged"), (True, "pointwise")])
 def test_bars_meet_on_the_default_penalty(other, pressure):
     """90 M/h, or 30 point by point: dashpots keep the nodes from bouncing, and are paid for."""
     run = bars(other, 50, pressure=pressure)

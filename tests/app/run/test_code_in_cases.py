@@ -15,10 +15,12 @@ from tests.own_law import OWN, documented_law, mischief, with_law
 from tests.ranks import LIMIT, command
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
+from tribox.app.case.trust import CONTAINED
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
 
+ROOT = Path(__file__).parents[3]
 FEW = 'steps = 3\n[[stage]]\nname = "slide"\nduration = "1 s"\nsteps = 6'
 
 
@@ -130,26 +132,54 @@ def test_check_tries_laws(marked, tmp_path, tribox):
     )
 
 
-def test_a_drawing_that_does_more_than_draw_needs_trust(tmp_path, tribox, monkeypatch):
+def test_a_drawing_needs_trust_outside_the_container(tmp_path, tribox, monkeypatch):
     monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
-    drawing, ran = tmp_path / "pad.geo", tmp_path / "ran"
+    drawing, case, ran = tmp_path / "pad.geo", tmp_path / "pad.toml", tmp_path / "ran"
     plain = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nMesh.MeshSizeMax = 1;\n'
-    plain += 'Physical Surface("pad") = {1};\n'
-    call = f'SystemCall "touch {ran}";\n'
-    drawing.write_text(plain)
-    assert tribox("mesh", drawing).returncode == 0
-    for beside, within in ((call, ""), ("", call)):
-        drawing.write_text(plain + within)
-        (tmp_path / "pad.geo.opt").write_text(beside) if beside else None
-        refused = tribox("mesh", drawing, "--force")
+    plain += 'Physical Surface("pad") = {1};\nPhysical Curve("foot") = {1};\n'
+    drawing.write_text(plain + f'SystemCall "touch {ran}";\n')
+    case.write_text(DRAWN)
+    commands = (["mesh", drawing, "--force"], ["mesh", case, "--out", tmp_path / "mesh", "--force"],
+                ["check", case], ["run", case, "--out", tmp_path / "out", "--force"])  # fmt: skip
+    monkeypatch.delenv(CONTAINED)
+    for words in commands:
+        refused = tribox(*words)
         assert refused.returncode == 2 and refused.stderr.count("\n") == 1
-        where = f"{drawing}.opt may" if beside else f"{drawing}:5: SystemCall may"
-        assert f"{where} do more than draw" in refused.stderr and "--trust" in refused.stderr
+        said = f"{drawing} is code" if drawing in words else f"makes this case code: {drawing} wo"
+        assert said in refused.stderr and "--trust" in refused.stderr
         assert not ran.exists()
-        (tmp_path / "pad.geo.opt").unlink(missing_ok=True)
-    assert tribox("mesh", drawing, "--force", "--trust").returncode == 0 and ran.exists()
+    for words in commands:
+        allowed = tribox(*words, "--trust")
+        assert allowed.returncode == 0 and ran.exists(), allowed.stderr
+        ran.unlink()
     assert tribox("trust", tmp_path).returncode == 0
-    assert tribox("mesh", drawing, "--force").returncode == 0
+    for words in commands:
+        assert tribox(*words).returncode == 0 and ran.exists()
+        ran.unlink()
+    assert tribox("trust", "--remove", tmp_path).returncode == 0
+    monkeypatch.setenv(CONTAINED, "1")
+    assert f"{CONTAINED}=1" in (ROOT / "Dockerfile").read_text()
+    assert tribox("check", case).returncode == 0 and ran.exists()
+
+
+DRAWN = """
+[geometry]
+mesh = "pad.geo"
+scale = "mm"
+[bodies.pad]
+material = "neo-hookean"
+E = "5 MPa"
+nu = 0.3
+[[boundary]]
+surface = "foot"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "rest"
+duration = "1 s"
+steps = 1
+[output]
+figures = false
+"""
 
 
 # --- laws that fail ------------------------------------------------------------------------------

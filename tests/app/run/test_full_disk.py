@@ -136,8 +136,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.mpi
 @pytest.mark.long
-@pytest.mark.parametrize("formats", ['["vtu"]', '["adios2"]'])
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(("ranks", "formats"), [(1, '["vtu"]'), (2, '["adios2"]')])
 def test_a_disk_that_becomes_full_in_truth(
     small_disk, case_file, block, environment, ranks, formats
 ):

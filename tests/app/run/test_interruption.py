@@ -6,7 +6,8 @@ import signal
 import threading
 import tomllib
 from functools import partial
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from mpi4py import MPI
@@ -63,6 +64,17 @@ def test_a_second_signal_stops_at_once(saving):
     assert reached and not isinstance(caught.value, Interrupted)
 
 
+def test_what_mpirun_passes_on_twice_is_no_second_signal(saving):
+    with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
+        signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGUSR1)
+        interruption.ready(ANY)
+    with pytest.raises(KeyboardInterrupt) as caught, Interruption(MPI.COMM_SELF, saving):
+        signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGINT)
+    assert not isinstance(caught.value, Interrupted)
+
+
 def test_another_signal_is_no_second_one(saving):
     with pytest.raises(Interrupted), Interruption(MPI.COMM_SELF, saving) as interruption:
         os.kill(os.getpid(), signal.SIGHUP)
@@ -80,6 +92,19 @@ def test_a_signal_that_was_ignored_stays_so(saving):
     finally:
         signal.signal(signal.SIGHUP, before)
     assert signal.SIGHUP in stopping_signals()
+
+
+def test_a_rank_that_learns_of_a_stop_from_another_outlives_its_own_signal(saving):
+    """On a loaded machine mpirun's signal to the second rank comes when all have stopped."""
+    answers = iter((False, True))  # all could write; one has been asked
+    told = SimpleNamespace(rank=1, size=2, allreduce=lambda one, op: next(answers))
+    before = signal.getsignal(signal.SIGUSR1)
+    try:
+        with pytest.raises(Interrupted), Interruption(cast("MPI.Comm", told), saving) as stop:
+            stop.ready(ANY)
+        assert signal.getsignal(signal.SIGUSR1) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGUSR1, before)
 
 
 @pytest.mark.parametrize("when", ["ready", "cut", "load_step"])

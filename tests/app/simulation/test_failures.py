@@ -109,18 +109,6 @@ def pushed_on_a_film(block: str, film: str) -> dict:
     return data
 
 
-def hurried(block: str, film: str) -> dict:
-    """A platen drives the upper body into a contact far too stiff, all of a sudden."""
-    data = plain(block)
-    data["contact"][0]["penalty_factor"] = 3e9
-    data["boundary"][1] = {
-        "surface": "top",
-        "displacement": {"x": 0.0},
-        "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, 5e6]]},
-    }
-    return data
-
-
 def firm(block: str, film: str) -> dict:
     """A fine slave on a soft coarse master, with a hundred times the default penalty."""
     data = plain(block)
@@ -144,7 +132,6 @@ HOPELESS = {
      "try a prescribed displacement in x instead of the force, or a spring that holds it"),
     pushed_on_a_film: ("slide", "contact.0: no equilibrium: T has reached mu N everywhere",
      "or rate_dependent = true: a film holds any force, at some speed"),
-    hurried: ("press", "contact.0: the penalty is 3e+09 times", "try the default penalty"),
     overrun: ("slide",
      "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
      "(0.0015, 0) m, undeformed", "a master surface aluminium_contact that reaches further there"),

@@ -20,8 +20,7 @@ def test_matching_meshes_carry_the_pressure_exactly(scratch):
         assert max(found.near, found.far) < 1e-7
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-@pytest.mark.parametrize("stiffness", [70e3, 5.0])
+@pytest.mark.parametrize(("cell", "stiffness"), [("quadrilateral", 70e3), ("triangle", 5.0)])
 def test_default_quadrature_carries_the_pressure_through_any_finer_slave(cell, stiffness, scratch):
     for count in MISMATCHES:
         found = errors(Patch(SLAVE, count, cell=cell, stiffness=stiffness), scratch)

@@ -175,16 +175,14 @@ def test_one_tool_is_the_master_of_two_pairs(tmp_path, mesh):
         assert forces[0] == pytest.approx(forces[1], rel=1e-6)
 
 
-@pytest.mark.parametrize("loaded", [False, True, "spring"])
+@pytest.mark.parametrize("loaded", ["force", "spring"])
 def test_explicit_steps_come_to_the_implicit_state(mesh, loaded):
-    motion = {"displacement": down()}
     slow_way = {"table": [["0 s", "0 m"], ["1 ms", "-50 um"]], "ramp": "smooth"}
-    slow = {"displacement": {"y": slow_way}}
-    if loaded:
+    if loaded == "force":
         motion = {"force": pushed("-0.5 N")}
         table = [["0 s", "0 N"], ["1 ms", "-0.5 N"]]
         slow = {"force": {"y": {"table": table, "ramp": "smooth"}}, "mass": "10 mg"}
-    if loaded == "spring":
+    else:
         spring = {"direction": "y", "stiffness": "20 N/mm"}
         motion = {"spring": {**spring, "end": down()["y"]}}
         slow = {"spring": {**spring, "end": slow_way}, "mass": "10 mg"}

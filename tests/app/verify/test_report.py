@@ -47,15 +47,15 @@ def failed(found: Verification) -> set[str]:
 
 # Cases in space of tens of seconds; test_space.py runs them coarse.
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
+# Those of which cheaper ones see as much: coarse in test_space.py and test_flowing.py; of the same
+# parts as cattaneo-mindlin, and reversed in simulation/test_reversal.py.
+APART |= {"patch-space", "cook-membrane", "mindlin-reversal"}
 LONG = {
-    "cook-membrane",  # coarser in test_flowing.py
     "springback",  # coarse in test_flowing.py
     "film-over-curve",  # one Poisson's ratio, fewer steps, in test_curved.py
     "film-over-sphere",
     "pressed-curve",  # coarser in test_curved.py
-    "patch-space",  # coarse in test_space.py
     "isotropy",  # coarse in test_space.py
-    "mindlin-reversal",  # of the same parts as cattaneo-mindlin; reversal in test_reversal.py
 }
 
 
@@ -91,7 +91,6 @@ TRACTION = {"stick half-width c", "traction profile, rms / (µ p0)"}
         ("hertz-line", PRESSURE),
         ("hertz-two-cylinders", PRESSURE),
         ("cattaneo-mindlin", PRESSURE | TRACTION),
-        pytest.param("mindlin-reversal", TRACTION, marks=pytest.mark.long),
     ],
 )
 def test_bars_of_the_contact_cases_are_two_per_cent(name, wanted):

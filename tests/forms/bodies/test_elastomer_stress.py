@@ -98,17 +98,13 @@ def test_a_ring_is_stretched_round_its_axis(name):
     assert cell.solid.strain_energy() == pytest.approx(np.pi * density, rel=1e-10)
 
 
-LONG = pytest.mark.long  # forms in space that no other test has, of many terms
-
-
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(
     ("section", "formulation"),
     [
         ("plane-strain", "q1-sri"),
         ("axisymmetric", "q1-sri"),
-        pytest.param("3D", "q1-sri", marks=LONG),
-        pytest.param("3D", "q2", marks=LONG),
+        ("3D", "q1-sri"),
     ],
 )
 def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):

@@ -19,7 +19,7 @@ MATERIALS = [
     Ogden((0.9, 0.02, -0.53), (1.3, 5.0, -2.5), 4.0), Hencky(1.0, 4.0),
 ]  # fmt: skip
 SECTIONS = {
-    "plane-strain": ("quadrilateral", "q1"),
+    "plane-strain": ("quadrilateral", "q1-sri"),
     "axisymmetric": ("quadrilateral", "q1-sri"),
     "3D": ("hexahedron", "q1-sri"),
 }

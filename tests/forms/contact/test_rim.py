@@ -9,7 +9,7 @@ from tests.contact_boxes import PENALTY, Scene
 from tests.forms.contact.test_pressure import touching
 from tests.forms.contact.test_tangent import film_map
 from tribox.forms.contact.pressure import PointwisePressure
-from tribox.forms.contact.rim import _EARLY, rim_cover
+from tribox.forms.contact.rim import _EARLY, _along_slope, rim_cover
 from tribox.forms.contact.state import AS_IS, NormalContact
 
 MODULUS, STEEP = 7.0, 1.3  # E*; k of the pressure k √d
@@ -56,22 +56,45 @@ def test_root_pressure_and_gap_give_the_exact_end(shape, place):
     np.testing.assert_array_equal(cover[~here], 1.0)
 
 
-@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27"])
-def test_the_exact_end_on_facets_in_space(shape):
-    """A straight end across one facet: distances of its vertices that differ by its length."""
+@pytest.mark.parametrize("place", [0.0, 0.4, 0.9])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("shape", ["hex8", "hex27"])
+def test_the_exact_end_on_facets_in_space(shape, side, place):
+    """A straight end beside one side of facets that are no squares: only the other side counts."""
     surface = touching(shape)[0].surface
     vertices, slave = surface.vertices, surface.slave
-    point = len(slave.weight) // 2
-    corners, size = vertices.of_point[point], slave.facet_length[point]
-    distance = np.linspace(0.3, -0.7, len(corners)) * size
-    gap = np.full(vertices.count, -1.0)
-    gap[corners] = at_the_end(distance)
-    cover, _ = cover_of(surface, gap)
-    here = np.nonzero(slave.facet == slave.facet[point])[0]
-    phi = vertices.shape[here] @ distance + _EARLY * size
+    turn = np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
+    along, at = ((x[:, :2] @ turn.T)[:, side] for x in (vertices.position, slave.position))
+    low, high = np.unique(np.round(along, 9))[1:3]
+    size = high - low
+    assert size == pytest.approx((0.1, 0.125)[side])
+    distance = low + place * size - along
+    distance[np.abs(distance) < 1e-8] = 0.0
+    cover, _ = cover_of(surface, at_the_end(distance))
+    here = np.abs(at - 0.5 * (low + high)) < 0.5 * size
     piece = size * np.sqrt(slave.facet_share[here])
-    np.testing.assert_allclose(cover[here], np.clip(0.5 + phi / piece, 0.0, 1.0), atol=1e-9)
-    assert ((cover[here] > 0.0) & (cover[here] < 1.0)).any()
+    away = low + place * size - at[here] + _EARLY * size
+    np.testing.assert_allclose(cover[here], np.clip(0.5 + away / piece, 0.0, 1.0), atol=1e-7)
+    np.testing.assert_array_equal(cover[~here], 1.0)
+
+
+@pytest.mark.parametrize("corners", [
+    [[0, 0], [1, 0], [0, 1], [1, 1]],
+    [[0, 0], [np.sqrt(2.0 / np.sqrt(3.0)), 0], np.sqrt([0.5 / np.sqrt(3.0), 1.5 / np.sqrt(3.0)])],
+])  # fmt: skip
+@pytest.mark.parametrize("longer", [1.0, 10.0])
+def test_length_along_the_slope_of_the_gaps(corners, longer):
+    """A square and an equilateral triangle, of length 1, are as long in all directions."""
+    flat = np.array(corners, dtype=float)
+    x = np.column_stack([longer * flat[:, 0], flat[:, 1], np.full(len(flat), 0.3)])
+    for angle in (0.0, 0.4, 1.2, np.pi / 2):
+        slope = np.array([np.cos(angle), np.sin(angle), 0.0])
+        length, change = _along_slope(x[None], 3.0 + (x @ slope)[None], np.array([np.sqrt(longer)]))
+        expected = np.hypot(longer * slope[0], slope[1])
+        np.testing.assert_allclose(length, expected, rtol=1e-12)
+        np.testing.assert_allclose(change.sum(), 0.0, atol=1e-12)
+    level, change = _along_slope(x[None], np.zeros((1, len(x))), np.array([np.sqrt(longer)]))
+    assert level[0] == np.sqrt(longer) and np.all(change == 0.0)
 
 
 @pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex8"])
