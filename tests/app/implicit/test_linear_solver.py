@@ -1,6 +1,7 @@
 """The linear solvers agree, and the Krylov one knows how bodies move as rigid ones."""
 
 import tomllib
+from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -13,6 +14,8 @@ from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
 from tests.solved import built, solved
+from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
@@ -20,6 +23,7 @@ from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear
 from tribox.app.implicit.multigrid import KRYLOV, BlockSweeps, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.run_state import Observer
+from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.solid import Solid
 
 
@@ -336,3 +340,26 @@ def test_a_sweep_in_single_precision_is_that_of_gauss_seidel():
         y = np.linalg.solve(lower * whole, right)
         expected = np.linalg.solve(whole - lower * whole + diagonal, diagonal @ y)
         np.testing.assert_allclose(x.array, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def iterations_of_boxes(comm, directory):
+    """Those of a box that is pressed on another one and pulled."""
+    data = tomllib.loads((Path(__file__).parents[3] / "cases" / "boxes-3d.toml").read_text())
+    data["geometry"]["upper"]["elements"] = [12, 6, 12]
+    data["geometry"]["lower"]["elements"] = [17, 5, 17]
+    data["stage"][0]["steps"], data["stage"][1] = (
+        1,
+        data["stage"][1] | {"duration": "0.1 s", "steps": 1},
+    )
+    data["solver"] = {"linear": "krylov"}
+    sim = Simulation(build_model(Case.model_validate(data), comm))
+    sim.run(Observer())
+    return sim.implicit.stepper.solver.iterations
+
+
+@pytest.mark.long
+@pytest.mark.mpi(iterations_of_boxes, 4)
+def test_sweeps_within_each_rank_keep_the_iterations_few(on_ranks):
+    """Undamped, they raise errors where three ranks meet: three times the iterations on four."""
+    alone = iterations_of_boxes(MPI.COMM_SELF, None)
+    assert on_ranks(iterations_of_boxes, 4) <= 1.6 * alone
