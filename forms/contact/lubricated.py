@@ -333,10 +333,9 @@ class LubricatedTerm(ContactTerm):
         share = np.ones(len(self._face)) if at.share is None else at.share
         to_end = np.einsum("qi,qi->q", at.foot - self._points, tangent)
         within = self.surface.vertices.shape[:, ::-1] * history.length[self._face][:, None]
-        way = np.stack([to_end, -to_end], axis=1)
-        way = within + np.where(at.on_surface, share * slave.reach, 0.0)[:, None]
-        way = np.where(at.on_surface[:, None], way, within + np.stack([to_end, -to_end], axis=1))
-        way = np.where((at.on_surface & (share >= 1.0))[:, None], np.inf, way)
+        faded = np.where(share < 1.0, share * slave.reach, np.inf)[:, None]
+        past = np.stack([to_end, -to_end], axis=1)
+        way = within + np.where(at.on_surface[:, None], faded, past)
         nearest = np.full((len(self.faces), 2), np.inf)
         np.minimum.at(nearest, self._face, way)
         facet = np.nonzero(part.inside)[0][part.edges[:, 0]]

@@ -144,8 +144,7 @@ def test_the_half_width_is_judged_by_the_facets_at_the_rim(shape, pressed):
     x = surface.vertices.position[:, 0]
     ends = np.unique(np.round(x, 12))
     state = probe.measure(trial_of(surface, np.where(x < ends[pressed] - 1e-9, 1.0, 0.0)))
-    crossed = ends[pressed] - ends[pressed - 1]
-    rim = crossed if shape == "Q4" else np.sqrt(crossed * 0.5)  # the side of a square of that area
+    rim = ends[pressed] - ends[pressed - 1]  # across it; along it facets of space are 0.5 long
     half = ends[pressed] - ends[0]
     assert state.rim == pytest.approx(rim, rel=1e-9)
     # In space points of a face are further from the nearest open vertex than from the rim.
@@ -158,7 +157,7 @@ def test_the_half_width_is_judged_by_the_facets_at_the_rim(shape, pressed):
     across = {"Q4": 0.0, "hex8": 0.25}[shape]  # half a face along the rim
     assert half * (1.0 - 1e-9) <= furthest <= np.hypot(half, across) * (1.0 + 1e-9)
     assert state.half_width == pytest.approx(max(furthest - 0.5 * rim, 0.5 * rim), rel=1e-9)
-    assert state.uncertain == pytest.approx(0.5 * crossed / (half - 0.5 * crossed), rel=1e-9)
+    assert state.uncertain == pytest.approx(0.5 * rim / (half - 0.5 * rim), rel=1e-9)
 
 
 def test_many_short_facets_within_a_long_one_are_few():

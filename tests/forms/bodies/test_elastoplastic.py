@@ -138,9 +138,10 @@ def test_a_plane_is_a_plane_in_space(branches):
         "A": other.A[:, given.PLANE][:, :, given.PLANE],
         "state": np.column_stack([kept, other.state[:, -1]]),
     }
+    bound = 1e-12 if branches == "none" else 2e-12
     for field in FIELDS:
         b = wanted.get(field, getattr(other, field))
-        np.testing.assert_allclose(getattr(one, field), b, rtol=0, atol=2e-12 * np.abs(b).max())
+        np.testing.assert_allclose(getattr(one, field), b, rtol=0, atol=bound * np.abs(b).max())
     rest = [2, 5, 6, 7]
     assert np.abs(other.P[:, rest]).max() < 1e-14 * np.abs(other.P).max()
     assert np.abs(other.A[:, given.PLANE][:, :, rest]).max() < 1e-12 * np.abs(other.A).max()
@@ -186,7 +187,7 @@ def test_a_point_at_yield_keeps_its_memory_and_has_the_tangent_of_loading(space,
     flows = points.update(onward, before, 1.0, False).dissipation > 0.0
     assert flows.any() and not at.dissipation.any()
     error = np.abs(rise - wanted)[flows].max()
-    assert error < 1e-3 * np.abs(wanted).max()
+    assert error < (1e-4 if branches == "none" else 1e-3) * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("branches", ["none", "slow and fast"])
@@ -210,7 +211,8 @@ def test_an_impossible_deformation_is_told_and_leaves_the_others_alone(space, br
     assert good.valid and not found.valid
     for field in FIELDS:
         a, b = getattr(found, field)[right], getattr(good, field)[right]
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.abs(b).max())
+        bound = 0.0 if branches == "none" else 1e-13 * np.abs(b).max()
+        np.testing.assert_allclose(a, b, rtol=0, atol=bound)
         if field != "state":
             assert np.isnan(getattr(found, field)[wrong]).all()
     np.testing.assert_array_equal(found.state[wrong], states[wrong])
