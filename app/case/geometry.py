@@ -310,6 +310,9 @@ class MeshGeometry(Model):
             if value is not None and not self.is_drawing:
                 reason = f"goes with a drawing ({', '.join(DRAWINGS)}), not with a mesh"
                 yield Problem((*place, key), reason)
+        if self.meshed is not None and self.meshed.suffix.lower() in DRAWINGS:
+            reason = "is a drawing; what was made of one is a mesh"
+            yield Problem((*place, "meshed"), reason, self.meshed)
         if self.sizes and self.size is None:
             yield Problem((*place, "size"), "missing; sizes needs the size everywhere else")
         for name, size in (self.sizes or {}).items():

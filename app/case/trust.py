@@ -23,7 +23,11 @@ from tribox.app.errors import InputError
 from tribox.geometry.meshes.drawing import GEO
 
 CONTAINED = "TRIBOX_CONTAINED"
-"""Set in the image, where what a drawing may do besides drawing reaches what is mounted only."""
+"""1 in the image, where what a drawing may do besides drawing reaches what is mounted only."""
+_OPEN = (
+    "APPTAINER_CONTAINER",
+    "SINGULARITY_CONTAINER",
+)  # these mount homes and working directories
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -120,15 +124,17 @@ def code_files(case: Case, python: bool) -> list[tuple[str, Path]]:
             if isinstance(contact.friction, OwnLaw):
                 found[f'contact.{index}.friction.law = "python"', contact.friction.file] = None
         geometry = part.geometry
-        if isinstance(geometry, MeshGeometry) and geometry.meshed is None:
-            if is_code(geometry.mesh):
-                found["geometry.mesh", geometry.mesh] = None
+        if isinstance(geometry, MeshGeometry):
+            read = geometry.meshed or geometry.mesh
+            if is_code(read):
+                found["geometry.mesh", read] = None
     return list(found)
 
 
 def is_code(drawing: Path) -> bool:
     """Whether meshing a drawing takes trust; STEP files hold no code."""
-    return drawing.suffix.lower() in GEO and CONTAINED not in os.environ
+    contained = os.environ.get(CONTAINED) == "1" and not any(name in os.environ for name in _OPEN)
+    return drawing.suffix.lower() in GEO and not contained
 
 
 def require_trust(case: Case, case_file: Path, given: bool, python: bool = True) -> bool:

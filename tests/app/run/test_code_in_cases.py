@@ -148,6 +148,11 @@ def test_a_drawing_needs_trust_outside_the_container(tmp_path, tribox, monkeypat
         said = f"{drawing} is code" if drawing in words else f"makes this case code: {drawing} wo"
         assert said in refused.stderr and "--trust" in refused.stderr
         assert not ran.exists()
+    case.write_text(DRAWN.replace('"pad.geo"', f'"part.step"\nmeshed = "{drawing}"'))
+    (tmp_path / "part.step").write_text("ISO-10303-21;\n")
+    refused = tribox("check", case)
+    assert "is a drawing; what was made of one is a mesh" in refused.stderr and not ran.exists()
+    case.write_text(DRAWN)
     for words in commands:
         allowed = tribox(*words, "--trust")
         assert allowed.returncode == 0 and ran.exists(), allowed.stderr
@@ -160,6 +165,9 @@ def test_a_drawing_needs_trust_outside_the_container(tmp_path, tribox, monkeypat
     monkeypatch.setenv(CONTAINED, "1")
     assert f"{CONTAINED}=1" in (ROOT / "Dockerfile").read_text()
     assert tribox("check", case).returncode == 0 and ran.exists()
+    ran.unlink()
+    monkeypatch.setenv("APPTAINER_CONTAINER", "tribox.sif")  # there it could write in homes
+    assert tribox("check", case).returncode == 2 and not ran.exists()
 
 
 DRAWN = """
