@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from tribox.app.results.saving import Saving, on_first
 from tribox.app.run.mesh_files import meshed
 from tribox.app.run.progress import Reporter, Together
 from tribox.app.run.ranks import (
+    EXIT_CODE,
     INTERRUPTED,
     give_back,
     repeats,
@@ -55,7 +57,7 @@ class Interruption(Observer):
 
     Attributes:
         noted: called at once when a signal comes, on this rank alone.
-        asked: whether one has come to this rank.
+        asked: whether one has come to this rank, or has stopped all.
     """
 
     def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
@@ -78,10 +80,6 @@ class Interruption(Observer):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if isinstance(error, Interrupted) and self._comm.size > 1:
-            if self._before.pop(signal.SIGUSR1, None) is not None:
-                # That of mpirun may still be to come: another rank was told first.
-                signal.signal(signal.SIGUSR1, signal.SIG_IGN)
         self.restore()
 
     def ready(self, state: RunState) -> None:
@@ -111,6 +109,10 @@ class Interruption(Observer):
 
     def restore(self, numbers: Collection[int] | None = None) -> None:
         """Take no more signals, or none of these numbers."""
+        by_mpirun = self._comm.size > 1 or EXIT_CODE in os.environ
+        if numbers is None and self.asked and by_mpirun and signal.SIGUSR1 in self._before:
+            # One more may be still to come: the second of mpirun's, or as another rank came first.
+            self._before[signal.SIGUSR1] = signal.SIG_IGN
         chosen = [n for n in self._before if numbers is None or n in numbers]
         give_back({number: self._before.pop(number) for number in chosen})
 
@@ -123,6 +125,7 @@ class Interruption(Observer):
         """
         self._saving.raise_together(self._comm)
         if self._comm.allreduce(self.asked, op=MPI.LOR):
+            self.asked = True
             raise Interrupted
 
 
