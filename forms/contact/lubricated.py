@@ -508,7 +508,7 @@ class LubricatedTerm(ContactTerm):
         normal, history = trial.normal_contact, self.state.film
         film = normal.lubrication
         assert history is not None
-        if film is None or normal.gap is None:
+        if film is None or normal.gap is None or normal.area is None:
             return None
         known = film.members & np.isfinite(history.gap)
         felt, climbed = self._felt(trial)
@@ -517,7 +517,8 @@ class LubricatedTerm(ContactTerm):
         before = self.model.asperities.pressure(np.where(known, history.gap, 0.0))[0]
         mean = (film.pressure + history.pressure) * taken
         mean += (film.asperity + before) * (taken - stored)
-        squeezed = np.where(known, -0.5 * film.ratio * mean, 0.0)
+        below = normal.area / self.surface.vertices.area  # share that has the master below it
+        squeezed = np.where(known, -0.5 * film.ratio * below * mean, 0.0)
         drawn = film.drawn * np.einsum("qi,qi->q", film.along, trial.kinematics.slip)
         lost = self.surface.vertices.at_points(squeezed) + drawn
         return Fading(np.ones_like(lost), np.zeros_like(lost), lost)
