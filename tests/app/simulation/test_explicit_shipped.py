@@ -66,3 +66,23 @@ def test_stick_slip(tmp_path):
     assert np.all(np.diff(column(simulation.rows, "dissipation")) >= 0.0)
     error = np.abs(column(simulation.rows, "energy_error")).max()
     assert error < 0.01 * column(simulation.rows, "external_work").max()
+
+
+@pytest.mark.long
+def test_sliding_by_both_solvers(tmp_path):
+    small = (
+        *("geometry.upper.width=2 mm", "geometry.upper.elements=[20, 2]"),
+        *("geometry.lower.width=3 mm", "geometry.lower.elements=[25, 3]"),
+        *("stage.1.velocities=[0.1, 0.2]", "output.figures=false"),
+    )
+    explicit, _ = run("sfa-explicit.toml", tmp_path, *small, label="thickness=30nm")
+    case = load_case(CASES / "sfa-explicit.toml", [*small, "stage.1.solver=implicit"])
+    case = dict(case.sweep_cases())["thickness=30nm"]
+    implicit = run_case(case, tmp_path / "implicit", quiet=True, comm=MPI.COMM_SELF)
+    for speed, film in ((0.1, 0.0), (0.2, 1.0)):
+        mine, theirs = (
+            [row for row in simulation.rows if row.velocity == speed][-1]
+            for simulation in (explicit, implicit)
+        )
+        assert mine.viscous_fraction == theirs.viscous_fraction == film
+        assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=5e-3)
