@@ -187,7 +187,7 @@ class Program(Written):
             reason = f"{error}, or a table [[time, value], ...]"
             reason += f', or "{self.word}"' if self.word is not None else ""
             if value == DRIVEN:
-                reason += '; what moves with the velocity of the stage has displacement = '
+                reason += "; what moves with the velocity of the stage has displacement = "
                 reason += '{ x = "driven" } (or y, z), and a tool that it turns rotation = '
                 reason += '{ rim = "driven" }'
             raise _at((), value, reason) from None
