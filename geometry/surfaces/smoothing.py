@@ -170,7 +170,8 @@ class SharedSides:
 
     Attributes:
         facets: (s, 2) the facets; ends: (s, k) nodes of the side.
-        angle: (s,), rad, between the normals in the middles of the facets.
+        angle: (s,), rad, between the normals in the middles of the facets; of those of higher
+            degree, which are curved, in the middle of the side.
     """
 
     facets: Longs
@@ -186,17 +187,25 @@ def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
         nodes: (n, i), m.
     """
     sides = [side.nodes for side in shape.sides]
-    middle = shape.points.mean(axis=0)[None]
-    normal = unit_normals(np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets]))
+    normal = _side_normals(shape, nodes[facets])
     ends = np.sort(np.concatenate([facets[:, list(side)] for side in sides]), axis=1)
     owner = np.tile(np.arange(len(facets)), len(sides))
     order = np.lexsort(ends.T)
     same = np.all(ends[order[1:]] == ends[order[:-1]], axis=1)
     both = np.stack([order[1:][same], order[:-1][same]], axis=1)
-    one, other = normal[owner[both]].transpose(1, 0, 2)
+    one, other = normal[both].transpose(1, 0, 2)
     # By the chord between the unit normals: exact for small angles too.
     angle = 2.0 * np.arcsin(0.5 * np.minimum(np.linalg.norm(one - other, axis=1), 2.0))
     return SharedSides(owner[both], ends[both[:, 0]], angle)
+
+
+def _side_normals(shape: FacetShape, corners: Floats) -> Floats:
+    """Unit normals (side·f, i) of facets (f, a, i) that :class:`SharedSides` compares."""
+    middle: Floats = shape.points.mean(axis=0)
+    curved = shape.degree > 1
+    at = np.array([s.origin + 0.5 * s.direction if curved else middle for s in shape.sides])
+    tangents = np.einsum("sba,fai->sfbi", shape.first(at), corners)
+    return unit_normals(tangents.reshape(-1, *tangents.shape[2:]))
 
 
 def corner_spacing(
