@@ -78,7 +78,6 @@ def model_to_mesh(
 
     Args:
         model: ``gmsh.model`` on ``rank``; not used elsewhere.
-        comm: Communicator of the mesh.
         rank: The process that holds the model.
         gdim: Number of coordinates of a point.
         partitioner: Shares out the cells; None: by DOLFINx's own, which balances cells.

@@ -223,7 +223,6 @@ def weakening_slip(law: FrictionMapParameters, speed: float, film: float, pressu
     """Slip after which the weakening has come to within ``SETTLED`` of the traction, m.
 
     Args:
-        law: the friction map.
         speed: m/s; 0 where rates do not count.
         film: m, its thickness.
         pressure: Pa; 0 if unknown: then the film is taken to carry nothing beside the asperities.
@@ -296,7 +295,6 @@ def uniqueness_warning(
     and the traction can jump.
 
     Args:
-        parameters: Of the law.
         pressure: Pa, the highest contact pressure t_N to expect.
         film: (q,) or a number, m, film thickness D.
 
@@ -337,7 +335,6 @@ def threshold_speed_warning(
     V* is below every driven speed, the film carries all (alpha = 1) throughout the sliding.
 
     Args:
-        parameters: Of the law.
         film: (q,) or a number, m, film thickness D.
         position_error: m, error of a position: round-off or the solver's tolerance.
         dt: s, the shortest time step.
@@ -374,7 +371,6 @@ def tabulation_note(parameters: FrictionMapParameters, film: Floats | float) -> 
     """Film thicknesses that a table of alpha, or beta, has no row for, as a line of text.
 
     Args:
-        parameters: Of the law.
         film: (q,) or a number, m, film thicknesses D.
 
     Returns:
@@ -417,7 +413,6 @@ def fixed_threshold_note(parameters: FrictionMapParameters, usual: float) -> str
     .. math:: \gamma = {V^*}^2 D \eta_b/D_{max}
 
     Args:
-        parameters: Of the law.
         usual: Pa s, viscosity that V_star is taken to belong to, such as that of a preset.
 
     Returns:

@@ -60,6 +60,7 @@ class CellPlaces:
             nodes: (c, a) local nodes of the cells, ghosts included.
         """
         unknowns = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
+        # By the matrix's own map, in which a platen's unknowns have the number of their leader.
         numbers = A.getLGMap()[0].indices[unknowns].astype(np.int64)
         first, end = A.getOwnershipRange()
         direct = is_direct(A)
@@ -133,6 +134,7 @@ class _Sums:
         distinct, number = np.unique(at, return_inverse=True)
         number = number.reshape(at.shape)
         width = max(len(distinct), 1)
+        # One number for each pair of unknowns of a cell: equal ones are one entry of the matrix.
         pairs = number[:, :, None] * width + number[:, None, :]
         entries, self._entry = np.unique(pairs, return_inverse=True)
         row, column = np.divmod(entries, width)

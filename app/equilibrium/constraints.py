@@ -208,6 +208,8 @@ class Constraints:
         follows = leading != np.arange(len(leading))
         of_row = np.repeat(follows[first : first + self.unknowns.owned], np.diff(indptr))
         moved = np.nonzero(of_row | follows[columns])[0]
+        # The row of each entry of a CSR matrix from its place: the last row that begins at or
+        # before it.
         rows = first + np.searchsorted(indptr, moved, side="right") - 1
         keys = np.unique(leading[rows] * len(leading) + leading[columns[moved]])
         row, column = np.divmod(keys, max(len(leading), 1))

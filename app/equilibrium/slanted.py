@@ -134,6 +134,8 @@ def _pivots(normals: Floats) -> Longs:
     chosen: list[int] = []
     left = normals.copy()
     for row in range(len(left)):
+        # Gaussian elimination with column pivoting: N_J stays regular, and as far from singular as
+        # the largest entries left make it.
         component = int(np.argmax(np.abs(left[row])))
         if abs(left[row, component]) < SINGULAR:
             raise ValueError("all that an oblique platen could move at a node is prescribed")
@@ -156,6 +158,7 @@ class SlantedRows:
         self._unknowns, self._platens = unknowns, list(platens)
         self._groups = node_groups(platens, held, unknowns.dim)
         none = np.iinfo(np.int64).max
+        # The first of a platen's rows on all ranks leads, whichever rank it is on.
         leaders = np.full(len(platens), none)
         for group in self._groups:
             first = group.rows.min(axis=0, initial=none - unknowns.first) + unknowns.first
@@ -175,6 +178,7 @@ class SlantedRows:
                 platen = self._platens[number]
                 if platen.displacement is not None:
                     missed[:, column] = platen.displacement - values[group.dofs] @ platen.normal
+            # Into the eliminated components alone: u_J gets N_J⁻¹ times what n·u misses U by.
             values[group.rows] += missed @ group.inverse.T
 
     def constrain_residual(self, values: Floats, at: Floats) -> None:
@@ -187,6 +191,8 @@ class SlantedRows:
         count, first = len(self._platens), self._unknowns.first
         sums = np.zeros((2, count))  # forces, and the leaders' places
         for group in self._groups:
+            # λ = N_J⁻ᵀ f_J as rows: λᵀ = f_Jᵀ N_J⁻¹; then f − Nᵀ λ, which is zero in the components
+            # J.
             forces = values[group.rows] @ group.inverse
             values[group.dofs] -= forces @ group.normals
             values[group.rows] = at[group.dofs] @ group.normals.T

@@ -122,6 +122,8 @@ class Grip:
         follow = carried[:, :, : len(free)][:, :, free].reshape(rows, own)
         flat = moved.reshape(rows, moved.shape[2])
         sums = problem.comm.allreduce(follow.T @ np.concatenate([follow, flat], axis=1))
+        # Least squares: the tool takes the slots that are nearest to the motion; what is left of it
+        # the grip resists. The pseudo-inverse, for slots may do the same to a small surface.
         out = flat - follow @ (np.linalg.pinv(sums[:, :own]) @ sums[:, own:])
         left: Floats = out.reshape(moved.shape)
         return left
@@ -282,6 +284,7 @@ def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
     support = np.zeros((problem.dim, problem.dim))
     for platen in given:
         here = bool(np.isin(nodes * problem.dim, platen.dofs).any())
+        # Σ n⊗n of the supports that act: its null space is what none of them holds.
         support += here * np.outer(platen.normal, platen.normal)
     support = problem.comm.allreduce(support) + np.diag(held.astype(float))
     free = np.eye(problem.dim) - np.linalg.pinv(support) @ support  # onto what nothing holds
@@ -371,6 +374,8 @@ def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
     beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
     resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))
+    # Springs of stiffness 1 at all held unknowns: their energy in rigid motions, Φᵀ Φ over these. A
+    # motion without energy is free.
     gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
     for platen in problem.platens:
         oblique = isinstance(platen, SlantedPlaten)
@@ -422,6 +427,7 @@ def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:
     if axisymmetric:
         return along[:, 1:2]
     if dim == 2:
+        # Infinitesimal rotations: e × X.
         about: Floats = np.stack([-place[:, 1], place[:, 0]], axis=1)[:, None]
     else:
         about = np.asarray(np.cross(np.eye(3)[None], place[:, None]), dtype=np.float64)
@@ -436,6 +442,8 @@ def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> 
         rows = modes[here.all(axis=1)] @ platen.normal
     local = np.concatenate([rows.sum(axis=0), [len(rows)]])
     total = problem.comm.allreduce(local)
+    # A platen under a force may move as a whole: what counts is by how much its nodes move apart.
+    # Held or on a spring it is their motion itself.
     mean = total[:-1] / max(total[-1], 1.0)
     fixed = platen.stiffness > 0.0 or platen.displacement is not None
     apart = rows if fixed else rows - mean

@@ -365,6 +365,7 @@ def _contains(table: scipy.sparse.csr_matrix, row: Ints, column: Ints) -> bool:
     """Whether all entries are present; the indices of ``table`` are sorted."""
     width = np.int64(table.shape[1])
     rows = np.repeat(np.arange(table.shape[0], dtype=np.int64), np.diff(table.indptr))
+    # The −1 stands behind the last key, where a search for more than that ends.
     keys = np.append(rows * width + table.indices, -1)
     wanted = row * width + column
     return bool(np.all(keys[np.searchsorted(keys[:-1], wanted)] == wanted))
@@ -384,6 +385,8 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     used = _table(np.tile(slave, 2), np.concatenate([current, before]), (count, facets))
     touching = _present(used @ rings)
     pairs = _table(current, before, (facets, facets))
+    # A point may go from any neighbour of where it was to any neighbour of where it is; and every
+    # facet couples with its own neighbours, onto which a point moves next.
     pairs = _present(rings @ (pairs + pairs.T) @ rings + rings)
     if window is not None:
         touching = _present(touching + window.touching)
@@ -492,6 +495,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     slaves = scipy.sparse.diags(active.astype(np.int32), dtype=np.int32) @ slaves
     masters = _incidence(np.searchsorted(nodes, others), len(nodes))
     touched = slaves + window.touching @ masters
+    # Products of incidences: entry (n, m) counts facets that couple the nodes n and m. Slave nodes
+    # with those of the facet and of what it touches, both ways, and the master's among themselves.
     pattern = slaves.T @ touched + touched.T @ slaves + masters.T @ (window.together @ masters)
     pairs = _upper(pattern, nodes)
     if of_blocks.size:  # coupled along the surface, touched or not
@@ -502,6 +507,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     if surface.normals is not None:  # those take the vertices of the next facets too
         chain = surface.nodes[surface.chain_rows[first]]
         nodes, touched = _with(nodes, touched, chain, active)
+    # Σ_A L_A R_Aᵀ: each vertex couples all nodes that any facet around it touches, a dense block
+    # per vertex.
     around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
     if isinstance(term, LubricatedTerm):  # a film couples all of its vertices
         around = scipy.sparse.csr_matrix(np.ones((1, around.shape[0]), dtype=np.int32)) @ around

@@ -156,6 +156,7 @@ class LumpedDynamics:
     def project(self, w: Floats) -> Floats:
         """The part of ``w`` (n,) that supports and platens allow, M-orthogonal; collective."""
         out: Floats = np.where(self.inverse > 0.0, w, 0.0)
+        # M-orthogonal: the platen takes the mean of its nodes weighted by their masses.
         means = self.sums(self.mass * out) / self.platen_mass
         for platen, mean in zip(self.platens, means, strict=True):
             out[platen.dofs] = mean
@@ -223,6 +224,8 @@ class LeapFrog:
         change: Floats = mean * self.platen_acceleration
         if self._damping > 0.0:
             damped = self._damp(mean)
+            # The damping force at the mean of both half-step velocities is solved for, so that it
+            # does not bound the step.
             b = 0.5 * self._damping * mean
             change = np.asarray((change - 2.0 * b * self.platen_velocity) / (1.0 + b))
             np.multiply(state.v.owned, dt, out=self._change)

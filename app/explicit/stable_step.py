@@ -192,6 +192,8 @@ class _Limits:
         np.divide(self._stiffness, mass, out=bound, where=mass > 0.0)
         per_node = bound.reshape(-1, self._dim).max(axis=1)
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
+        # ω² of a sum of stiffnesses is at most the sum of both: the cell alone, and the contact's
+        # springs on the worst of its nodes.
         out: Floats = self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
         return out
 
@@ -263,6 +265,8 @@ class Stiffness:
         if not most > 0.0:
             return out
         h = self._reach / most
+        # Central differences of the internal forces: K w without a matrix, to the second order of
+        # the nudge.
         for sign in (1.0, -1.0):
             self._moved.owned[:] = self._u.owned + sign * h * w
             self._moved.update_ghosts()
@@ -307,6 +311,9 @@ def largest(
         norm = float(np.sqrt(dynamics.dot(z, z)))
         values, vectors = _tridiagonal(alpha, beta)
         beta.append(norm)
+        # Residual |M⁻¹A y − θ y| = β |s_last| of the Ritz pair (Parlett, The Symmetric Eigenvalue
+        # Problem, 1980, ch. 13): an eigenvalue lies within it, and θ + β |s_last| is an upper
+        # estimate.
         missed = norm * abs(vectors[-1, -1])
         if missed <= 1e-3 * values[-1] or norm <= 1e-12 * abs(values[-1]):
             break
@@ -325,11 +332,7 @@ class StableSteps:
     """Estimates the stable step; each estimate starts from the eigenvectors of the last."""
 
     def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace, film: bool) -> None:
-        """Start without an estimate.
-
-        Args:
-            stiffness: K and C.
-        """
+        """Start without an estimate."""
         self._stiffness, self._space, self._film = stiffness, space, film
         self._bodies: Mode | None = None
         self._whole: Mode | None = None
@@ -415,6 +418,8 @@ class StableSteps:
             c = float(
                 s.dynamics.comm.allreduce(float(w @ s.contacts(w, viscous=True)), op=MPI.SUM)
             ) / s.dynamics.dot(w, w)
+            # The Rayleigh quotients of K and C at the vector found: λ = k + 2 c/Δt at the step it
+            # was found for.
             k = max(mode.value - 2.0 * c / now, 0.0)
             # The root of Δt² k + 2 Δt c = 4 without a difference of near numbers.
             step = 4.0 / (c + np.sqrt(c * c + 4.0 * k)) if c + k > 0.0 else np.inf

@@ -99,10 +99,13 @@ def facets_seen(scene: Scene) -> NDArray[np.int64]:
     for part in np.split(np.arange(len(row)), np.flatnonzero(np.diff(chunk)) + 1):
         many = count[part]
         of = np.repeat(triangle[part], many)
+        # Runs of different lengths as one row of numbers: each starts at its first pixel and counts
+        # on.
         column = np.repeat(first[part] - np.cumsum(many) + many, many) + np.arange(len(of))
         line = np.repeat(row[part], many)
         at = (height - 1 - line) * width + column
         depth = origin[of] + slopes[of, 0] * column + slopes[of, 1] * line
+        # Depth buffer: the nearest of all facets at a pixel, however often a chunk has that pixel.
         np.maximum.at(nearest, at, depth)
         shown = depth == nearest[at]
         image[at[shown]] = facet[of[shown]]
@@ -112,6 +115,7 @@ def facets_seen(scene: Scene) -> NDArray[np.int64]:
 def _depths(places: Floats, depth: Floats) -> tuple[Floats, Floats]:
     """Depth (t,) at the middle of pixel 0, 0, and its growth (t, 2) from pixel to pixel."""
     sides, rise = places[:, 1:] - places[:, :1], depth[:, 1:] - depth[:, :1]
+    # Depth is linear over a triangle: its gradient by Cramer's rule, 0 of triangles seen edge on.
     twice = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     over = np.divide(1.0, twice, out=np.zeros_like(twice), where=twice != 0.0)
     along = (rise[:, 0] * sides[:, 1, 1] - rise[:, 1] * sides[:, 0, 1]) * over

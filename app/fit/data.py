@@ -62,7 +62,6 @@ def read_table(
     "velocity [mm/s]".
 
     Args:
-        path: The file.
         known: Columns that it may have.
         constants: Values of columns that it does not have, SI.
         ignored: Columns of any name, with or without their unit, that are not read.
@@ -340,7 +339,6 @@ def read_data(
     as in "velocity [mm/s]". The slip may be left empty in a row of steady sliding.
 
     Args:
-        path: The file.
         constants: Columns of ``CONSTANTS`` that the file does not have, SI.
         ignored: Columns of any name, with or without their unit, that are not read.
         needs_film: Whether the law to fit asks for a film thickness.

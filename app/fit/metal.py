@@ -333,7 +333,6 @@ def fit_metal(
     """The hardening of a test.
 
     Args:
-        data: The test.
         law: Of ``LAWS``; None: that of the least information criterion.
         branches: Number of back stresses; None: likewise, 0 where the strain never turns.
         fixed: What is not fitted, by key, SI.

@@ -107,6 +107,7 @@ class Slopes:
         if not lengths.any():
             return float(np.linalg.norm(column)), None
         unit = others / np.where(lengths > 0.0, lengths, 1.0)
+        # What is orthogonal to all others is its own: `half_width` is the scatter over that.
         share, *_ = np.linalg.lstsq(unit, column, rcond=1e-10)
         most = int(np.argmax(np.abs(share)))
         return float(np.linalg.norm(column - unit @ share)), most + (most >= i)
@@ -155,6 +156,7 @@ class Slopes:
 
     def correlation(self) -> Floats:
         """(c, c), of the estimates; of the pseudo-inverse where it does not exist."""
+        # Covariance of the estimates, but for the scatter, of the linearised problem: (JᵀJ)⁻¹.
         covariance = np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True)
         scale = np.sqrt(np.diag(covariance))
         scale = np.where(scale > 0.0, scale, 1.0)

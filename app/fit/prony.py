@@ -273,6 +273,8 @@ class PronyProblem:
         by_modulus, by_time = moduli[1:, None] * one, moduli[1:, None] * slope
         columns = [long_term, *by_modulus, *by_time]
         if self.shift is not None:
+            # τ_k a_T: d ln(τ a_T)/d ln C1 = ln a_T, and that for ln C2 is −ln a_T C2/(C2 + T −
+            # T_r); every branch has the same.
             by_shift = by_time.sum(0) * np.tile(ln_a, 2)
             columns += [by_shift, -by_shift * np.tile(C2 / (C2 + self.shift.above), 2)]
         return long_term + by_modulus.sum(0), np.array(columns).T

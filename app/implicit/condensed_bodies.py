@@ -136,6 +136,8 @@ class CondensedBodies:
 
     def _complete(self) -> bool:
         """Put the contact of the tangent at hand in; returns whether that is regular."""
+        # Schur's complement at the contact's unknowns: what contact adds now, less what the kept
+        # bodies give.
         own = sparse(self._parts[1]).toarray()
         return self.bulk.complete(own - self._compliance.stiffness())
 
@@ -198,6 +200,8 @@ class CondensedBodies:
             if left <= share * norm and others <= most:
                 return True
             less = left <= LESS * before
+            # A pass that is no better although the kept bodies were solved for first has nothing
+            # left to try.
             stuck = not less and (thorough or not np.isfinite(left))
             if stuck or (iterations >= LIMIT and not self._fits):
                 break
@@ -307,6 +311,8 @@ class KeptCompliance:
         part = SchurFactor(K, surface, prefix)
         self.works = self._factor.make() and part.make()
         if self.works:
+            # (K⁻¹)_cc is the inverse of Schur's complement of K at c: no column of K⁻¹ is solved
+            # for.
             self._F: Floats = np.linalg.inv(part.complement).astype(np.float64)
             self._own = sparse(K)[surface][:, surface]
         part.destroy()
@@ -377,6 +383,8 @@ class ContactCompliance:
         m = _coupled(of_others, on_kept)
         of_others, on_kept, among = of_others[:, m], on_kept[m], among[m][:, m]
         square = F[np.ix_(m, m)]
+        # F N with N sparse on the right: scipy multiplies sparse matrices from the left, hence
+        # twice transposed.
         mixed = np.asarray((among.T @ square.T).T)
         mixed[np.diag_indices(len(m))] += 1.0
         try:

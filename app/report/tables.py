@@ -236,7 +236,6 @@ def frame_table(
     Args:
         frame: with columns as in the files, SI.
         names: the columns wanted, in order; those that are missing are passed over.
-        caption: of the table.
         first: title of the first column, where it is not the usual one.
 
     Returns:

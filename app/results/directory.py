@@ -397,7 +397,6 @@ class GrowingTable:
         """Begin the file with the names of the columns, or go on with one that is there.
 
         Args:
-            path: of the file.
             columns: their names; the first is the number of the step.
             after: number of the step whose rows are the last to be kept; None: a new file.
             more: rows of the step after that one which are kept too, the first of them.

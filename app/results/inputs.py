@@ -78,7 +78,6 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
     """Copy all that a case reads beside its file into ``inputs`` of a results directory.
 
     Args:
-        case: what is run.
         directory: of its results, ready to be written.
         like: directory whose ``inputs`` hold copies of the same files, that of the sweep: what is
             the same there is linked, so that it takes no room again.

@@ -144,6 +144,8 @@ class PointProbes:
         """The columns of numbers (p, …) from all ranks' sums."""
         dim = self._problem.dim
         sigma, strain = np.split(total[:, dim:-1].reshape(-1, 6, 3), 2, axis=1)
+        # From the mean of ln V, as its eigenvalues are ln λ and its trace ln J: all of a row
+        # belongs together.
         stretch = np.exp(np.linalg.eigvalsh(strain)[:, -1:])
         volume = np.exp(np.einsum("pii->p", strain))[:, None]
         scalars = np.stack([von_mises(sigma), mean_pressure(sigma)], axis=1)
@@ -361,6 +363,7 @@ def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
     radius, off = fitted_circle(own[line.bend])
     length = np.linalg.norm(np.diff(own, axis=0), axis=1)
     thick = thickness(own, other)
+    # Trapezoidal rule along the line: each node has half of the segments beside it.
     share = np.concatenate([length, [0.0]]) + np.concatenate([[0.0], length])
     mean = float(share @ thick / share.sum())
     thin = np.nan

@@ -107,7 +107,6 @@ def write_vtu(
     """Write a file, under a temporary name first.
 
     Args:
-        path: the file.
         points: (n, 3), m.
         cells: between them.
         point_data: (n,) or (n, i) by name.

@@ -219,6 +219,8 @@ def resultants(
 ) -> dict[str, Any]:
     """Forces of a :class:`ContactResultants`, by name."""
     if axisymmetric:
+        # Round the ring radial parts cancel; what the integrals of the section give of them is no
+        # force.
         axial = np.array([0.0, 1.0])
         vectors = {n: v * axial if n in _CANCELLING else v for n, v in vectors.items()}
     along = _Along(vectors, driven)

@@ -113,11 +113,15 @@ class OutsideMean:
         """The means since the beginning; collective."""
         stepper, residual = self._stepper, self._residual / self._time
         speed, place = self._motion()
+        # Newton's law in the mean over the interval: the support gives what the other forces leave,
+        # the change of momentum, and what damping took, c m times the way moved.
         change = (speed - self._speed) + stepper.options.damping * (place - self._place)
         force = residual + self._mass * change / self._time
         whole = np.zeros(len(stepper.mass))
         whole[self._held] = residual
         platens = stepper.problem.platens
+        # A platen's nodes share its acceleration: what holds each to the others moves its own mass
+        # with it.
         accelerations = self._pulls / self._time - stepper.dynamics.sums(whole)
         accelerations /= stepper.dynamics.platen_mass
         for platen, acceleration in zip(platens, accelerations, strict=True):
@@ -277,6 +281,8 @@ class MotionHistory:
             centre = self._forces.centre(number, means[number, :dim])
             force: Floats = forces[number, :3].copy()
             arm = np.append(centre, [0.0] * (3 - dim))
+            # Moments are summed about the origin, which needs no centre beforehand, and moved: M_C
+            # = M_0 − C × F.
             moment: Floats = forces[number, 3:] - np.cross(arm, force)
             radial = [force[0]] if round_axis else []
             if round_axis:  # What points outwards cancels round the ring.

@@ -182,9 +182,11 @@ class SunkVertices:
         outward = _vertex_normals(master, place)
         vertices = np.unique(corners)
         slave = self._reference + values[self._rows]
-        sizes = np.linalg.norm(slave[:, 1] - slave[:, 0], axis=1)
+        sides = slave - np.roll(slave, 1, axis=1)
+        sizes = np.linalg.norm(sides, axis=2).max(axis=1)
         found = Sunk()
         if len(slave):
+            # A vertex inside a piece is nearer to its middle than its longest side.
             near = cKDTree(place[vertices]).query_ball_point(slave.mean(axis=1), sizes)
             counts = np.fromiter(map(len, near), np.int64, len(near))
             piece = np.repeat(np.arange(len(slave)), counts)
@@ -210,6 +212,8 @@ def _deepest(
     depth = -np.einsum("ni,ni->n", normal, apart)
     metric = np.einsum("nai,nbi->nab", along, along)
     right = np.einsum("nai,ni->na", along, apart)
+    # Barycentric coordinates of the foot on the piece, from normal equations: it lies inside where
+    # none is negative and their sum is at most 1.
     share = np.linalg.solve(metric, right[..., None])[..., 0]
     inside = np.all(share >= 0.0, axis=1) & (share.sum(axis=1) <= 1.0)
     facing = np.einsum("ni,ni->n", normal, outward) < -FACING
@@ -275,6 +279,7 @@ def waves(surface: ContactSurface, pressure: Floats, inside: Bools, spacing: flo
     off, fitted = off_curve(place, pressure[amid], max(REACH * size, spacing))
     if not fitted.any():
         return 0.0
+    # Share of the vertices beside corners: the quantile that they reach.
     beside = 0.75 * size / max(spacing, 2.0 * size)
     return float(np.quantile(np.abs(off[fitted]), 1.0 - beside) / np.mean(pressure[amid]))
 

@@ -79,10 +79,8 @@ class CompiledCells:
         """Arrange the cells for the loops.
 
         Args:
-            code: the loops.
             nodes: (c, a) int32, in DOLFINx's order.
             table: (c, k) what the loops need of the geometry of each cell.
-            constants: of the strain energy.
             kind: 0; 1 where the volumetric part is taken at the centre; 2 of simplices.
         """
         self.nodes, self._parts = nodes, (code, table, constants, kind)

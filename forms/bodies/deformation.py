@@ -70,8 +70,6 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
     """Rows at one point of each cell.
 
     Args:
-        space: of the displacement.
-        section: what the mesh stands for.
         cells: (c,) local.
         xi: (c, α) reference coordinates, or (1, α) of the same point in every cell.
     """
@@ -120,10 +118,7 @@ def quadrature_rows(
     """Rows of each quadrature point of cells, and weights (q, c), m² or m³, of whole rings.
 
     Args:
-        space: of the displacement.
-        section: what the mesh stands for.
         cells: (c,) local.
-        degree: of the quadrature.
     """
     kind = basix.CellType[space.mesh.topology.cell_name()]
     points, weights = basix.make_quadrature(kind, degree)

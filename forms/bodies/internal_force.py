@@ -112,7 +112,6 @@ class InternalForce:
 
         Args:
             u: displacement, m; read by the forms of bodies without a compiled loop.
-            solids: the bodies.
             compiled: False for the generated kernels throughout.
         """
         self.parts: list[BodyForce] = []

@@ -65,8 +65,6 @@ def kinematics(u: Expr, section: Section, stretch: Expr = None) -> Kinematics:
     """Kinematics of the displacement ``u`` (m).
 
     Args:
-        u: displacement.
-        section: what the mesh stands for.
         stretch: UFL variable that stands for the stretch across the plane, so that the energy can
             be differentiated by it, which gives the stress across the plane.
     """

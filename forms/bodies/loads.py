@@ -241,7 +241,6 @@ def reference_area(
     """Area of a surface in the reference configuration; collective.
 
     Args:
-        mesh: the mesh.
         facets: local facets, owned and ghosts.
         section: what the mesh stands for; by default plane strain, or a body in space.
 

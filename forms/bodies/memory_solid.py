@@ -341,8 +341,6 @@ def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:
     """Shares (k, q) of a cell's quadrature points in the values at places of it.
 
     Args:
-        kind: of the cells.
-        degree: of the quadrature.
         xi: (k, α) reference coordinates.
     """
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
@@ -365,7 +363,6 @@ class PointValues:
         """Find the shares of the quadrature points.
 
         Args:
-            solid: the body.
             cells: (k,) as :meth:`tribox.forms.bodies.solid.Solid.stress_at` takes them.
             xi: (k, α), likewise.
             beside: what gives the stress that the points' own is added to.

@@ -112,10 +112,7 @@ def cells_of(
     """The cells, and the weights (k,) of their points, m² or m³, of whole rings.
 
     Args:
-        space: of the displacement.
-        section: what the mesh stands for.
         cells: (c,) local.
-        degree: of the quadrature.
     """
     kind = space.mesh.topology.cell_name()
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
@@ -207,7 +204,6 @@ class PointCells:
         """Update the points at ``u`` (n,), m, from ``state`` (k, s).
 
         Args:
-            kernel: what updates them.
             u: m.
             state: (k, s).
             out: what is written: end (k, s); or added to: energies (3,), J (J/m), stored,

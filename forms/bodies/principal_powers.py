@@ -134,7 +134,6 @@ def power_sum(k: Kinematics, terms: Sequence[tuple[Expr, Expr]]) -> Expr:
     """Σ_p f_p (Σ_a λ̄_a^α_p − 3) of the isochoric principal stretches.
 
     Args:
-        k: the deformation.
         terms: pairs of factor f_p and exponent α_p, numbers or UFL constants; another value of a
             constant compiles nothing.
     """

@@ -78,8 +78,6 @@ class SofteningPoints(MaterialPoints):
         """Differentiate the energy.
 
         Args:
-            elastic: what is softened.
-            softening: its constants.
             space: 9 components of F instead of the plane's 5.
             held: whether the largest energy is held, as in the first moment of unloading: beyond
                 it η goes on as it came.

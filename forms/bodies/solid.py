@@ -145,7 +145,6 @@ class Solid:
             name: the body's name, for messages.
             u: displacement, m, of the degree of the formulation.
             cells: local cells (owned and ghosts) of the body.
-            material: strain energy.
             formulation: ``q1`` for full, ``q1-sri`` for selective reduced integration of
                 first-order elements, ``q2`` for second-order ones with full integration.
             density: kg/m³, reference.
@@ -431,7 +430,6 @@ class CarriedPressure:
         Args:
             u: displacement, m.
             cells: owned cells of the body.
-            section: what the mesh stands for.
             volumetric: energy U(J), J/m³, of the kinematics at the centre.
             measure: over these cells, at their centres.
         """

@@ -84,7 +84,6 @@ def lumped_mass(
 
     Args:
         space: blocked vector Lagrange space of first order.
-        solids: the bodies.
         scale: s, one number per cell (DG 0), a factor on the cell's mass; None: 1.
 
     Returns:

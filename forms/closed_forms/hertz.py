@@ -94,7 +94,6 @@ class LineContact:
         Args:
             x: m, from the middle.
             share: Q'/(mu P'), grown from zero after pressing.
-            mu: Coefficient of friction.
         """
         c = self.stick_half_width(share)
         stuck = c / self.half_width * ellipse(x, c) if c > 0.0 else 0.0
@@ -110,7 +109,6 @@ class LineContact:
             x: m, from the middle.
             peak: s_p, largest Q'/(mu P') before the load went back.
             share: s, Q'/(mu P') now, between -s_p and s_p.
-            mu: Coefficient of friction.
         """
         return self.traction(x, peak, mu) - 2.0 * self.traction(x, 0.5 * (peak - share), mu)
 

@@ -24,7 +24,6 @@ def threshold_speed(film: ArrayLike, parameters: FrictionMapParameters) -> Float
 
     Args:
         film: m, film thickness D.
-        parameters: Of the law.
     """
     D = np.asarray(film, dtype=np.float64)
     wet = parameters.D_min < D
@@ -42,7 +41,6 @@ def film_fraction(speed: ArrayLike, film: ArrayLike, parameters: FrictionMapPara
     Args:
         speed: m/s, V >= 0.
         film: m, film thickness D.
-        parameters: Of the law.
     """
     V, D = np.broadcast_arrays(
         np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
@@ -71,7 +69,6 @@ def steady_traction(
         film: m, film thickness D; the traction is Coulomb's up to D_min.
         pressure: Pa, p.
         mu: Coefficient of friction at the slip reached.
-        parameters: Of the law.
     """
     V, D = np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
     alpha = film_fraction(V, D, parameters)
@@ -108,7 +105,6 @@ def crossover_speed(film: ArrayLike, pressure: ArrayLike, mu: ArrayLike, eta_b: 
     Args:
         film: m, film thickness D.
         pressure: Pa, p.
-        mu: Coefficient of friction.
         eta_b: Pa s, bulk viscosity.
     """
     return np.asarray(np.asarray(mu) * np.asarray(pressure) * np.asarray(film) / eta_b)
@@ -125,8 +121,6 @@ def presliding_length(
     Args:
         pressure: Pa, p.
         mu: Coefficient of friction at that slip.
-        alpha: Film fraction.
-        parameters: Of the law.
     """
     length = np.asarray(mu) * np.asarray(pressure) / parameters.K_T
     solid = 1.0 - np.asarray(alpha, dtype=np.float64)

@@ -331,7 +331,6 @@ class ExplicitContact:
 
         Args:
             inverse_mass: (n,), 1/m of the owned unknowns, 0 at constrained ones.
-            work: scratch.
         """
         self.compliance[:] = self._compliance(inverse_mass, work)
 
@@ -360,7 +359,6 @@ class ExplicitContact:
         Args:
             modulus: M, Pa, of the softer body; its elements answer to waves with M/h.
             inverse_mass: (n,), 1/m of the owned unknowns, 0 at constrained ones.
-            work: scratch.
         """
         rule, slave = self.term.rule, self.term.surface.slave
         give, length = self._compliance(inverse_mass, work), slave.facet_length

@@ -42,7 +42,6 @@ class CompiledContact(ExplicitContact):
         """Lay out the arrays; collective.
 
         Args:
-            term: the pair.
             code: the library of its source in ``SOURCES``.
         """
         check_layout(code)
@@ -311,7 +310,6 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
     """The pair, compiled where that is possible; collective.
 
     Args:
-        term: the pair.
         compiled: False for numpy throughout.
     """
     if isinstance(term, TieTerm):

@@ -147,7 +147,6 @@ class InteriorSlip:
         it sticks: what it has beside its asperities, such as a film, stays as it is.
 
         Args:
-            answer: of the law.
             threshold: (q,), m, elastic slip at which it slips under the pressure.
             slip: (q, i), m, of the step.
             state: last converged, with the elastic slip (q, i) transported.

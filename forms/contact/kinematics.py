@@ -435,7 +435,6 @@ class Carried:
             places: (p, m) nodes of the blocks, the control points from number ``first`` on, in the
                 same columns at all p.
             blocks: (p, m, i, n, j), N/m.
-            first: see above.
 
         Returns:
             Nodes (p, m′), with the reference nodes at ``first`` and after, and blocks.

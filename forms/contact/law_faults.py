@@ -22,7 +22,6 @@ def law_fault(contacts: Sequence[ContactTerm], trials: Sequence[ContactTrial] = 
     Without such a law nothing is exchanged.
 
     Args:
-        contacts: the pairs.
         trials: of them, at a step that is about to be accepted: all that the laws will be asked
             of these states is asked before.
     """

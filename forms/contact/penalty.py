@@ -99,8 +99,6 @@ class ContactTerm:
         """Set up the undeformed contact.
 
         Args:
-            surface: the pair's surfaces.
-            law: friction law.
             penalty: Pa/m: one number, or one for each slave vertex (v,), or, with pressure point
                 by point, for each point (q,).
             film: film thickness D, m: one for all points, one for each, or a film.
@@ -150,10 +148,8 @@ class ContactTerm:
         """The contact of two surfaces of bodies that move by ``u`` (m); collective.
 
         Args:
-            u: displacement.
             slave_facets: local facets (owned and ghosts) of the slave surface.
             master_facets: likewise, of the master surface.
-            law: friction law.
             penalty: Pa/m.
             quadrature_degree: degree integrated exactly on an affine slave facet; None: 9 in the
                 plane, 5 in space, as for cases.

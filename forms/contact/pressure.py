@@ -208,7 +208,6 @@ def nodal_pressure(surface: ContactSurface, pressure: Floats) -> Floats:
     bodies feel of it, do not.
 
     Args:
-        surface: of the pair.
         pressure: t_N at the points of this rank, whatever the rule that it comes from.
     """
     vertices = surface.vertices
@@ -297,7 +296,6 @@ def rim_cover(
     """Covered share χ (q,) of each point, and ∂χ/∂g (q, k), 1/m, for the gaps of its vertices.
 
     Args:
-        surface: the pair's surfaces.
         normal: averaged normal contact; point by point all is covered.
         stiffness: (v,), Pa/m, of the vertices.
         modulus: Pa, E*; None: facets at the rim count whole.
@@ -446,8 +444,6 @@ def fading(
 
     Args:
         at: the points on the master.
-        normal: their contact.
-        vertices: of the slave.
         before: state of the last step.
     """
     if normal.nodal_pressure is None:

@@ -149,7 +149,6 @@ def keep_what_went_over(terms: Sequence[Pair], trials: Sequence[ContactTrial]) -
 
     Args:
         terms: all contacts, before the trials are committed.
-        trials: of them.
     """
     by_term = dict(zip(map(id, terms), trials, strict=True))
     for term, trial in zip(terms, trials, strict=True):

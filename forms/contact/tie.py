@@ -225,7 +225,6 @@ class TieTerm(ContactTerm):
         """Tie what lies beside each other undeformed; collective.
 
         Args:
-            surface: the pair.
             penalty: Pa/m: one number, or one for each slave vertex (v,).
 
         Raises:

@@ -87,7 +87,6 @@ def completed(
         here: (r,) rows that this rank asks for.
         nodes: (n,) global nodes of the columns.
         dim: components i of a node.
-        comm: of all ranks.
 
     Returns:
         The matrix (r, columns · i), and the global nodes of its columns.

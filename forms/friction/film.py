@@ -227,7 +227,6 @@ def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -
     """Film fraction and its derivatives.
 
     Args:
-        parameters: Of the law.
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         speed: (q,), m/s, slip speed V >= 0.
     """
@@ -283,7 +282,6 @@ def film_resistance(
     """Resistance of the film, for alpha = 1.
 
     Args:
-        parameters: Of the law.
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         length: (q,), m, length of the slip increment.
         dt: (q,) or a number, s, > 0; infinity takes the film away.

@@ -256,7 +256,6 @@ def unsettled(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Float
     """By how much friction is above the traction it tends to, (q,), Pa; 0 at open points.
 
     Args:
-        law: the law.
         state: after the step, of q points.
         pressure: (q,), Pa, t_N.
     """
@@ -270,7 +269,6 @@ def presliding_length(law: FrictionLaw, state: FrictionState, pressure: Floats) 
     """Slip in which friction follows a change, (q,), m; 0 at open points.
 
     Args:
-        law: the law.
         state: after the step, of q points.
         pressure: (q,), Pa, t_N.
     """

@@ -32,7 +32,6 @@ def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:
     """Read a gmsh file and check it, in this process.
 
     Args:
-        path: The file.
         most_cells: More are refused; None: any number.
 
     Raises:

@@ -101,7 +101,6 @@ def write_msh(shape: Shape, path: Path) -> None:
     The file appears under its name only when it is complete.
 
     Args:
-        shape: The geometry to write.
         path: The file, ending in ``.msh``, in an existing directory.
 
     Raises:

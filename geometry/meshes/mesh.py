@@ -207,8 +207,6 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
     """Mesh a built-in geometry on one process and distribute it; collective.
 
     Args:
-        shape: The geometry.
-        comm: Communicator of the mesh.
         contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
             without METIS) only the cells are. A master may be no surface of the mesh, but a tool.
 
@@ -240,7 +238,6 @@ def read(
 
     Args:
         path: The file: ``.msh`` of version 2 or 4, or a drawing.
-        comm: Communicator of the mesh.
         contacts: As in ``generate``; slaves that the file does not have are ignored.
         most_cells: More are refused.
         scale: m, of a unit of the file's coordinates.

@@ -40,8 +40,6 @@ def shape_functions(cell: str, degree: int, order: int, xi: Floats) -> Floats:
     """Lagrange shape functions and their derivatives (z, p, a) at reference coordinates (p, α).
 
     Args:
-        cell: name of the cell.
-        degree: of the functions.
         order: highest derivative; row z is the function, then its derivatives in basix's order.
         xi: (p, α).
     """
@@ -76,7 +74,6 @@ def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlace
     What is found in a cell does not depend on the ranks: every rank has the same corners.
 
     Args:
-        mesh: the mesh.
         cells: (c,) local.
         points: (p, i), m.
     """

@@ -127,7 +127,6 @@ def add_facets(axes: Any, groups: Sequence[tuple[Points, str | tuple[float, ...]
     """Draw groups of facets, y upwards, in axes of matplotlib's 3D kind.
 
     Args:
-        axes: The axes.
         groups: Corners (f, a, 3) in cyclic order, in the unit of the axes, and their colour.
     """
     polygons = np.concatenate([corners for corners, _ in groups])
@@ -169,7 +168,6 @@ def draw_space(
 
     Args:
         named: A mesh in space.
-        title: Heading of the picture.
         factor: From m to the unit of the axes.
         unit: Its name.
         marks: What is shown beside the mesh.

@@ -137,7 +137,6 @@ class CompiledFacets:
             points: (q, i), m.
             controls: (f, a, i), m.
             start: (q + 1,) where the facets of each point begin in ``facet`` (p,).
-            facet: see above.
         """
         out = np.zeros(len(facet))
         points, facet = _floats(points), _ints(facet)
@@ -170,7 +169,6 @@ class CompiledFacets:
             points: (q, i), m; the gap is their distance along the normal.
             controls: (f, a, i), m.
             facet: (q,), and xi (q, α): the places.
-            xi: see above.
         """
         count, directions = xi.shape
         normal, gap, bend = np.empty(points.shape), np.empty(count), None

@@ -244,7 +244,6 @@ class RaySearch:
         """Find the neighbours and the kinks.
 
         Args:
-            shape: of the facets.
             facets: (f, a) their nodes; the first two are their ends.
             controls: (f, m, i), m, undeformed.
         """

@@ -147,8 +147,6 @@ class MasterSource:
         """Look at the surface as a whole, on the rank that has read the mesh; collective.
 
         Args:
-            space: of the displacement.
-            shape: of the facets.
             own: what :func:`own_facets` gives.
             ends: smoothing angle and length over which points fade, see ``FacetSurface``.
             slave_length: m, mean length of the slave's facets.

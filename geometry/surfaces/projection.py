@@ -513,7 +513,6 @@ class EndDistance:
         """Measure them.
 
         Args:
-            shape: of the facets.
             facets: (f, a) their nodes; corners come first.
             nodes: (n, i), m, undeformed.
             is_open: (n,) whether a corner lies at an open end.

@@ -429,8 +429,6 @@ class LineEnds:
         """Shares of closest points at ξ (q,) of pieces (q,); None: all are whole.
 
         Args:
-            piece: see above.
-            xi: see above.
             on_line: (q,) False past an open end.
             reach: (q,), m, way up to an open end over which a point fades.
         """

@@ -236,7 +236,6 @@ class SlaveNormals:
         """Find the neighbours; collective.
 
         Args:
-            vertices: of the slave.
             flipped: (q,) whether a point's facet has to be run through from its second vertex to
                 its first for its normal, to the left, to point out of the body.
         """
@@ -351,7 +350,6 @@ def slave_vertices(
     """Collect the vertices; collective.
 
     Args:
-        space: of the displacement.
         form: shape of the facets; their corners come first.
         nodes: (q, a) global nodes of each point's facet.
         xi: (q, α) reference coordinates of the points on their facets.

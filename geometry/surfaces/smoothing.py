@@ -183,7 +183,6 @@ def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
     """The sides that two facets of a surface share.
 
     Args:
-        shape: of the facets.
         facets: (f, a) their nodes.
         nodes: (n, i), m.
     """
@@ -220,7 +219,6 @@ def corner_spacing(
     next: flats beside arcs do not count. Facets without a corner at their own sides have 0.
 
     Args:
-        shape: of the facets.
         facets: (f, a) their nodes.
         nodes: (n, i), m.
         least: rad, angle between neighbours up to which they are straight on.

@@ -148,9 +148,7 @@ class ContactSurface:
         """The pair of a slave and a rigid tool, see the constructor; collective.
 
         Args:
-            space: of the displacement.
             slave_facets: local facets (owned and ghosts) of the slave surface.
-            surface: of the tool.
             reference_nodes: (2,) global numbers of the nodes that hold its motion.
             motion: of the surface's control points.
             quadrature_degree: degree integrated exactly on an affine slave facet.
@@ -299,8 +297,6 @@ class ContactSurface:
         """Closest points on the master, on its :meth:`master_positions`, of the points (q, i), m.
 
         Args:
-            points: see above.
-            nodes: see above.
             frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
             rays: normals of the slave at the points, to project along; None: closest points.
             fading: whether points leave the end of a master bit by bit.

@@ -101,7 +101,6 @@ class Projection:
         """Give the points ``at`` (p,) that an edge or corner holds normal and gap along x − ȳ.
 
         Args:
-            at: see above.
             points: (p, i), m: x.
             outward: (p, i), out of the master there, for the sign and where x − ȳ is nothing.
         """
