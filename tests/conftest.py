@@ -1,12 +1,10 @@
 """What all tests share: a small pair of blocks, and the problems that are made from it."""
 
-import fcntl
 import gc
 import os
 import signal
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -119,34 +117,6 @@ def make_pair(
 def pair() -> Callable[..., Pair]:
     """Makes pairs of blocks; each kind is meshed once. Every test sets its own displacements."""
     return make_pair
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Where two files are tested at a time, a test that starts ranks has the cores to itself.
-
-    Ranks, which wait for each other at every step, come to nothing beside a process that computes.
-    """
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        return (yield)
-    ranks = item.get_closest_marker("mpi") is not None
-    kind = fcntl.LOCK_EX if ranks else fcntl.LOCK_SH
-    # Who waits for the cores keeps the gate, or those who share them would never be done.
-    with _locked(TESTS, fcntl.LOCK_EX) as gate, _locked(TESTS / "app", kind):
-        if not ranks:
-            fcntl.flock(gate, fcntl.LOCK_UN)
-        return (yield)
-
-
-@contextmanager
-def _locked(path: Path, kind: int) -> Iterator[int]:
-    """Holds a lock on a directory, which need not be writable; yields its descriptor."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, kind)
-        yield descriptor
-    finally:
-        os.close(descriptor)
 
 
 def pytest_configure(config: pytest.Config) -> None:

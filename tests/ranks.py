@@ -13,6 +13,7 @@ The test is given what the first rank returns, as JSON. On one rank this process
 """
 
 import contextlib
+import fcntl
 import importlib
 import json
 import os
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -61,18 +62,27 @@ class OnRanks:
     What only long tests ask for has a start of its own, so that the cost of the others shows.
     """
 
-    def __init__(self, session: pytest.Session, directory: Path) -> None:
-        self.directory = directory
+    def __init__(self, session: pytest.Session) -> None:
+        self.directory = _shared_directory(session.config)
         self._meter: Meter = session.config.pluginmanager.get_plugin("meter")
         self._tiers: dict[tuple[str, int], str] = {}
         self._alone: dict[str, Any] = {}
         for item in session.items:
             tier = "long" if item.get_closest_marker("long") else "guard"
-            for mark in item.iter_markers("mpi"):
-                scenes = [part for part in mark.args if not isinstance(part, int)]
-                for count in (part for part in mark.args if isinstance(part, int)):
-                    for key in ((name_of(s), count) for s in scenes):
-                        self._tiers[key] = min(tier, self._tiers.get(key, tier))
+            for key in _asked(item):
+                self._tiers[key] = min(tier, self._tiers.get(key, tier))
+
+    def starts(self, item: pytest.Item) -> bool:
+        """Whether a test will start ranks: its own, or the first of those that tests share."""
+        if any(not mark.args for mark in item.iter_markers("mpi")):
+            return True
+        shared = [key for key in _asked(item) if key[1] > 1]
+        return not all(
+            self._directory(count, self._tiers[name, count]).exists() for name, count in shared
+        )
+
+    def _directory(self, count: int, tier: str) -> Path:
+        return self.directory / f"{count}-{tier}"
 
     def __call__(self, scene: Scene, count: int) -> Any:
         """What a function returns on the first of a number of ranks."""
@@ -83,7 +93,7 @@ class OnRanks:
             return self._alone[name]
         tier = self._tiers.get((name, count))
         assert tier is not None, f"@pytest.mark.mpi({scene.__name__}, {count})"
-        directory = self.directory / f"{count}-{tier}"
+        directory = self._directory(count, tier)
         if not directory.exists():
             self._start(tier, count, directory)
         found = directory / f"{name}.json"
@@ -120,13 +130,66 @@ def _run(count: int, directory: Path, names: list[str], output: IO[str]) -> None
         )
 
 
+def _asked(item: pytest.Item) -> list[tuple[str, int]]:
+    """The functions that a test names in its markers, each with the numbers of ranks."""
+    return [
+        (name_of(scene), count)
+        for mark in item.iter_markers("mpi")
+        for scene in mark.args
+        for count in mark.args
+        if not isinstance(scene, int) and isinstance(count, int)
+    ]
+
+
+def _shared_directory(config: pytest.Config) -> Path:
+    """A directory that processes which share the tests out have in common."""
+    base = config._tmp_path_factory.getbasetemp()
+    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "ranks"
+
+
+_KEY = pytest.StashKey[OnRanks]()
+
+
+def ranks_of(session: pytest.Session) -> OnRanks:
+    """What starts the ranks of these tests."""
+    if _KEY not in session.stash:
+        session.stash[_KEY] = OnRanks(session)
+    return session.stash[_KEY]
+
+
 @pytest.fixture(scope="session")
-def on_ranks(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> OnRanks:
+def on_ranks(request: pytest.FixtureRequest) -> OnRanks:
     """Calls a function that is named in the test's marker on a number of ranks."""
-    base = tmp_path_factory.getbasetemp()
-    # Processes that share the tests out share these directories.
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    return OnRanks(request.session, shared / "ranks")
+    return ranks_of(request.session)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Where two files are tested at a time, a test that starts ranks has the cores to itself.
+
+    Ranks, which wait for each other at every step, come to nothing beside a process that computes.
+    One that finds its ranks' results shares the cores like any other.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return (yield)
+    ranks = ranks_of(item.session).starts(item)
+    kind = fcntl.LOCK_EX if ranks else fcntl.LOCK_SH
+    # Who waits for the cores keeps the gate, or those who share them would never be done.
+    with _locked(ROOT / "tests", fcntl.LOCK_EX) as gate, _locked(ROOT / "tests" / "app", kind):
+        if not ranks:
+            fcntl.flock(gate, fcntl.LOCK_UN)
+        return (yield)
+
+
+@contextlib.contextmanager
+def _locked(path: Path, kind: int) -> Iterator[int]:
+    """Holds a lock on a directory, which need not be writable; yields its descriptor."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, kind)
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
 def name_of(scene: Scene) -> str:
