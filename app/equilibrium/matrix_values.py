@@ -25,7 +25,11 @@ _SIGNATURES = {
     "MatSeqBAIJRestoreArray": _VALUES,
     "MatGetRowIJ": _PATTERN,
     "MatRestoreRowIJ": _PATTERN,
+    "MatMPIBAIJGetSeqBAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
+    "MatGetSize": [ctypes.c_void_p, *2 * [ctypes.POINTER(ctypes.c_int32)]],
+    "MatMultAdd": 4 * [ctypes.c_void_p],
 }
+_NUMBERS = ctypes.POINTER(ctypes.c_int32)
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
 _BLOCKS = 0, 0, 1  # rows and columns of blocks
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
@@ -101,6 +105,32 @@ def blocks_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints, Floats]]:
             yield indptr, indices, values
     finally:
         petsc.MatSeqBAIJRestoreArray(block.handle, ctypes.byref(first))
+
+
+def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
+    """The part of ``A`` with this rank's rows and others' columns, PETSc's, and these columns.
+
+    Args:
+        A: in blocks, on several ranks; columns are those of blocks.
+    """
+    petsc, of, size = _petsc(), ctypes.byref, ctypes.c_int32()
+    own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
+    assert petsc is not None
+    if petsc.MatMPIBAIJGetSeqBAIJ(A.handle, of(own), of(other), of(columns)) or petsc.MatGetSize(
+        other, None, of(size)
+    ):
+        raise PETSc.Error("the parts of the matrix cannot be had")
+    count, first = size.value // A.getBlockSize(), ctypes.cast(columns, _NUMBERS)
+    found = np.ctypeslib.as_array(first, (count,)).copy() if count else np.empty(0, np.int32)
+    return int(other.value or 0), found
+
+
+def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    """Add what :func:`columns_of_others` has found, times ``x``, to ``y``."""
+    petsc = _petsc()
+    assert petsc is not None
+    if petsc.MatMultAdd(part, x.handle, y.handle, y.handle):
+        raise PETSc.Error("a product failed")
 
 
 @contextmanager

@@ -12,11 +12,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.matrix_values import blocks_in_place
+from tribox.app.equilibrium.matrix_values import (
+    add_product,
+    blocks_in_place,
+    columns_of_others,
+)
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.factor import CLOSEST, petsc_kinds
 from tribox.forms.native import library
@@ -43,9 +48,9 @@ SYMMETRIC |= {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned"}
 # A solve that takes more than MANY iterations, and more than WORN times as many as the first with
 # the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
 MANY, WORN = 30, 1.5
-DAMPED = {"mg_levels_ksp_richardson_scale": 0.8}
-"""Options beyond two ranks: where three meet, sweeps within each add up and raise errors. Boxes of
-27 054 unknowns took 1465 iterations on four ranks, 254 on two."""
+DAMPED = 0.8
+"""Share of what sweeps find that is added beyond two ranks: where three meet, sweeps within each
+raise errors. Boxes of 27 054 unknowns took 1465 iterations on four ranks, 254 on two."""
 CLOSE = 1e-5
 """Share of the forces that a first solve from a start on the path may leave. With the usual one the
 start's smooth errors remain, points open or slip by them, and a solve more is needed."""
@@ -61,7 +66,7 @@ class Multigrid:
 
     Attributes:
         direct, part, closest: see :class:`tribox.app.implicit.factor.LinearWay`.
-        ksp: PETSc's solver.
+        ksp: PETSc's solver; pc: its preconditioner, the levels of the multigrid.
         made: how often the preconditioner was made.
     """
 
@@ -69,7 +74,7 @@ class Multigrid:
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
         """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
-        self.ksp, self._matrix, self._near = ksp, matrix, near
+        self.ksp, self.pc, self._matrix, self._near = ksp, ksp.getPC(), matrix, near
         self._is_made = False
         self._fresh: float | None = None  # iterations of the first solve with the preconditioner
         self._usual = self._share = float(ksp.getTolerances()[0])  # of forces, left by a solve
@@ -104,10 +109,9 @@ class Multigrid:
         self.made += anew
         self._matrix.setNearNullSpace(self._near)
         self.ksp.setOperators(self._matrix)
-        preconditioner = self.ksp.getPC()
-        preconditioner.setReusePreconditioner(not anew)
+        self.pc.setReusePreconditioner(not anew)
         self.ksp.setUp()
-        preconditioner.setReusePreconditioner(True)
+        self.pc.setReusePreconditioner(True)
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`; the options say what is usual."""
@@ -136,8 +140,8 @@ class Multigrid:
 class MultigridSolver:
     """Solves with a matrix as a factorisation would, by iterations.
 
-    Products with the matrix and sweeps over it take half the time in blocks of a node's unknowns
-    (BAIJ), so that the finest level is copied into them. GAMG cannot coarsen these.
+    Products with the matrix and sweeps over it take a fraction of the time in blocks of a node's
+    unknowns (BAIJ), so that the finest level is copied into them. GAMG cannot coarsen these.
 
     Attributes:
         multigrid: the preconditioner that is kept.
@@ -155,8 +159,7 @@ class MultigridSolver:
     ) -> None:
         """Prepare to solve with ``matrix``; collective."""
         at_hand = PETSc.Options(prefix)
-        damped = DAMPED if matrix.comm.size > 2 else {}
-        for key, value in (dict(options) | damped).items():
+        for key, value in options.items():
             at_hand[key] = value
         self._ksp = PETSc.KSP().create(matrix.comm)
         self._ksp.setOptionsPrefix(prefix)
@@ -164,8 +167,11 @@ class MultigridSolver:
         self._ksp.setFromOptions()
         self.multigrid = Multigrid(self._ksp, matrix, near)
         self._matrix, self._count = matrix, count
+        self._cycle = PETSc.PC().create(matrix.comm)
+        self._cycle.setType(PETSc.PC.Type.PYTHON)
         self._blocks: PETSc.Mat | None = None
-        self._sweeps = BlockSweeps()
+        self._finest: FinestLevel | None = None
+        self._product = matrix
         self.solution, self._rhs = matrix.createVecs()
         self.image = self._rhs.duplicate()
         self.converged = True
@@ -175,24 +181,23 @@ class MultigridSolver:
 
         Returns True: it can be done; collective.
         """
+        self._ksp.setPC(self.multigrid.pc)
         self.multigrid.set_up(widened)
         if widened and self._blocks is not None:
             self._blocks.destroy()
             self._blocks = None
+        if not can_sweep(self._matrix) or self.multigrid.pc.getMGLevels() == 1:
+            return True
         self._blocks = self._matrix.convert(PETSc.Mat.Type.BAIJ, self._blocks or PETSc.Mat())
-        # Other values do not make PETSc forget the inverses of the diagonal blocks; this does.
-        self._blocks.zeroRows(np.empty(0, dtype=PETSc.IntType))
-        pc = self._ksp.getPC()
-        finest = pc.getMGLevels() - 1
-        if finest > 0:
-            smoother = pc.getMGSmoother(finest)
-            smoother.setOperators(self._blocks)
-            if self._sweeps.take(self._blocks):
-                smoother.getPC().setType(PETSc.PC.Type.PYTHON)
-                smoother.getPC().setPythonContext(self._sweeps)
-            smoother.setUp()
-            _leave_residual_to(pc, finest, self._blocks)
-        self._ksp.setOperators(self._blocks, self._matrix)
+        if self._finest is None:
+            self._finest = FinestLevel(self._matrix)
+            self._product = PETSc.Mat().createPython(
+                self._matrix.getSizes(), self._finest, self._matrix.comm
+            )
+        if self._finest.take(self._blocks, self.multigrid.pc, widened):
+            self._cycle.setPythonContext(self._finest)
+            self._ksp.setPC(self._cycle)
+            self._ksp.setOperators(self._product, self._matrix)
         return True
 
     def solve(self, rhs: Floats, most: float) -> Floats:
@@ -202,7 +207,6 @@ class MultigridSolver:
             rhs: N.
             most: N, norm of the forces that may be left.
         """
-        assert self._blocks is not None
         self._rhs.array[:] = rhs
         size = self._rhs.norm()
         if size <= most:
@@ -213,58 +217,155 @@ class MultigridSolver:
         self._ksp.solve(self._rhs, self.solution)
         self._count(self._ksp.getIterationNumber())
         self.converged = self._ksp.getConvergedReason() > 0
-        self._blocks.mult(self.solution, self.image)
+        self._ksp.getOperators()[0].mult(self.solution, self.image)
         return self.solution.array_r
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self._ksp, self._blocks):
+        for part in (self._ksp, self.multigrid.pc, self._cycle, self._blocks):
             if part is not None:
                 part.destroy()
+        if self._finest is not None:
+            self._product.destroy()
 
 
-class BlockSweeps:
-    """A symmetric sweep of Gauss-Seidel over blocks of three, as PETSc's preconditioner in Python.
+def can_sweep(matrix: PETSc.Mat) -> bool:
+    """Whether a matrix is one of blocks that :class:`FinestLevel` knows."""
+    return matrix.getBlockSize() in (2, 3) and np.dtype(PETSc.IntType) == np.int32
 
-    Within each rank, in single precision: a third of the time of PETSc's.
+
+class FinestLevel:
+    """A V-cycle whose finest level is swept in blocks, as PETSc's preconditioner in Python.
+
+    Symmetric sweeps of Gauss-Seidel within each rank, in single precision, beyond two ranks by
+    :data:`DAMPED` of what they find. The first leaves its residual for half a product; the second
+    begins with what the coarse levels found, for half a product more. It is the matrix, too, as
+    PETSc's in Python, in double precision.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        """Make room for sweeps over what is of the size of ``matrix``."""
         self._code = library(SOURCE)
         self._code.tribox_split_blocks.restype = ctypes.c_int64
-        self._arrays: tuple[NDArray[Any], ...] = ()
+        self._size, self._count = matrix.getBlockSize(), matrix.getLocalSize()[0]
+        self._count //= self._size
+        self._share = ctypes.c_double(DAMPED if matrix.comm.size > 2 else 1.0)
+        self._parts: tuple[NDArray[Any], ...] = ()
+        self._matrix: tuple[NDArray[Any], ...] = ()
+        self._work = np.zeros(3 * 4 * self._count, np.float32)
+        self._left = matrix.createVecLeft()
+        self._levels: CoarseLevels | None = None
+        self._others: OtherRanks | None = None
 
-    def take(self, matrix: PETSc.Mat) -> bool:
-        """Take over the values of a matrix in blocks; whether these sweeps can be used."""
-        if matrix.getBlockSize() != 3 or np.dtype(PETSc.IntType) != np.int32:
-            return False
-        with blocks_in_place(matrix) as (start, column, values):
-            n, more = len(start) - 1, 4  # a block is read by fours
-            if not self._arrays or len(self._arrays[1]) != len(column):
+    def take(self, blocks: PETSc.Mat, aggregates: PETSc.PC, widened: bool) -> bool:
+        """Take over the values of a matrix in blocks; whether sweeps can be used; collective.
+
+        Args:
+            aggregates: the coarse levels.
+            widened: whether the pattern is another than that of the last one.
+        """
+        self._levels, self._blocks = CoarseLevels(aggregates), blocks
+        if blocks.comm.size > 1 and (widened or self._others is None):
+            self._others = OtherRanks(blocks)
+        with blocks_in_place(blocks) as (start, column, values):
+            # PETSc keeps these where they are.
+            self._matrix = start, column, values
+            n, entries, more = self._count, self._size**2, 4  # a block is read by fours
+            if not self._parts or len(self._parts[1]) != len(column):
                 ends, columns = np.empty((2, n + 1), np.int32), np.empty(len(column), np.int32)
-                sizes = 9 * len(column) + more, 9 * n + more, 4 * n
-                self._arrays = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
-            self._count = ctypes.c_int64(n)
-            every: tuple[NDArray[Any], ...] = (start, column, values, *self._arrays[:-1])
-            arrays = [_at(one) for one in every]
-            return bool(self._code.tribox_split_blocks(self._count, *arrays) < 0)
+                sizes = (entries * size + more for size in (len(column), n, n))
+                self._parts = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
+            every: tuple[NDArray[Any], ...] = (*self._matrix, *self._parts)
+            missing = self._code.tribox_split_blocks(*self._sizes(), *map(_at, every))
+        found: bool = blocks.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
+        return found
+
+    def _sizes(self) -> tuple[ctypes.c_int64, ctypes.c_int64]:
+        return ctypes.c_int64(self._size), ctypes.c_int64(self._count)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Put the matrix times ``x`` into ``y``; collective."""
+        arrays = *map(_at, self._matrix), _at(x.array_r), _at(y.array)
+        self._code.tribox_multiply(*self._sizes(), *arrays)
+        if self._others is not None:
+            self._others.add(x, y)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Sweep from zero to ``x`` with the right-hand side ``b``."""
-        *fixed, scratch = map(_at, self._arrays)
-        right, found = b.array_r, x.array
-        self._code.tribox_sweep(self._count, *fixed, _at(right), _at(found), scratch)
+        """Put into ``x`` what a V-cycle finds for the right-hand side ``b``; collective."""
+        assert self._levels is not None
+        left = self._left
+        self.sweep(b, x, left)
+        if self._others is not None:
+            self._others.take_off(x, left)
+        self._levels.correct(left, x)
+        right = b
+        if self._others is not None:
+            b.copy(left)
+            self._others.take_off(x, left)
+            right = left
+        self.sweep(right, x)
+
+    def sweep(self, b: PETSc.Vec, x: PETSc.Vec, left: PETSc.Vec | None = None) -> None:
+        """Sweep over this rank's own unknowns; from zero to find what is ``left`` of ``b``."""
+        from_zero = ctypes.c_int64(left is not None)
+        rest = None if left is None else _at(left.array)
+        vectors = _at(b.array_r), _at(x.array), rest, self._share, from_zero, _at(self._work)
+        self._code.tribox_sweep(*self._sizes(), *map(_at, self._parts), *vectors)
+
+
+class OtherRanks:
+    """What this rank's rows of a matrix in blocks have in the columns of other ranks."""
+
+    def __init__(self, blocks: PETSc.Mat) -> None:
+        """Learn which unknowns these are; collective."""
+        self._part, columns = columns_of_others(blocks)
+        self._x = PETSc.Vec().createSeq(len(columns) * blocks.getBlockSize(), comm=MPI.COMM_SELF)
+        source, size = blocks.createVecRight(), blocks.getBlockSize()
+        wanted = PETSc.IS().createBlock(size, columns, comm=MPI.COMM_SELF)
+        self._scatter = PETSc.Scatter().create(source, wanted, self._x, None)
+
+    def add(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Add their part of the matrix times ``x`` to ``y``; collective."""
+        self._scatter.scatter(x, self._x)
+        add_product(self._part, self._x, y)
+
+    def take_off(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Take it off ``y``; collective."""
+        self._scatter.scatter(x, self._x)
+        self._x.scale(-1.0)
+        add_product(self._part, self._x, y)
+
+
+class CoarseLevels:
+    """All levels of PETSc's multigrid but the finest."""
+
+    def __init__(self, pc: PETSc.PC) -> None:
+        """Take them out of the multigrid that is set up; collective."""
+        numbers = range(1, pc.getMGLevels())
+        self._between = [pc.getMGInterpolation(level) for level in numbers]
+        self._solvers = [pc.getMGCoarseSolve(), *(pc.getMGSmoother(one) for one in numbers[:-1])]
+        self._matrices = [solver.getOperators()[0] for solver in self._solvers]
+        self._vectors = [(*one.createVecs(), one.createVecLeft()) for one in self._matrices]
+
+    def correct(self, left: PETSc.Vec, x: PETSc.Vec, level: int | None = None) -> None:
+        """Add to ``x`` what the levels below find for the residual ``left``; collective."""
+        level = len(self._solvers) - 1 if level is None else level
+        solver, between = self._solvers[level], self._between[level]
+        found, right, rest = self._vectors[level]
+        between.multTranspose(left, right)
+        solver.setInitialGuessNonzero(False)
+        solver.solve(right, found)
+        if level > 0:
+            self._matrices[level].mult(found, rest)
+            rest.aypx(-1.0, right)
+            self.correct(rest, found, level - 1)
+            solver.setInitialGuessNonzero(True)
+            solver.solve(right, found)
+        between.multAdd(found, x, x)
 
 
 def _at(array: NDArray[Any]) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
-
-
-def _leave_residual_to(pc: PETSc.PC, level: int, matrix: PETSc.Mat) -> None:
-    """Let a level of PETSc's multigrid find residuals by a matrix; petsc4py has no word for it."""
-    handles = ctypes.c_void_p(pc.handle), ctypes.c_int(level), None, ctypes.c_void_p(matrix.handle)
-    if code := ctypes.CDLL(PETSc.__file__).PCMGSetResidual(*handles):
-        raise PETSc.Error(code)
 
 
 def rigid_motions_of(problem: Equilibrium, dofs: Ints | None = None) -> PETSc.NullSpace:

@@ -20,7 +20,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.factor import DIRECT
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
-from tribox.app.implicit.multigrid import KRYLOV, BlockSweeps, Multigrid
+from tribox.app.implicit.multigrid import KRYLOV, FinestLevel, Multigrid
 from tribox.app.implicit.newton import Newton
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -53,7 +53,7 @@ def test_krylov_and_direct_agree():
     coarse = CoarseStates()
     direct, krylov = simulated("direct"), simulated("krylov", coarse)
     assert direct.stepper.solver.direct and not krylov.stepper.solver.direct
-    assert krylov.stepper.solver.way.multigrid.ksp.getPC().getType() == "gamg"
+    assert krylov.stepper.solver.way.multigrid.pc.getType() == "gamg"
     for a, b in zip(direct.rows, krylov.rows, strict=True):
         assert b.normal_force == pytest.approx(a.normal_force, rel=1e-8)
         assert b.tangential_force == pytest.approx(a.tangential_force, rel=1e-7, abs=1e-9)
@@ -266,7 +266,7 @@ def coarse_state(solver):
     """
     way = solver.way
     kept = way if isinstance(way, Multigrid) else way.multigrid
-    matrix = kept.ksp.getPC().getMGCoarseSolve().getOperators()[0]
+    matrix = kept.pc.getMGCoarseSolve().getOperators()[0]
     return matrix, matrix.stateGet()
 
 
@@ -307,39 +307,65 @@ class FailsOnce:
 
 
 def blocks(values, missing=()):
-    """A matrix (n, n, 3, 3) as PETSc has it in blocks of three, without some of the blocks."""
-    n = len(values)
+    """A matrix (n, n, d, d) as PETSc has it in blocks, without some of the blocks."""
+    n, size = len(values), values.shape[-1]
     at = [[j for j in range(n) if (i, j) not in missing] for i in range(n)]
     indptr = np.cumsum([0, *map(len, at)]).astype(np.int32)
     indices = np.concatenate(at).astype(np.int32)
     kept = np.array([values[i, j] for i in range(n) for j in at[i]])
     made = PETSc.Mat().createBAIJ(
-        (3 * n, 3 * n), 3, csr=(indptr, indices, kept), comm=MPI.COMM_SELF
+        (size * n, size * n), size, csr=(indptr, indices, kept), comm=MPI.COMM_SELF
     )
     made.assemble()
     return made
 
 
-def test_a_sweep_in_single_precision_is_that_of_gauss_seidel():
+class NoCoarseLevels:
+    """What stands for multigrid without any levels below the finest."""
+
+    def getMGLevels(self):
+        return 1
+
+    def getMGCoarseSolve(self):
+        ksp = PETSc.KSP().create(MPI.COMM_SELF)
+        ksp.setOperators(PETSc.Mat().createAIJ((1, 1), comm=MPI.COMM_SELF))
+        return ksp
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_sweeps_in_single_precision_are_those_of_gauss_seidel(size, share):
     rng, n, missing = np.random.default_rng(3), 7, {(0, 3), (3, 0), (6, 1), (5, 2)}
-    values = rng.normal(size=(n, n, 3, 3))
-    values[range(n), range(n)] += 9.0 * np.eye(3)
+    values = rng.normal(size=(n, n, size, size))
+    values[range(n), range(n)] += 9.0 * np.eye(size)
     for i, j in missing:
         values[i, j] = 0.0
-    sweeps, right = BlockSweeps(), rng.normal(size=3 * n)
+    right, start = rng.normal(size=(2, size * n))
+    level = FinestLevel(blocks(values, missing))
+    level._share.value = share
+    whole = values.transpose(0, 2, 1, 3).reshape(size * n, size * n)
+    lower = np.kron(np.tri(n), np.ones((size, size))) * whole
+    diagonal = np.kron(np.eye(n), np.ones((size, size))) * whole
+    swept = np.linalg.solve(lower, np.eye(size * n))  # (D + L) y = r and (D + U) d = D y
+    swept = share * np.linalg.solve(whole - lower + diagonal, diagonal @ swept)
     for scale in (1.0, 1e9):  # the values of one pattern may change
         matrix = blocks(scale * values, missing)
-        assert sweeps.take(matrix)
+        assert level.take(matrix, NoCoarseLevels(), widened=False)
         b, x = matrix.createVecs()
+        left = b.duplicate()
         b.array[:] = scale * right
-        sweeps.apply(None, b, x)
-        # (D + L) y = b and (D + U) x = D y.
-        whole = values.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
-        lower = np.kron(np.tri(n), np.ones((3, 3)))
-        diagonal = np.kron(np.eye(n), np.ones((3, 3))) * whole
-        y = np.linalg.solve(lower * whole, right)
-        expected = np.linalg.solve(whole - lower * whole + diagonal, diagonal @ y)
-        np.testing.assert_allclose(x.array, expected, atol=2e-6 * np.abs(expected).max())
+        level.sweep(b, x, left)
+        once = swept @ right
+        np.testing.assert_allclose(x.array, once, atol=2e-6 * np.abs(once).max())
+        rest = scale * (right - whole @ once)
+        np.testing.assert_allclose(left.array, rest, atol=2e-6 * np.abs(rest).max())
+        x.array[:] = start
+        level.sweep(b, x)
+        again = start + swept @ (right - whole @ start)
+        np.testing.assert_allclose(x.array, again, atol=4e-6 * np.abs(again).max())
+        level.mult(matrix, x, left)
+        product = scale * (whole @ x.array)
+        np.testing.assert_allclose(left.array, product, rtol=1e-12, atol=1e-13 * scale)
 
 
 def iterations_of_boxes(comm, directory):
