@@ -385,6 +385,8 @@ def notes_on_branches(bodies: Bodies, stages: Sequence[Stage]) -> Iterator[str]:
                 f"bodies.{name}.shift: relaxation times are {factor:.3g} times those of prony at "
                 f"{body.shift.temperature:.5g} K: {times}"
             )
+            for note in body.shift.notes():
+                yield f"bodies.{name}.shift: {note}"
 
 
 def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> list[str]:

@@ -68,6 +68,7 @@ def backstress_of(branches: Kinematic) -> tuple[hardening.Backstress, ...]:
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 GAS_CONSTANT = 8.31446261815324  # J/(mol K)
+WLF_RANGE = 50.0, 150.0  # K above T_ref - C2 that the law describes: from the glass to 100 K on
 MOST_DECADES = 30  # by which a temperature may shift relaxation times
 _ENERGY = Field(description="strain energy of the body")
 _SHARE = Quantity(gt=0.0, lt=1.0, name="share")
@@ -206,18 +207,30 @@ class WlfShift(Model):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A temperature below the range of the law, or a factor beyond all use."""
-        above = self.C2 + self.temperature - self.reference
-        if above <= 0.0:
+        if self.above <= 0.0:
             least = self.reference - self.C2
             yield Problem((*place, "temperature"), f"must be > {least:g} K, reference - C2")
         elif abs(math.log10(math.e) * self.log_factor) > MOST_DECADES:
             yield Problem(place, _too_far(self.log_factor))
 
     @property
+    def above(self) -> float:
+        """The temperature over the one where all relaxation ends, T_ref - C2, K."""
+        return self.C2 + self.temperature - self.reference
+
+    @property
     def log_factor(self) -> float:
         """The natural logarithm of a_T."""
-        warmer = self.temperature - self.reference
-        return -math.log(10.0) * self.C1 * warmer / (self.C2 + warmer)
+        return -math.log(10.0) * self.C1 * (self.temperature - self.reference) / self.above
+
+    def notes(self) -> Iterator[str]:
+        """A temperature that is not the law's."""
+        low, high = WLF_RANGE
+        if not low <= self.above <= high:
+            yield (
+                f"{self.above:.4g} K above reference - C2, where the law of Williams, Landel & "
+                f"Ferry is extrapolated: it holds from some {low:g} K (the glass) to {high:g} K"
+            )
 
 
 class ArrheniusShift(Model):
@@ -244,6 +257,10 @@ class ArrheniusShift(Model):
     def log_factor(self) -> float:
         """The natural logarithm of a_T."""
         return self.energy / GAS_CONSTANT * (1.0 / self.temperature - 1.0 / self.reference)
+
+    def notes(self) -> Iterator[str]:
+        """None: nothing is known of where it ends."""
+        return iter(())
 
 
 def _too_far(log_factor: float) -> str:

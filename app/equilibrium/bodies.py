@@ -204,12 +204,16 @@ class Bodies:
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J per unit thickness; not finite where a cell is inverted."""
-        return sum(
+        return sum(self.strain_energies())
+
+    def strain_energies(self) -> list[float]:
+        """The same of each body."""
+        return [
             solid.strain_energy()
             if cells is None
             else cells.energy(self._u.x.array) + solid.point_energy()
             for solid, cells in zip(self.solids, self.cells, strict=True)
-        )
+        ]
 
     def add_tangent(
         self, A: PETSc.Mat, index: int, pattern: object, carried: bool, unrolled: bool

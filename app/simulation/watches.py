@@ -27,6 +27,7 @@ from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.viscous_points import Viscoelastic
+from tribox.geometry.surfaces.facets import Floats
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -247,58 +248,62 @@ class FlowWatch:
 
 
 class _CreepWatch:
-    """What branches dissipate in steps that are long for them."""
+    """What branches dissipate in steps that are long for them, over what their body stores."""
 
     def __init__(self, problem: Equilibrium) -> None:
         self._problem = problem
         self._bodies = [
-            (body, body.material.branches)
-            for body in problem.solids
+            (number, body, body.material.branches)
+            for number, body in enumerate(problem.solids)
             if isinstance(body, MemorySolid) and isinstance(body.material, Viscoelastic)
         ]
-        size = sum(len(branches) for _, branches in self._bodies)
-        self._lost, self._in_long, self._longest = np.zeros((3, size))
-        self._stored = 0.0
+        self._times = np.array([b.time for _, _, branches in self._bodies for b in branches])
+        self._lost: Floats = np.zeros(len(self._times))
+        self._in_long, self._longest = np.zeros((2, len(self._times)))
+        self._stored: Floats = np.zeros(len(self._bodies))
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
         if not self._bodies:
             return
-        local = np.concatenate([body.dissipated_by_part for body, _ in self._bodies])
-        lost = np.empty_like(local)
-        self._problem.comm.Allreduce(local, lost, op=MPI.SUM)
-        times = np.array([b.time for _, branches in self._bodies for b in branches])
-        felt = [body.felt_step for body, branches in self._bodies for _ in branches]
-        long = np.isfinite(felt) & (row.dt > SHARE * times)
+        felt = [body.felt_step for _, body, branches in self._bodies for _ in branches]
+        long = np.isfinite(felt) & (row.dt > SHARE * self._times)
+        energies = self._problem.bodies.strain_energies() if long.any() else None
+        own = [0.0 if energies is None else energies[n] for n, _, _ in self._bodies]
+        local = np.concatenate([own, *(b.dissipated_by_part for _, b, _ in self._bodies)])
+        both = np.empty_like(local)
+        self._problem.comm.Allreduce(local, both, op=MPI.SUM)
+        stored, lost = np.split(both, [len(self._bodies)])
         self._in_long += np.where(long, lost - self._lost, 0.0)
         self._longest = np.maximum(self._longest, np.where(long, row.dt, 0.0))
-        self._lost, self._stored = lost, max(self._stored, self._problem.strain_energy())
+        self._lost, self._stored = lost, np.maximum(self._stored, stored)
 
     def warnings(self) -> Iterator[str]:
         """A line for each branch that matters and had long steps."""
-        whole, at = self._stored + float(self._lost.sum()), 0
-        for body, branches in self._bodies:
-            for number, branch in enumerate(branches, start=1):
-                lost, step = float(self._in_long[at]), float(self._longest[at])
-                at += 1
+        at = 0
+        for (_, body, branches), stored in zip(self._bodies, self._stored, strict=True):
+            its = slice(at, at := at + len(branches))
+            whole = stored + self._lost[its].sum()
+            found = zip(branches, self._in_long[its], self._longest[its], strict=True)
+            for number, (branch, lost, step) in enumerate(found, start=1):
                 if lost > COUNTS * whole:
                     yield (
                         f"body {body.name}: steps of {step:.3g} s are {step / branch.time:.2g} of "
                         f"the relaxation time of branch {number}, {branch.time:.3g} s, which "
-                        f"dissipates {100.0 * lost / whole:.2g} % of what the bodies store and "
-                        "lose: its stress is of first order in the step; take steps of at most "
+                        f"dissipates {100.0 * lost / whole:.2g} % of what the body stores and "
+                        "loses: its stress is of first order in the step; take steps of at most "
                         f"{SHARE * branch.time:.2g} s"
                     )
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
         sums = (self._lost, self._in_long, self._longest)
-        return {"sums": [one.tolist() for one in sums], "stored": self._stored}
+        return {"sums": [one.tolist() for one in sums], "stored": self._stored.tolist()}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._lost, self._in_long, self._longest = map(np.array, kept["sums"])
-        self._stored = kept["stored"]
+        self._stored = np.array(kept["stored"])
 
 
 # -- What watches over a run and has its say at the end of it --------------------------------------

@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from tests.app.case.test_case import FILM_CASE
-from tribox.app.build.model import notes_on_materials
+from tribox.app.build.model import notes_on_branches, notes_on_materials
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.library import entries
 from tribox.app.case.quantities import parse_quantity
@@ -126,6 +126,27 @@ def test_a_mistake_gives_one_clear_line(body, expected, case_file):
     assert len(lines) == 1, lines
     assert expected in lines[0]
     assert "\n" not in lines[0] and "pydantic" not in lines[0] and len(lines[0]) < 320
+
+
+FACTORS = [  # by hand; of WLF the glass is at 20 degC
+    (WLF, 10.0 ** (-17.4 * 20.0 / 71.6), False),
+    (WLF | {"temperature": "18 degC"}, 10.0 ** (17.4 * 2.0 / 49.6), True),
+    (WLF | {"temperature": "119 degC"}, 10.0 ** (-17.4 * 99.0 / 150.6), True),
+    (HOT, math.exp(80e3 / 8.314462618 * (1.0 / 313.0 - 1.0 / 293.0)), False),
+    (HOT | {"temperature": 283}, math.exp(80e3 / 8.314462618 * (1.0 / 283.0 - 1.0 / 293.0)), False),
+]
+
+
+@pytest.mark.parametrize(("shift", "factor", "far"), FACTORS)
+def test_a_temperature_shifts_the_relaxation_times(shift, factor, far):
+    data = case_with(**PRONY, shift=shift)
+    case = read(data)
+    times = [branch.time for branch in case.bodies["aluminium"].material_of().branches]
+    assert times == pytest.approx([0.01 * factor, factor], rel=1e-8)
+    notes = [n for n in notes_on_branches(case.bodies, case.stage) if ".shift: " in n]
+    said, *more = notes
+    assert f"relaxation times are {factor:.3g} times those of prony" in said
+    assert len(more) == far and all("is extrapolated" in note for note in more)
 
 
 # -- The materials library: entries, what a case makes of them, and what is written back -----------

@@ -183,6 +183,22 @@ def test_long_steps_are_said_of_branches_that_matter(steps, said, tmp_path):
     assert "branch 2" not in log
 
 
+def test_a_branch_is_measured_by_its_own_body(tmp_path):
+    """A second body that stores a thousand times as much hides no long step."""
+    data = tomllib.loads(BLOCK.replace("SECTION", "plane-strain"))
+    data["stage"][0]["steps"] = 4
+    beside = {"x": ["2 mm", "3 mm"], "y": ["0 mm", "1 mm"], "elements": [2, 2]}
+    data["geometry"]["blocks"]["stiff"] = beside
+    data["bodies"]["stiff"] = {"material": "neo-hookean", "G": "1 GPa", "K": "20 GPa"}
+    supports = data["boundary"]
+    data["boundary"] = supports + [
+        support | {"surface": support["surface"].replace("rubber", "stiff")} for support in supports
+    ]
+    run_on(case_of(data, fields_every=0), tmp_path / "out")
+    log = (tmp_path / "out" / "log.txt").read_text()
+    assert "body rubber: steps of 0.00025 s are 1.2 of the relaxation time of branch 1" in log
+
+
 def rolling_resistance(zeta):
     """Moment over load and a, load (of 2/3) and a_0 of the bed of springs and dashpots, a = 1."""
 
