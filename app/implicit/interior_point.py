@@ -42,18 +42,25 @@ class Opening:
         kept: least share of pressures and slacks that an iteration leaves: more is slower, and
             keeps vertices from opening and closing in turn.
         central: whether it stays on the central path, from the prediction on.
+        linear: whether that begins at the linear step instead.
     """
 
     barrier: float
     kept: float = 0.0
     central: bool = False
+    linear: bool = False
 
 
 # What solves the most steps in the fewest iterations comes first.
 OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
 # Metal flows where linear laws pull at what wants to open: laws that never pull come first, and of
 # the linear ones those with the lowest barrier. A first contact may take a higher one.
-OPENINGS_FLOWING = (Opening(1e-6, central=True), OPENINGS[2], OPENINGS[0])
+OPENINGS_FLOWING = (
+    Opening(1e-6, central=True),
+    Opening(1e-6, central=True, linear=True),
+    OPENINGS[2],
+    OPENINGS[0],
+)
 SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
@@ -117,13 +124,15 @@ class FromInside:
 def order(attempt: Attempt) -> list[int]:
     """Numbers of the openings, the best first: what worked last does again, unless bodies flow.
 
-    Before anything presses no central path is followed: it begins at a prediction, which knows
-    nothing of a first contact.
+    Where metal is bent over tools, the changes of contact that the continued path repeats are the
+    wrong ones: once a step was found otherwise, the central path begins at the linear step. Before
+    anything presses none is followed: neither start knows of a first contact.
     """
-    if attempt.newton.problem.flows:
-        return list(range(0 if attempt.pressed else 1, len(OPENINGS_FLOWING)))
     last = attempt.newton.inside.opening
-    return sorted(range(len(OPENINGS)), key=lambda number: number != last)
+    if not attempt.newton.problem.flows:
+        return sorted(range(len(OPENINGS)), key=lambda number: number != last)
+    first = min(last, 1) if attempt.pressed else 2
+    return list(range(first, len(OPENINGS_FLOWING)))
 
 
 def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
@@ -161,18 +170,20 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
 def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     """Iterate on the central path; iterations, and whether the exact law should go on; collective.
 
-    It begins where the prediction is, and with a barrier so low that the prediction is nearly on
-    the path. The laws are smooth, and a step that gains little is the sign of a kink that has
-    become too sharp: then the barrier waits.
+    It begins with a barrier so low that the start is nearly on the path. The laws are smooth, and a
+    step that gains little is the sign of a kink that has become too sharp: then the barrier waits.
     """
     newton, problem = attempt.newton, attempt.newton.problem
     found = starting_points(attempt, opening.barrier)
     points: Points = [None if at is None else at.central() for at in found]
     step = attempt.step.inside(points)
     attempt.return_to_start()
+    started = 0
+    if opening.linear:
+        started = attempt.predictor.restart(attempt.x, attempt.trial, attempt.step)
     exact, before = np.inf, np.inf
     limit = min(LIMIT_CENTRAL, newton.options.max_iterations)
-    for iteration in range(limit):
+    for iteration in range(started, limit):
         left = newton.residual_of(step)
         if not np.isfinite(left) or (left > EASED and iteration >= PATIENCE_CENTRAL):
             return iteration, False

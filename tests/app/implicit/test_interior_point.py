@@ -1,12 +1,13 @@
 """Contacts that are found from inside: flush sheets, on which Newton's method chatters."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.solved import solved as run
-from tribox.app.implicit.interior_point import OPENINGS_FLOWING
+from tribox.app.implicit.interior_point import OPENINGS_FLOWING, order
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
@@ -96,7 +97,7 @@ def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut(metal, friction,
 
 
 def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
-    """Linear laws pull at what wants to open, and fail; from then on the path does it."""
+    """Linear laws pull at what wants to open; the path from the prediction loses its way."""
     friction = {"law": "coulomb", "mu": 0.1}
     tools, metal = bending(2.4e-3), {"material": "AA1050-O"}
     simulation = run(strip([80, 2], 0.06, tools, 8, friction, metal))
@@ -104,7 +105,22 @@ def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
     assert [row.attempts for row in rows] == [1] * 8
     assert sum(row.newton_iterations for row in rows) <= 180
     inside = simulation.stepper.newton.inside
-    assert inside.last and OPENINGS_FLOWING[inside.opening].central
+    assert inside.last and OPENINGS_FLOWING[inside.opening].linear
+
+
+@pytest.mark.parametrize(
+    ("pressed", "last", "central"),
+    [(True, 0, [True, True]), (True, 1, [True]), (True, 3, [True]), (False, 1, [])],
+    ids=["predicted", "linear", "lost", "first-contact"],
+)
+def test_once_the_predicted_path_was_lost_it_begins_at_the_linear_step(pressed, last, central):
+    inside = SimpleNamespace(opening=last)
+    newton = SimpleNamespace(problem=SimpleNamespace(flows=True), inside=inside)
+    tried = [OPENINGS_FLOWING[n] for n in order(SimpleNamespace(newton=newton, pressed=pressed))]
+    paths = [opening for opening in tried if opening.central]
+    assert paths == tried[: len(paths)] and [path.central for path in paths] == central
+    assert [path.linear for path in paths] == ([False, True] if last == 0 and pressed else central)
+    assert len(tried) - len(paths) == 2
 
 
 MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04
