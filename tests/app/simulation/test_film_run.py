@@ -501,7 +501,7 @@ def test_a_flow_that_is_not_conserved_is_told():
 # -- a soft line contact against the half plane ----------------------------------------------------
 
 MODULUS, RADIUS, ETA, LOAD = 1e6, 0.01, 0.1, 1e-3  # E*, R, η, W/2E*R
-FILMS_OF = {10.07: (20.5, 26.1), 5.589: (13.43, 17.26)}  # h W'/(U R) by g
+FILMS_OF = {10.07: (20.5, 26.1), 5.589: (13.43, 17.26), 3.108: (9.03, 11.25)}  # h W'/(U R) by g
 
 
 def soft_line(across):
@@ -509,7 +509,7 @@ def soft_line(across):
     force = 2.0 * LOAD * MODULUS * RADIUS
     a = np.sqrt(4.0 * force * RADIUS / (np.pi * MODULUS))
     speeds = {g: 4.0 * (LOAD / g) ** 2 * MODULUS * RADIUS / ETA for g in
-              (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589)}  # fmt: skip
+              (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589, 3.108)}  # fmt: skip
     rate, time = [[0.0, 0.0], [1.0, 0.0]], 1.0
     stages = [{"name": "press", "duration": "1 s", "steps": 6, "rate_dependent": False}]
     for g, speed in speeds.items():
