@@ -279,7 +279,7 @@ class LubricatedTerm(ContactTerm):
         speed: Floats = np.bincount(number, share * moved[part.inside]).astype(np.float64)
         step = FilmStep(
             film=thickness,
-            speed=np.broadcast_to(speed, np.count_nonzero(part.inside))[part.feels],
+            speed=speed[number[part.feels]],
             fixed=fixed,
             content=np.full(len(thickness), model.oil),
             dt=np.inf if model.steady else dt,

@@ -141,7 +141,8 @@ class LubricatedTangent(PairTangent):
         by_gap = part.gap_slopes(gap, length)
         assert film.step.by_gap is not None
         by_gap.data *= np.repeat(film.step.by_gap, np.diff(by_gap.indptr))
-        by_speed = slopes.by_speed(np.minimum(part.feels, speeds - 1), speeds)
+        number = felt_speeds(not np.isfinite(film.step.dt), part, self._areas)[0]
+        by_speed = slopes.by_speed(number[part.feels], speeds)
         balance = np.concatenate([(slopes.by_film @ by_gap).toarray(), by_speed], axis=1)
         d_unknown = slopes.unknown(balance)
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
@@ -156,6 +157,13 @@ class LubricatedTangent(PairTangent):
         out[len(gap) : 2 * len(gap)] /= whole[:, None]
         out[2 * len(gap) :, : len(gap)] += (by_film @ by_gap).toarray()
         return out
+
+    @property
+    def _areas(self) -> Floats:
+        """Areas (f,), m², of the facets."""
+        assert isinstance(self.rule, AsperityPressure)
+        summed = np.bincount(self.rule.facet_of, self.surface.slave.weight)
+        return summed.astype(np.float64)
 
     def _field_vectors(
         self, trial: ContactTrial, film: Lubrication, take: Longs
@@ -218,8 +226,7 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        face = self.rule.facet_of
-        total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
+        face, total = self.rule.facet_of, self._areas
         inside = film.part.inside
         number, share = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
         facet = (np.cumsum(inside) - 1)[face[take]]

@@ -1,5 +1,6 @@
 """Runs with a film that is found: what moves over, what is kept, and how they go on."""
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -228,7 +229,7 @@ def test_a_film_that_finds_no_balance_is_a_failed_step_in_words(tmp_path, monkey
     done = run(case_of(data), tmp_path / "out")
     assert [row.attempts for row in done.rows] == [1, 1, 1, 2, 1]
     why = "the mass balance of the film of contact.0 has no solution that is found"
-    assert why in " ".join((tmp_path / "out" / "log.txt").read_text().split())
+    assert why in words_of(tmp_path / "out")
 
 
 def test_an_explicit_run_is_refused_in_one_line():
@@ -251,6 +252,11 @@ def shipped(name, directory, *overrides):
     quick = ("output.figures=false", "output.fields_every=0")
     run_case(load_case(FILMS / f"{name}.toml", [*overrides, *quick]), directory, quiet=True)
     return directory
+
+
+def words_of(directory):
+    """All that was said, in one line."""
+    return " ".join((directory / "log.txt").read_text().split())
 
 
 @pytest.fixture(scope="module")
@@ -299,6 +305,26 @@ def test_a_runner_that_passes_over_a_pad_carries_what_its_whole_length_does(edge
     directory = shipped("slider", tmp_path / "out", runner, *wide, *more)
     load = column(directory, "normal_force")[-4:]
     assert load == pytest.approx(np.full(4, wedge(38e-6, 22e-6, 8e-3)), rel=5e-3)
+    assert "lags behind" not in words_of(directory)
+
+
+@pytest.mark.parametrize("way", [-1, 1], ids=["left", "right"])
+@pytest.mark.parametrize(("rear", "said"), [(20, True), (50, False)])
+def test_a_wedge_in_steps_that_change_its_film_is_told_by_how_much_it_is_off(
+    rear, said, way, tmp_path
+):
+    """It carries less, by about what is said; an eightieth of it passes in a step."""
+    ends = sorted([(-4.0 * way, rear), (4.0 * way, 60)], reverse=True)
+    points = ", ".join(f'["{5.0 + x} mm", "{h} um"]' for x, h in ends)
+    runner = f'tools.runner={{shape="polyline", velocity={{x="{way} m/s", y=0}}, '
+    runner += f"points=[{points}]}}"
+    pad = "geometry.blocks.pad.x=[-0.001, 0.011]", "geometry.blocks.pad.elements=[90, 1]"
+    more = "stage.0.steps=6", "stage.0.duration=0.6 ms", "contact.0.film.steady=false"
+    directory = shipped("slider", tmp_path / "out", runner, *pad, *more)
+    off = column(directory, "normal_force")[-1] / wedge(60e-6, 1e-6 * rear, 8e-3) - 1.0
+    told = re.findall(r"the load may be off by ([\d.]+) %", words_of(directory))
+    assert len(told) == said
+    assert -100.0 * off == pytest.approx(float(told[0]), rel=0.2) if said else abs(off) < 0.01
 
 
 def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
