@@ -271,8 +271,9 @@ class LubricatedTerm(ContactTerm):
         thickness, by_gap = model.rough.film(part.gaps(normal.gap, length))
         fixed = cells.last() & self._fed
         fixed[: part.count] &= ~self._axis[part.here]
-        if model.steady:  # nothing else says how much oil a ring has
-            fixed |= part.widest(thickness, np.bincount(part.ring, fixed) == 0)
+        unfed = np.bincount(part.ring, fixed) == 0
+        if model.steady and unfed.any():  # nothing else says how much oil a ring has
+            fixed |= part.widest(thickness, unfed)
         before, volume = (None,) * 2 if model.steady else self._at_start(part, thickness, cells)
         number, share = felt_speeds(model.steady, part, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
@@ -294,14 +295,15 @@ class LubricatedTerm(ContactTerm):
         pulled = np.zeros(len(self.faces))
         faces = wedge_film(thickness[cells.ends])[0]
         pulled[part.inside] = part.pulls(faces, solution.pressure, length)
-        whole = np.where(film.members, part.sums(cells.area, np.ones(len(thickness))), 1.0)
-        full = part.sums(cells.area, solution.filled) / whole
+        parts = np.stack([np.ones(len(thickness)), solution.pressure, solution.filled], axis=1)
+        whole, pressed, full = part.sums(cells.area, parts).T
+        full = full / np.where(film.members, whole, 1.0)
         return replace(
             film,
             solver=solver,
             step=step,
             solution=solution,
-            pressure=part.sums(cells.area, solution.pressure) / (film.ratio * normal.area),
+            pressure=pressed / (film.ratio * normal.area),
             filled=np.where(film.members, full, 1.0),
             pulled=pulled,
         )

@@ -231,8 +231,8 @@ class FilmPart:
         return t**2 * (3.0 - 2.0 * t), length[:, None, None] * bent
 
     def sums(self, area: Floats, values: Floats) -> Floats:
-        """What vertices get (v,) of values (m,) per area (m,)."""
-        out: Floats = self.shared @ (values * area)
+        """What vertices get (v, …) of values (m, …) per area (m,)."""
+        out: Floats = self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
         return out
 
     def sums_of(self, weight: Floats) -> scipy.sparse.csr_matrix:

@@ -82,12 +82,12 @@ int tribox_film_assemble(const struct film *f)
     return balanced;
 }
 
-/* Solves with the matrix, which it spends, for right (n, columns), which too; into out of that size.
- * Rows are scaled by their largest entries, and pivots chosen among rows. 1 where it is singular. */
-int tribox_film_solve(const struct film *f, int64_t columns, double *restrict right,
-                      double *restrict out)
+/* See tribox_film_solve; what is inlined knows its reach and number of columns. */
+static inline __attribute__((always_inline)) int solve(const struct film *f, const int64_t reach,
+                                                       const int64_t columns,
+                                                       double *restrict right, double *restrict out)
 {
-    const int64_t reach = f->reach, width = 3 * reach + 1, count = f->places;
+    const int64_t width = 3 * reach + 1, count = f->places;
     double *matrix = f->matrix;
     for (int64_t i = 0; i < count; ++i) {
         double *row = matrix + i * width, most = 0.0, *b = right + f->order[i] * columns;
@@ -120,10 +120,11 @@ int tribox_film_solve(const struct film *f, int64_t columns, double *restrict ri
         }
         if (!(fabs(own[0]) > 0.0))
             return 1;
+        const double over = own[0] = 1.0 / own[0];
         const double *b = right + f->at[i] * columns;
         for (int64_t m = 1; m <= below; ++m) {
             double *other = own + m * (width - 1);
-            const double share = other[0] / own[0];
+            const double share = other[0] * over;
             if (share == 0.0)
                 continue;
             for (int64_t k = 1; k <= 2 * reach; ++k)
@@ -134,7 +135,7 @@ int tribox_film_solve(const struct film *f, int64_t columns, double *restrict ri
         }
     }
     for (int64_t i = count - 1; i >= 0; --i) {
-        const double *own = matrix + i * width + reach, over = 1.0 / own[0];
+        const double *own = matrix + i * width + reach, over = own[0];
         double *x = out + f->order[i] * columns;
         memcpy(x, right + f->at[i] * columns, sizeof(double) * columns);
         for (int64_t k = 1; k <= 2 * reach && i + k < count; ++k) {
@@ -146,4 +147,14 @@ int tribox_film_solve(const struct film *f, int64_t columns, double *restrict ri
             x[c] *= over;
     }
     return 0;
+}
+
+/* Solves with the matrix, which it spends, for right (n, columns), which too; into out of that size.
+ * Rows are scaled by their largest entries, and pivots chosen among rows. 1 where it is singular. */
+int tribox_film_solve(const struct film *f, int64_t columns, double *restrict right,
+                      double *restrict out)
+{
+    if (f->reach == 1)
+        return columns == 1 ? solve(f, 1, 1, right, out) : solve(f, 1, columns, right, out);
+    return columns == 1 ? solve(f, f->reach, 1, right, out) : solve(f, f->reach, columns, right, out);
 }

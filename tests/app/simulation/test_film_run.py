@@ -337,12 +337,21 @@ def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "disc", [(), ("geometry.section=axisymmetric", 'tools.plate.force.y="-1413.717 N"')]
+    "disc",
+    [
+        (),
+        (
+            "geometry.section=axisymmetric",
+            'tools.plate.force.y=[["0 s", "0 N"], ["1 us", "-1413.717 N"]]',
+        ),
+    ],
 )
 def test_a_plate_sinks_through_a_film_in_the_time_of_the_closed_form(disc, tmp_path):
     directory = shipped("squeeze", tmp_path / "out", *disc)
     sinks(directory)
     assert warnings_of(directory) == []
+    for row in read_table(directory / "history.csv"):  # from the first step on
+        assert abs(float(row["energy_error"])) < 1e-5 * float(row["external_work"])
 
 
 @pytest.mark.parametrize(
@@ -475,6 +484,16 @@ def test_a_stepped_master_has_corners_and_no_arc(elements, rise, words, tmp_path
 )
 def test_more_oil_than_passes_is_told(film, words, tmp_path):
     assert words in said(tmp_path / "out", data_of(**OIL | film))
+
+
+def test_given_oil_that_fills_the_film_at_an_edge_of_its_master_is_told(tmp_path):
+    """There it is shut in, and ends with the last facet that is wholly below."""
+    runner = 'tools.runner={shape="polyline", velocity={x="-1 m/s", y=0}, points='
+    runner += '[["9.5 mm", "22 um"], ["2 mm", "38 um"]]}'
+    film = 'contact.0.film.oil="25 g/m^2"', 'contact.0.film.density="1000 kg/m^3"'
+    more = "stage.0.steps=2", "stage.0.duration=0.1 ms", "contact.0.film.steady=false"
+    directory = shipped("slider", tmp_path / "out", runner, *film, *more)
+    assert "the oil before the contact fills the film up to its end" in words_of(directory)
 
 
 def test_oil_that_flows_to_the_end_of_its_surface_is_told(tmp_path):
