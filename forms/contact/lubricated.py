@@ -292,19 +292,17 @@ class LubricatedTerm(ContactTerm):
         if solution is None:
             none = np.where(film.members, np.nan, 0.0)
             return replace(film, solver=solver, step=step, pressure=none)
-        pulled = np.zeros(len(self.faces))
-        faces = wedge_film(thickness[cells.ends])[0]
+        pulled, faces = np.zeros(len(self.faces)), wedge_film(thickness[cells.ends])[0]
         pulled[part.inside] = part.pulls(faces, solution.pressure, length)
         parts = np.stack([np.ones(len(thickness)), solution.pressure, solution.filled], axis=1)
         whole, pressed, full = part.sums(cells.area, parts).T
-        full = full / np.where(film.members, whole, 1.0)
         return replace(
             film,
             solver=solver,
             step=step,
             solution=solution,
             pressure=pressed / (film.ratio * normal.area),
-            filled=np.where(film.members, full, 1.0),
+            filled=np.where(film.members, full / np.where(film.members, whole, 1.0), 1.0),
             pulled=pulled,
         )
 
