@@ -41,6 +41,8 @@ BOUNDED = (
 )
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
+LAGS = 1.5  # by which the load is off, over the mean change of the film: wedges of 1.2 to 3
+LAG = 0.01  # of the load, by which a film may lag behind a master that ends within it
 SWING = 0.01  # of what flows in a step, by which the film may swing under a corner of the master
 PILED = 0.1  # share of the oil given to the slave that lies at an end that it flows to
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
@@ -87,6 +89,7 @@ class FilmWatch:
             self._look_at_facets(place, term, trial, film, when)
             self._look_at_oil(place, term, film, when)
             self._look_at_flow(place, film, faces, term.places.per_facet, when)
+            self._look_at_lag(place, term, trial, film, when)
 
     def _look_at_inlet(
         self,
@@ -353,6 +356,45 @@ class FilmWatch:
                 f"({when}), which is no steady state: rounding of open gaps, most likely; a "
                 "smaller film.h_max",
             )
+
+    def _look_at_lag(
+        self, place: str, term: LubricatedTerm, trial: ContactTrial, film: Lubrication, when: str
+    ) -> None:
+        """Hold by how much a film changes in a step as its master slides on against the film.
+
+        Its pressure is that of the middle of the step, over the places of the end. Where the film
+        ends by itself, as behind a roll, it lies half a step behind; where it ends with the master
+        it is that of a film thicker or thinner by half the change, and p goes with h^-2.
+        """
+        step, solver, found = film.step, film.solver, film.solution
+        assert step is not None and solver is not None and found is not None
+        if step.before is None or not self._ends_narrow(term, trial, film):
+            return
+        a, b = solver.cells.ends.T
+        slid = 2.0 * step.dt * step.speed * (step.film[b] - step.film[a]) / solver.cells.length
+        change = 0.5 * (step.before - step.film)[solver.cells.ends].sum(axis=1)
+        # What the master brings along; squeezing is taken exactly.
+        lag = np.where(slid * change < 0.0, 0.0, np.sign(change))
+        lag *= np.minimum(np.abs(slid), np.abs(change)) / step.film[solver.cells.ends].mean(axis=1)
+        weight = found.pressure[solver.cells.ends].mean(axis=1) * solver.cells.length
+        off = LAGS * float(np.abs(weight @ lag) / max(weight.sum(), np.finfo(float).tiny))
+        if off > LAG:
+            self._keep(
+                f"lag {place}",
+                off,
+                f"{place}: the master ends within the film, which lags behind it by half a step: "
+                f"the load may be off by {100.0 * off:.2g} % ({when}); steps of "
+                f"{step.dt * LAG / off:.2g} s, or the body that ends as slave, and film.steady",
+            )
+
+    @staticmethod
+    def _ends_narrow(term: LubricatedTerm, trial: ContactTrial, film: Lubrication) -> bool:
+        """Whether the master ends over the slave where the film is narrow."""
+        ends: Bools = np.zeros(len(film.members), dtype=bool)
+        ends[term.surface.vertices.of_point[~trial.projection.on_surface]] = True
+        loaded = film.pressure > LOADED * film.pressure.max()
+        least = film.film[loaded & film.members].min(initial=np.inf)
+        return bool((film.film[ends & film.members] < BOUNDED * least).any())
 
     def _look_at_motion(
         self,

@@ -106,7 +106,7 @@ class LubricatedTerm(ContactTerm):
             radius = surface.vertices.position[:, 0]
             self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
         self._guess: Floats | None = None
-        self._known: tuple[FilmHistory, tuple[FilmPart, FilmCells, Floats]] | None = None
+        self._known: tuple[FilmHistory | None, list[tuple[FilmPart, FilmCells, Floats]]] = None, []
         self.state.film = self._initial()
         self._start_below()
 
@@ -206,9 +206,11 @@ class LubricatedTerm(ContactTerm):
         history, covered, size = self.state.film, self.asperities.covered(at), len(members)
         assert history is not None
         part = self.places.part(members, covered, self._fed)
-        known = self._known
-        if known is not None and known[0] is history and known[1][0] is part:
-            return known[1]
+        if self._known[0] is not history:
+            self._known = history, []
+        for known in self._known[1]:
+            if known[0] is part:
+                return known
         cells = self.places.cells(history.length, history.parts, covered if self._fed else None)
         cells, added = part.of(cells, self._beyond(at, part)), slice(len(part.faces), None)
         vertex, own = self.faces[covered].reshape(-1), history.parts[covered].reshape(-1)
@@ -216,8 +218,8 @@ class LubricatedTerm(ContactTerm):
         now = np.where(now > 0.0, now, self.surface.vertices.area)
         more = np.bincount(part.last, cells.length[added] * cells.width[added], size)
         found = part, cells, now + more
-        # Until the next step nothing of it changes but the way to the edges.
-        self._known = None if len(part.edges) else (history, found)
+        if not len(part.edges):  # until the next step nothing changes but the way to the edges
+            self._known[1].append(found)
         return found
 
     def _along(self, kinematics: ContactKinematics, at: Projection) -> tuple[Floats, Floats]:
@@ -266,37 +268,41 @@ class LubricatedTerm(ContactTerm):
         assert history is not None and normal.gap is not None and normal.area is not None
         solver = ReynoldsFilm(cells, oil, model.rough, model.scale)
         length = history.length[part.inside]
-        thickness = model.rough.film(part.gaps(normal.gap, length))[0]
+        thickness, by_gap = model.rough.film(part.gaps(normal.gap, length))
         fixed = cells.last() & self._fed
         fixed[: part.count] &= ~self._axis[part.here]
-        if model.steady and not fixed.any():  # nothing else says how much oil a ring has
-            fixed[np.argmax(thickness)] = True
-        before, volume = self._at_start(part, thickness, cells)
-        number, share = felt_speeds(model.steady, part.inside, self._weight)
+        unfed = np.bincount(part.ring, fixed) == 0
+        if model.steady and unfed.any():  # nothing else says how much oil a ring has
+            fixed |= part.widest(thickness, unfed)
+        before, volume = (None,) * 2 if model.steady else self._at_start(part, thickness, cells)
+        number, share = felt_speeds(model.steady, part, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
         speed: Floats = np.bincount(number, share * moved[part.inside]).astype(np.float64)
         step = FilmStep(
             film=thickness,
-            speed=np.broadcast_to(speed, np.count_nonzero(part.inside))[part.feels],
+            speed=speed[number[part.feels]],
             fixed=fixed,
-            content=np.full(len(before), model.oil),
+            content=np.full(len(thickness), model.oil),
             dt=np.inf if model.steady else dt,
-            before=None if model.steady else before,
-            volume=None if model.steady else volume,
+            before=before,
+            volume=volume,
+            by_gap=by_gap,
         )
         solution = self._solved(solver, step, part)
-        film = replace(film, solver=solver, step=step, solution=solution)
         if solution is None:
-            return replace(film, pressure=np.where(film.members, np.nan, 0.0))
-        pulled = np.zeros(len(self.faces))
-        faces = wedge_film(thickness[cells.ends])[0]
+            none = np.where(film.members, np.nan, 0.0)
+            return replace(film, solver=solver, step=step, pressure=none)
+        pulled, faces = np.zeros(len(self.faces)), wedge_film(thickness[cells.ends])[0]
         pulled[part.inside] = part.pulls(faces, solution.pressure, length)
-        whole = np.where(film.members, part.sums(cells.area, np.ones(len(thickness))), 1.0)
-        full = part.sums(cells.area, solution.filled) / whole
+        parts = np.stack([np.ones(len(thickness)), solution.pressure, solution.filled], axis=1)
+        whole, pressed, full = part.sums(cells.area, parts).T
         return replace(
             film,
-            pressure=part.sums(cells.area, solution.pressure) / (film.ratio * normal.area),
-            filled=np.where(film.members, full, 1.0),
+            solver=solver,
+            step=step,
+            solution=solution,
+            pressure=pressed / (film.ratio * normal.area),
+            filled=np.where(film.members, full / np.where(film.members, whole, 1.0), 1.0),
             pulled=pulled,
         )
 

@@ -14,8 +14,9 @@ vertices of a facet, i space, m nodes of the pair, c columns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse
@@ -28,14 +29,46 @@ from tribox.forms.contact.state import (
     Lubrication,
 )
 from tribox.forms.contact.tangent import PairTangent
-from tribox.forms.contact.vertex_rows import Coupling
+from tribox.forms.contact.vertex_rows import Coupling, VertexRows
+from tribox.forms.film.places import FilmPart
 from tribox.forms.film.reynolds import wedge_film
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
 class LubricatedTangent(PairTangent):
     """Makes the tangent of a pair whose film is an unknown."""
+
+    _made: dict[str, list[tuple[ContactTrial, Longs, Any]]] = field(
+        default_factory=lambda: {"varied": [], "rows": []}, repr=False
+    )
+    _pulls: list[tuple[FilmPart, VertexRows]] = field(default_factory=list, repr=False)
+
+    def varied(self, trial: ContactTrial, take: Longs) -> Variations:
+        """See :class:`PairTangent`; kept, as tractions and speeds ask for those of all points."""
+        return self._once("varied", trial, take, lambda: PairTangent.varied(self, trial, take))
+
+    def generalised_rows(
+        self, state: ContactState, trial: ContactTrial, take: Longs
+    ) -> tuple[Floats, Longs]:
+        """See :class:`PairTangent`; kept likewise."""
+        return self._once(
+            *("rows", trial, take),
+            lambda: PairTangent.generalised_rows(self, state, trial, take),
+        )
+
+    def _once(self, kind: str, trial: ContactTrial, take: Longs, make: Callable[[], _T]) -> _T:
+        """What was made of these points of the trial, or is now."""
+        kept = self._made[kind]
+        for of, points, known in kept:
+            if of is trial and np.array_equal(points, take):
+                found: _T = known
+                return found
+        made = make()
+        kept[:] = [(trial, take, made), *kept[:1]]
+        return made
 
     def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
         """See :class:`PairTangent`: what the gradient draws turns with the normal."""
@@ -104,23 +137,33 @@ class LubricatedTangent(PairTangent):
         assert film.solution is not None and history is not None and gap is not None
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
-        length = history.length[part.inside]
-        d_film = self.rule.model.rough.film(part.gaps(gap, length))[1]
-        d_film = d_film[:, None] * part.gap_slopes(gap, length).toarray()
-        slopes = film.solver.slopes(film.step, film.solution)
-        by_speed = slopes.by_speed(np.minimum(part.feels, speeds - 1), speeds)
-        d_unknown = slopes.unknown(np.concatenate([slopes.by_film @ d_film, by_speed], axis=1))
-        d_pressure = slopes.by_pressure[:, None] * d_unknown
+        length, slopes = history.length[part.inside], film.solver.slopes(film.step, film.solution)
+        by_gap = part.gap_slopes(gap, length)
+        assert film.step.by_gap is not None
+        by_gap.data *= np.repeat(film.step.by_gap, np.diff(by_gap.indptr))
+        number = felt_speeds(not np.isfinite(film.step.dt), part, self._areas)[0]
+        by_speed = slopes.by_speed(number[part.feels], speeds)
+        balance = np.concatenate([(slopes.by_film @ by_gap).toarray(), by_speed], axis=1)
+        d_unknown = slopes.unknown(balance)
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
-        d_filled = part.sums(area * slopes.by_filled, d_unknown) / whole[:, None]
-        pressed = part.sums(area, d_pressure) / (film.ratio * self.area_of(trial))[:, None]
-        pulls = part.pull_slopes(
+        own = film.ratio * self.area_of(trial)
+        by_film, by_pressure = part.pull_slopes(
             *wedge_film(film.step.film[part.ends]), film.solution.pressure, length
         )
-        by_film, by_pressure = pulls
-        pulled = by_pressure @ d_pressure
-        pulled[:, : len(gap)] += by_film @ d_film
-        return np.concatenate([pressed, d_filled, pulled])
+        by_pressure.data *= slopes.by_pressure[by_pressure.indices]
+        pressed, filled = (part.sums_of(area * by) for by in (slopes.by_pressure, slopes.by_filled))
+        out: Floats = stacked([pressed, filled, by_pressure]) @ d_unknown
+        out[: len(gap)] /= own[:, None]
+        out[len(gap) : 2 * len(gap)] /= whole[:, None]
+        out[2 * len(gap) :, : len(gap)] += (by_film @ by_gap).toarray()
+        return out
+
+    @property
+    def _areas(self) -> Floats:
+        """Areas (f,), m², of the facets."""
+        assert isinstance(self.rule, AsperityPressure)
+        summed = np.bincount(self.rule.facet_of, self.surface.slave.weight)
+        return summed.astype(np.float64)
 
     def _field_vectors(
         self, trial: ContactTrial, film: Lubrication, take: Longs
@@ -153,8 +196,16 @@ class LubricatedTangent(PairTangent):
         shape = np.concatenate([slave.shape[take], -master], axis=1)
         share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
         values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
+        for part, known in self._pulls:
+            if part is film.part and known.fits(take, facet, known.needs):
+                return known.matrix(values[:, None])
+        key = number * np.int64(len(surface.target.stencil)) + facet
         nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
-        return self._of_facets(number, nodes, values, int(np.count_nonzero(inside)))
+        needs: Bools = np.ones(int(np.count_nonzero(inside)), dtype=bool)
+        numbers, size = (key, number[:, None], nodes), (self._places, surface.dim)
+        found = VertexRows(take, facet, needs, numbers, size)
+        self._pulls[:] = [(film.part, found), *self._pulls[:1]]
+        return found.matrix(values[:, None])
 
     def _of_facets(
         self, number: Longs, nodes: Longs, values: Floats, count: int
@@ -175,37 +226,35 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        face = self.rule.facet_of
-        total: Floats = np.bincount(face, surface.slave.weight).astype(np.float64)
+        face, total = self.rule.facet_of, self._areas
         inside = film.part.inside
-        number, share = felt_speeds(not np.isfinite(film.step.dt), inside, total)
-        take = take[inside[face[take]]]
+        number, share = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
         facet = (np.cumsum(inside) - 1)[face[take]]
         v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
         d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
         d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
         scale = (share / total[inside])[facet] * surface.slave.weight[take] * (-0.5 / trial.dt)
-        values = scale[:, None, None] * np.einsum("prm,pri->pmi", rows, d_slip)
+        scale = np.where(inside[face[take]], scale, 0.0)
+        values = rows.mT @ (scale[:, None, None] * d_slip)
         return self._of_facets(number[facet], places, values, int(number.max(initial=-1)) + 1)
 
 
-def felt_speeds(steady: bool, inside: Bools, weight: Floats) -> tuple[Longs, Floats]:
+def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Floats]:
     """To which speed (f′,) that a film feels a facet inside adds, and by which share.
 
     A steady state has one speed: where part of a contact sticks there is none, and the mean of the
-    facets inside the film is taken.
+    facets inside that hang together is taken.
 
     Args:
-        steady: whether all feel their mean.
-        inside: (f,).
+        steady: whether all of them feel their mean.
+        part: the film's places.
         weight: (f,), m², of the facets.
     """
-    count = int(np.count_nonzero(inside))
     if not steady:
-        return np.arange(count), np.ones(count)
-    share = weight[inside] / max(weight[inside].sum(), np.finfo(float).tiny)
-    return np.zeros(count, dtype=np.int64), share
+        return np.arange(len(part.facets)), np.ones(len(part.facets))
+    number, own = part.ring[part.ends[: len(part.faces) : part.per_facet, 0]], weight[part.inside]
+    return number, own / np.bincount(number, own)[number]
 
 
 def stacked(parts: Sequence[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:

@@ -471,8 +471,8 @@ class ContactTerm:
         """
         compiled = self.compiled if trial.projection.share_slope is None else None
         if entries is None or compiled is None:
-            coupling = self.coupling(trial)
-            return self.tangent(trial), [] if coupling is None else [coupling]
+            blocks, coupling = self.tangent(trial), self.coupling(trial)
+            return blocks, [] if coupling is None else [coupling]
         return compiled.add(self.linearised, self.state, trial, entries)
 
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:

@@ -143,8 +143,8 @@ class PairTangent:
         rows, places = self.generalised_rows(state, trial, take)
         if folded:
             m = self.surface.target.stencil.shape[1]
-            rows[:, :, -2 * m : -m] += rows[:, :, -m:]
-            rows, places = rows[:, :, :-m], places[:, :-m]
+            last, rows, places = rows[:, :, -m:], rows[:, :, :-m].copy(), places[:, :-m]
+            rows[:, :, -m:] += last
         q, coordinates, m = rows.shape
         dim = self.surface.dim
         lead = 1 + self.surface.shape.directions

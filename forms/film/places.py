@@ -10,22 +10,23 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-from scipy.linalg import lapack
 
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 _NONE = np.zeros(0)
+_KEPT = 8  # parts of the places
 
 
 class Band:
-    """Matrices (n, n) with entries of neighbours only, as bands, and their solution.
+    """Matrices (n, n) with entries of neighbours only, as bands.
 
     Places along a line have one neighbour on either side, those of a ring too once both its halves
     are numbered side by side.
 
     Attributes:
         row, column: (e,) of the entries: of each face those of both ends (4 f), and the diagonal.
-        number: (n,) of the places, along the line.
+        number: (n,) of the places, along the line, and order: (n,) the places by these.
+        reach: most that numbers of neighbours differ by.
     """
 
     def __init__(self, ends: Longs, count: int) -> None:
@@ -37,45 +38,19 @@ class Band:
         self.column = np.concatenate([ends.reshape(-1), ends.reshape(-1), every])
         entries = np.ones(len(self.row)), (self.row, self.column)
         pattern = scipy.sparse.csr_matrix(entries, (count, count))
-        self._order = reverse_cuthill_mckee(pattern, symmetric_mode=True) if count else every
-        self.number = np.empty(count, dtype=np.int64)
-        self.number[self._order] = every
+        order = reverse_cuthill_mckee(pattern, symmetric_mode=True) if count else every
+        self.order: Longs = order.astype(np.int64)
+        self.number: Longs = np.empty(count, dtype=np.int64)
+        self.number[order] = every
         apart = self.number[self.column] - self.number[self.row]
-        self._reach = int(np.max(np.abs(apart), initial=0))
-        self._place = (apart + self._reach) * count + self.number[self.row]
-        self._count = count
+        self.reach = int(np.max(np.abs(apart), initial=0))
+        self._by_row = np.argsort(self.row, kind="stable")
+        self._start = np.concatenate([[0], np.cumsum(np.bincount(self.row, minlength=count))])
 
-    def solved(self, entries: Floats, right: Floats) -> Floats:
-        """Solution for ``right`` (n,) or (n, r) with the ``entries`` (e,); NaN if singular.
-
-        Rows are scaled by their largest entries.
-        """
-        reach, count = self._reach, self._count
-        if not count:
-            return np.empty_like(right)
-        size = (2 * reach + 1, count)
-        summed = np.bincount(self._place, entries, size[0] * count)
-        by_row: Floats = summed.astype(np.float64).reshape(size)
-        rows = _reciprocal(np.abs(by_row).max(axis=0))
-        by_row = by_row * rows
-        scaled = (right[self._order].T * rows).T
-        if reach == 1:
-            *_, found, info = lapack.dgtsv(by_row[0, 1:], by_row[1], by_row[2, :-1], scaled)
-        else:  # LAPACK's bands go by columns, with room for what pivoting fills.
-            bands = np.zeros((3 * reach + 1, count))
-            for off in range(-reach, reach + 1):
-                here = slice(max(0, -off), count - max(0, off))
-                there = slice(max(0, off), count + min(0, off))
-                bands[2 * reach - off, there] = by_row[reach + off, here]
-            *_, found, info = lapack.dgbsv(reach, reach, bands, scaled)
-        out: Floats = np.full_like(right, np.nan)
-        if info == 0:
-            out[self._order] = found.reshape(right.shape)
-        return out
-
-
-def _reciprocal(size: Floats) -> Floats:
-    return np.divide(1.0, size, out=np.ones_like(size), where=size > 0.0)
+    def matrix(self, entries: Floats) -> scipy.sparse.csr_matrix:
+        """The matrix (n, n) of these entries (e,)."""
+        given = entries[self._by_row], self.column[self._by_row], self._start
+        return scipy.sparse.csr_matrix(given, (len(self.number),) * 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +101,7 @@ class FilmPart:
         per_facet: k, cells on each facet.
         edges: (x, 2) facets f' and their end (0, 1) beyond which the master ends: there the film
             has a place more, and a face to it, behind the others.
+        ring: (m,) numbers of the parts that hang together, from 0 on.
         beside: (f', 2) the facet that follows beyond either end, itself where there is none, and
             turned: whether it runs the same way (1) or not (-1).
     """
@@ -140,6 +116,7 @@ class FilmPart:
     band: Band
     per_facet: int
     edges: Longs
+    ring: Longs
     beside: Longs
     turned: Floats
 
@@ -158,6 +135,14 @@ class FilmPart:
     def inner(self) -> Longs:
         """The places (x,) before the edges."""
         out: Longs = self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
+        return out
+
+    def widest(self, film: Floats, among: Bools) -> Bools:
+        """Places (m,) where ``film`` (m,) is thickest in those parts (r,) ``among`` which it is."""
+        order = np.lexsort((-film, self.ring))
+        first = order[np.searchsorted(self.ring[order], np.nonzero(among)[0])]
+        out: Bools = np.zeros(len(film), dtype=bool)
+        out[first] = True
         return out
 
     def of(self, cells: FilmCells, beyond: Floats = _NONE) -> FilmCells:
@@ -247,9 +232,14 @@ class FilmPart:
 
     def sums(self, area: Floats, values: Floats) -> Floats:
         """What vertices get (v, …) of values (m, …) per area (m,)."""
-        weighted = values * (area if values.ndim == 1 else area[:, None])
-        out: Floats = self.shared @ weighted
+        out: Floats = self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
         return out
+
+    def sums_of(self, weight: Floats) -> scipy.sparse.csr_matrix:
+        """The matrix (v, m) of what vertices get of values times ``weight`` (m,)."""
+        shared = self.shared
+        given = shared.data * weight[shared.indices], shared.indices, shared.indptr
+        return scipy.sparse.csr_matrix(given, shared.shape)
 
     def pulls(self, film: Floats, pressure: Floats, length: Floats) -> Floats:
         """Mean of h̄ ∂p/∂s (f',), Pa, of the facets inside, which are ``length`` (f',) m long.
@@ -272,14 +262,15 @@ class FilmPart:
         With d_film (e, 2), those of ``film``.
         """
         (a, b), size = self.ends.T, (len(length), self.shared.shape[1])
-        over = 1.0 / length[self.feels]
+        feels, over = self.feels, 1.0 / length[self.feels]
         rise = (pressure[b] - pressure[a]) * over
-        by_film = (d_film * rise[:, None]).reshape(-1)
-        by_pressure = np.stack([-film * over, film * over], axis=1).reshape(-1)
-        place = np.repeat(self.feels, 2), self.ends.reshape(-1)
+        order = np.argsort(feels, kind="stable")
+        place = self.ends[order].reshape(-1)
+        start = 2 * np.searchsorted(feels[order], np.arange(len(length) + 1))
+        by_film, by_pressure = d_film * rise[:, None], np.outer(film * over, [-1.0, 1.0])
         return (
-            scipy.sparse.csr_matrix((by_film, place), size),
-            scipy.sparse.csr_matrix((by_pressure, place), size),
+            scipy.sparse.csr_matrix((by_film[order].reshape(-1), place, start), size),
+            scipy.sparse.csr_matrix((by_pressure[order].reshape(-1), place, start), size),
         )
 
 
@@ -301,6 +292,15 @@ def _vertex_slopes(
     total = mine + theirs
     by_own = np.where(flat, theirs / total, by_own)
     return slope, by_own, turned * np.where(flat, mine / total, by_other)
+
+
+def _together(ends: Longs, count: int) -> Longs:
+    """Numbers (n,) of the parts that so many places with neighbours ``ends`` (f, 2) make."""
+    from scipy.sparse.csgraph import connected_components  # only films need it
+
+    entries = np.ones(len(ends)), (ends[:, 0], ends[:, 1])
+    pattern = scipy.sparse.csr_matrix(entries, (count, count))
+    return connected_components(pattern, directed=False)[1].astype(np.int64)
 
 
 def _beside(facets: Longs) -> tuple[Longs, Floats]:
@@ -345,11 +345,10 @@ class FilmPlaces:
         data = np.concatenate([np.ones(vertices), 1.0 - share, share])
         place = row, np.concatenate([every, *ends])
         self._shares = scipy.sparse.csr_matrix((data, place), (self.count, vertices))
-        self._part: FilmPart | None = None
-        self._asked = (b"", b"", False)
+        self._parts: dict[tuple[bytes, bytes, bool], FilmPart] = {}
 
     def part(self, members: Bools, covered: Bools | None = None, fed: bool = False) -> FilmPart:
-        """Places between vertices (v,) that are members; kept while these stay the same.
+        """Places between vertices (v,) that are members; those asked for last are kept.
 
         Args:
             members: see above.
@@ -358,9 +357,10 @@ class FilmPlaces:
         """
         covered = np.ones(len(self.facets), dtype=bool) if covered is None else covered
         asked = (members.tobytes(), covered.tobytes(), fed)
-        if self._part is not None and self._asked == asked:
-            return self._part
-        self._asked, inside = asked, covered & np.all(members[self.facets], axis=1)
+        if asked in self._parts:  # they may come and go with each evaluation
+            part = self._parts[asked] = self._parts.pop(asked)
+            return part
+        inside: Bools = covered & np.all(members[self.facets], axis=1)
         own = np.arange(len(inside))[:, None]
         bare = fed & inside[:, None] & (self.beside != own) & ~covered[self.beside]
         facet, end = np.nonzero(bare)
@@ -376,8 +376,10 @@ class FilmPlaces:
         shared = scipy.sparse.vstack([shared, shared[last]]).T.tocsr()
         band = Band(ends, count + len(edges))
         given = members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet
-        part = FilmPart(*given, edges, *_beside(facets))
-        self._part = part
+        part = FilmPart(*given, edges, _together(ends, len(band.number)), *_beside(facets))
+        self._parts[asked] = part
+        if len(self._parts) > _KEPT:
+            del self._parts[next(iter(self._parts))]
         return part
 
     def part_of(self, facets: Bools) -> Bools:

@@ -47,14 +47,19 @@ five steps a halving, and is h³ where nothing changes.
 
 from __future__ import annotations
 
+import ctypes
+import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
 from tribox.forms.film.places import Band, FilmCells
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 SMOOTHING = 1e-7  # ε
@@ -62,6 +67,16 @@ UNFILLED = 1e-4  # δ, 1 − θ of a reservoir that floods the film
 TOLERANCE = 1e-11  # of the mass balance, over what flows and what is stored at a place
 _ROUNDOFF = 1e-13  # the same, over the flow under the pressure scale: rounding of open gaps
 MOST_ITERATIONS = 80
+
+# The arrays of film_balance.c, in its order.
+_INPUTS = (
+    *("ends", "order", "number", "leads", "moves", "stores", "had", "held", "limit", "fixed"),
+    *("viscosity", "thickens", "unknown", "at"),
+)
+_RESULTS = (
+    *("pressure", "filled", "d_pressure", "d_filled", "balance", "residual"),
+    *("middle", "flux", "matrix"),  # of faces, and of more
+)
 
 
 class FilmError(RuntimeError):
@@ -80,6 +95,7 @@ class FilmStep:
             infinite where they are flooded.
         dt: s; infinite: the steady state.
         before: (n,), m, film at the start of the step; volume: (n,), m² or m³, oil then.
+        by_gap: dh/dg (n,), which only those who gave the film may ask for.
     """
 
     film: Floats
@@ -89,6 +105,7 @@ class FilmStep:
     dt: float = np.inf
     before: Floats | None = None
     volume: Floats | None = None
+    by_gap: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +125,8 @@ class FilmSolution:
     flux: Floats
     supply: Floats
     iterations: int
+    _given: _Given
+    _loops: _Loops
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +143,12 @@ class FilmSlopes:
     by_film: scipy.sparse.csr_matrix
     _ends: Longs
     _by_speed: Floats
-    _entries: Floats
-    _band: Band
+    _loops: _Loops
 
     def unknown(self, balance: Floats) -> Floats:
         """Change of w (n,) or (n, r) as the balance rises by (n,) or (n, r)."""
-        return -self._band.solved(self._entries, balance)
+        self._loops.assemble()
+        return self._loops.solved(-balance)
 
     def by_speed(self, felt: Longs, count: int) -> Floats:
         """Derivatives (n, s) of the balance for ``count`` speeds, of which faces feel ``felt``."""
@@ -161,13 +180,76 @@ class _Given:
     limit: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class _Flow:
-    """Flow through the faces (f,) and its derivatives for p and θ of both ends (f, 2)."""
+class _Film(ctypes.Structure):
+    """As ``struct film`` in film_balance.c."""
 
-    value: Floats
-    by_pressure: Floats
-    by_filled: Floats
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("places", "faces", "reach")),
+        *((name, ctypes.c_double) for name in ("scale", "smoothing")),
+        *((name, ctypes.c_void_p) for name in (*_INPUTS, *_RESULTS)),
+    ]
+
+
+class _Loops:
+    """The balance and its matrix in compiled loops, and the arrays that they read and write.
+
+    Attributes:
+        arrays: by the names in film_balance.c.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+
+    def __init__(self, band: Band, scale: float, smoothing: float, **given: NDArray[Any]) -> None:
+        """Take what is given; the rest is made by the functions."""
+        self._code = _code()
+        places, faces = len(given["unknown"]), len(given["ends"])
+        sizes = [places] * (len(_RESULTS) - 3) + [faces, faces, places * (3 * band.reach + 1)]
+        buffer, at = np.empty(sum(sizes)), 0
+        self.arrays = given | {"order": band.order, "number": band.number}
+        self.arrays["at"] = np.empty_like(band.order)
+        for name, size in zip(_RESULTS, sizes, strict=True):
+            self.arrays[name] = buffer[at : at + size]
+            at += size
+        self._film = _Film(places, faces, band.reach, scale, smoothing)
+        for name, array in self.arrays.items():
+            self.point(name, array)
+
+    def point(self, name: str, array: NDArray[Any]) -> None:
+        """Let the loops read or write an array."""
+        self.arrays[name] = array = np.ascontiguousarray(array)
+        setattr(self._film, name, array.__array_interface__["data"][0])
+
+    def parts(self) -> None:
+        """Pressure and filling of the unknown."""
+        self._code.tribox_film_parts(ctypes.byref(self._film))
+
+    def assemble(self) -> bool:
+        """Flow, balance and matrix for the parts at hand; whether all places balance."""
+        return bool(self._code.tribox_film_assemble(ctypes.byref(self._film)))
+
+    def solved(self, right: Floats) -> Floats:
+        """Solution with the matrix, spent with ``right`` (n,) or (n, r); NaN if singular."""
+        out = np.empty_like(right)
+        columns = right.size // max(len(right), 1)
+        at = ctypes.c_void_p(right.ctypes.data), ctypes.c_void_p(out.ctypes.data)
+        film = ctypes.byref(self._film)
+        if self._code.tribox_film_solve(film, ctypes.c_int64(columns), *at):
+            out[:] = np.nan
+        return out
+
+
+@functools.cache
+def _code() -> ctypes.CDLL:
+    """The compiled loops.
+
+    Raises:
+        RuntimeError: their structure is not ``_Film``.
+    """
+    code = library("film_balance.c")
+    code.tribox_film_size.restype = ctypes.c_int64
+    if code.tribox_film_size() != ctypes.sizeof(_Film):
+        raise RuntimeError("film_balance.c: its structure is not that of this module")
+    return code
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,19 +267,6 @@ class ReynoldsFilm:
     scale: float
     smoothing: float = SMOOTHING
 
-    def parts(self, unknown: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Pressure p (n,), Pa, filling θ (n,), and their derivatives for w."""
-        eps = self.smoothing
-        root = np.sqrt(unknown**2 + 4.0 * eps**2)
-        # The smaller of (r + w)/2 and (r − w)/2 from their product: nothing cancels.
-        larger = 0.5 * (root + np.abs(unknown))
-        smaller = eps**2 / larger
-        up, down = unknown > 0.0, eps > 0.0
-        pressed = np.where(up, larger, smaller if down else 0.0)
-        missing = np.where(up, smaller if down else 0.0, larger)
-        p, theta = self.scale * pressed, 1.0 - missing
-        return p, theta, self.scale * pressed / root, missing / root
-
     def solve(self, step: FilmStep, start: Floats) -> FilmSolution:
         """The film at the end of a step, from ``start`` (n,), a guess of w.
 
@@ -205,52 +274,75 @@ class ReynoldsFilm:
             FilmError: Newton's method does not converge.
         """
         given = self._given(step)
-        w = np.where(step.fixed, given.held, start)
+        loops = self._loops(step, given, np.where(step.fixed, given.held, start))
+        w, made = loops.arrays["unknown"], loops.arrays
         for iteration in range(1, MOST_ITERATIONS + 1):
-            p, theta, d_p, d_theta = self.parts(w)
-            flow = self._flow(step, given, p, theta)
-            residual = self._balance(step, theta, flow.value)
-            residual = np.where(step.fixed, w - given.held, residual)
-            with np.errstate(all="ignore"):
-                entries = self._by_unknown(step, flow, d_p, d_theta)
-                change = self.cells.band.solved(entries, -residual)
+            balanced = self._balance(loops, given)
+            change = loops.solved(-made["residual"])
             if not np.isfinite(change).all():
                 break
-            balanced = bool(np.all(np.abs(residual) <= given.limit))
-            w = w + self._bounded(change)
+            w += self._bounded(change)
             if balanced:
-                return self._solution(step, given, w, iteration)
+                self._balance(loops, given)
+                p, theta = made["pressure"], made["filled"]
+                supply = np.where(step.fixed, made["balance"], 0.0)
+                volume = theta * step.film * self.cells.area
+                flux = made["flux"]
+                return FilmSolution(w, p, theta, volume, flux, supply, iteration, given, loops)
         raise FilmError(f"the film's mass balance was not met in {iteration} iterations")
 
     def slopes(self, step: FilmStep, solution: FilmSolution) -> FilmSlopes:
         """Derivatives of a solution."""
-        given, cells = self._given(step), self.cells
-        p, theta, d_p, d_theta = self.parts(solution.unknown)
-        flow = self._flow(step, given, p, theta)
-        of_film, of_speed = self._given_slopes(step, given, p, theta)
+        given, loops, cells = solution._given, solution._loops, self.cells
+        theta = solution.filled
+        of_film, of_speed = self._given_slopes(step, given, loops)
         free = np.where(step.fixed, 0.0, 1.0)
-        stored = theta * self._per_time(step)
-        data = self._entries(of_film, stored, free, np.zeros_like(free))
+        plain = of_film.reshape(-1)
+        data = np.concatenate([plain, -plain, theta * self._per_time(step)])
+        data *= free[cells.band.row]
         held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row[: 4 * len(cells.ends)]]
         data[: len(held)] += held * np.tile(given.d_film.reshape(-1), 2).reshape(-1)
-        place = cells.band.row, cells.band.column
-        by_film = scipy.sparse.csr_matrix((data, place), (len(theta), len(theta)))
+        by_film = cells.band.matrix(data)
         by_speed = np.stack([of_speed, -of_speed], axis=1) * free[cells.ends]
-        entries = self._by_unknown(step, flow, d_p, d_theta)
-        return FilmSlopes(d_p, d_theta, by_film, cells.ends, by_speed, entries, cells.band)
+        d_p, d_theta = loops.arrays["d_pressure"], loops.arrays["d_filled"]
+        return FilmSlopes(d_p, d_theta, by_film, cells.ends, by_speed, loops)
 
     def _bounded(self, change: Floats) -> Floats:
         """A change of w (n,) by which no viscosity grows more than e-fold."""
+        if self.rheology.barus == 0.0:
+            return change
         growth = self.rheology.barus * self.scale * float(np.max(change, initial=0.0))
         return change * (1.0 / max(1.0, growth))
 
-    def _solution(self, step: FilmStep, given: _Given, w: Floats, iterations: int) -> FilmSolution:
-        p, theta, _, _ = self.parts(w)
-        flux = self._flow(step, given, p, theta).value
-        balance = self._balance(step, theta, flux)
-        volume = theta * step.film * self.cells.area
-        supply = np.where(step.fixed, balance, 0.0)
-        return FilmSolution(w, p, theta, volume, flux, supply, iterations)
+    def _loops(self, step: FilmStep, given: _Given, start: Floats) -> _Loops:
+        """The loops of a step, from ``start`` (n,)."""
+        cells, stores = self.cells, step.film * self._per_time(step)
+        had: Floats = np.zeros_like(stores)
+        if step.volume is not None and np.isfinite(step.dt):
+            had = np.asarray(step.volume / step.dt)
+        return _Loops(
+            cells.band,
+            self.scale,
+            self.smoothing,
+            ends=cells.ends,
+            leads=given.cube * cells.width / (12.0 * cells.length),
+            moves=step.speed * given.film * cells.width,
+            stores=stores,
+            had=had,
+            held=given.held,
+            limit=given.limit,
+            fixed=step.fixed,
+            unknown=start,
+        )
+
+    def _balance(self, loops: _Loops, given: _Given) -> bool:
+        """Evaluate everything at the w of the loops; whether all places balance."""
+        loops.parts()
+        if "viscosity" not in loops.arrays or self.rheology.feels_pressure:
+            flow = self.rheology.viscosity(given.rate, loops.arrays["middle"])
+            loops.point("viscosity", flow.value)
+            loops.point("thickens", flow.d_pressure)
+        return loops.assemble()
 
     def _given(self, step: FilmStep) -> _Given:
         """What a step's film is sought with."""
@@ -278,16 +370,6 @@ class ReynoldsFilm:
             return np.zeros_like(self.cells.area)
         return self.cells.area * (1.0 / step.dt)
 
-    def _balance(self, step: FilmStep, theta: Floats, flux: Floats) -> Floats:
-        """What leaves a place and is stored there (n,), m²/s or m³/s; 0 where nothing feeds it."""
-        a, b = self.cells.ends.T
-        count = len(step.film)
-        out = np.zeros(count)
-        out += np.bincount(a, flux, count) - np.bincount(b, flux, count)
-        if step.volume is not None and np.isfinite(step.dt):
-            out += (theta * step.film * self.cells.area - step.volume) / step.dt
-        return out
-
     def _mobility(self, step: FilmStep) -> tuple[Floats, Floats]:
         """The k of faces (f,), m³, and its derivatives (f, 2) for the h of both ends."""
         h, ends = step.film, self.cells.ends
@@ -308,28 +390,11 @@ class ReynoldsFilm:
         by_film = 0.5 * d_factor[ends] * whole[:, None]
         return shared * whole, by_film + shared[:, None] * slope * d_mean[ends]
 
-    def _flow(self, step: FilmStep, given: _Given, p: Floats, theta: Floats) -> _Flow:
-        """Flow through the faces."""
-        cells, (a, b), width = self.cells, self.cells.ends.T, self.cells.width
-        flow = self.rheology.viscosity(given.rate, 0.5 * (p[a] + p[b]))
-        over = given.cube * width / (12.0 * flow.value)
-        steep, drop = over / cells.length, p[b] - p[a]
-        thinner = (0.5 * steep * drop / flow.value) * flow.d_pressure
-        moved = step.speed * given.film * width
-        forwards = step.speed >= 0.0
-        by_filled = np.where(np.stack([forwards, ~forwards], axis=1), moved[:, None], 0.0)
-        return _Flow(
-            moved * np.where(forwards, theta[a], theta[b]) - steep * drop,
-            np.stack([thinner + steep, thinner - steep], axis=1),
-            by_filled,
-        )
-
-    def _given_slopes(
-        self, step: FilmStep, given: _Given, p: Floats, theta: Floats
-    ) -> tuple[Floats, Floats]:
+    def _given_slopes(self, step: FilmStep, given: _Given, loops: _Loops) -> tuple[Floats, Floats]:
         """Derivatives of the flow for the film at both ends (f, 2), and for the speed (f,)."""
         cells, (a, b), film, rate = self.cells, self.cells.ends.T, given.film, given.rate
-        flow = self.rheology.viscosity(rate, 0.5 * (p[a] + p[b]))
+        p, theta = loops.arrays["pressure"], loops.arrays["filled"]
+        flow = self.rheology.viscosity(rate, loops.arrays["middle"])
         slope = (p[b] - p[a]) / cells.length
         thinning = given.cube / (12.0 * flow.value) * slope / flow.value
         filled = np.where(step.speed >= 0.0, theta[a], theta[b])
@@ -339,20 +404,6 @@ class ReynoldsFilm:
         by_speed = filled * film
         by_speed += thinning * flow.d_rate * 2.0 * np.sign(step.speed) / film
         return cells.width[:, None] * by_film, cells.width * by_speed
-
-    def _by_unknown(self, step: FilmStep, flow: _Flow, d_p: Floats, d_theta: Floats) -> Floats:
-        """Entries (e,) of the balance's derivatives for w."""
-        ends, fixed = self.cells.ends, step.fixed.astype(np.float64)
-        of_faces = flow.by_pressure * d_p[ends] + flow.by_filled * d_theta[ends]
-        stored = d_theta * step.film * self._per_time(step)
-        return self._entries(of_faces, stored, 1.0 - fixed, fixed)
-
-    def _entries(self, of_faces: Floats, stored: Floats, free: Floats, diagonal: Floats) -> Floats:
-        """Entries (e,) from derivatives (f, 2) of the flow for both ends and (n,) of storage."""
-        plain = of_faces.reshape(-1)
-        out: Floats = np.concatenate([plain, -plain, stored]) * free[self.cells.band.row]
-        out[len(out) - len(stored) :] += diagonal
-        return out
 
 
 def wedge_film(film: Floats) -> tuple[Floats, Floats]:

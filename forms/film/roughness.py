@@ -202,9 +202,11 @@ class RoughGap:
             return gap.copy(), np.ones_like(gap)
         z = gap / self.sigma
         share, density = ndtr(z), np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-        low = np.minimum(z, _TAIL)
-        tail = density * (1.0 / low**2 - 3.0 / low**4 + 15.0 / low**6)
-        thickness = np.where(z < _TAIL, tail, z * share + density)
+        thickness = z * share + density
+        below = z < _TAIL
+        if below.any():
+            low = z[below] ** -2
+            thickness[below] = density[below] * low * (1.0 - 3.0 * low + 15.0 * low**2)
         return self.sigma * (thickness + LEAST_FILM), share
 
     def flow(self, film: Floats) -> tuple[Floats, Floats]:

@@ -106,6 +106,11 @@ class FilmRheology(Declared):
         unlimited = self.tau_0 is None and self.critical_rate is None
         return unlimited and self.barus == 0.0
 
+    @property
+    def feels_pressure(self) -> bool:
+        """Whether the viscosity changes with the pressure."""
+        return self.barus > 0.0 or self.zeta > 0.0
+
     def viscosity(self, rate: Floats, pressure: Floats) -> Viscosity:
         r"""Viscosity of the film, :math:`\tau/\dot\gamma`.
 

@@ -21,6 +21,7 @@ SOURCES = (
     "point_cells.c",
     "cell_places.c",
     "block_sweeps.c",
+    "film_balance.c",
 )
 
 

@@ -20,8 +20,6 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from tribox.geometry.compat import compiler_cache
-
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 _THIRD = frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe xsave".split())
 LEVELS = {
@@ -99,6 +97,8 @@ def _load(file: Path) -> ctypes.CDLL | None:
 
 def _caches() -> tuple[Path, Path]:
     """Directories for the libraries: FFCx's cache, or one for this user among temporary files."""
+    from tribox.geometry.compat import compiler_cache  # which loads the solver
+
     ours = Path(tempfile.gettempdir()) / f"tribox-{os.getuid()}"
     return compiler_cache(), ours
 

@@ -1,5 +1,6 @@
 """A journal bearing as a run with a film that is found, against the integral of a long one."""
 
+import gmsh
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -7,23 +8,32 @@ from scipy.optimize import brentq
 from tribox import load_case, run_case
 from tribox.app.results.directory import read_table
 
-BUSH = """
-R = 0.02002; S = 0.024; Point(1) = {0, 0, 0};
+RING = """
 For i In {0:3}
-  Point(10 + i) = {R * Cos(i * Pi / 2), R * Sin(i * Pi / 2), 0};
-  Point(20 + i) = {S * Cos(i * Pi / 2), S * Sin(i * Pi / 2), 0};
-  Line(50 + i) = {10 + i, 20 + i};
+  Point(N + 10 + i) = {R * Cos(i * Pi / 2), R * Sin(i * Pi / 2), 0};
+  Point(N + 20 + i) = {S * Cos(i * Pi / 2), S * Sin(i * Pi / 2), 0};
+  Line(N + 50 + i) = {N + 10 + i, N + 20 + i};
 EndFor
 For i In {0:3}
-  j = (i + 1) % 4; Circle(30 + i) = {10 + i, 1, 10 + j}; Circle(40 + i) = {20 + i, 1, 20 + j};
+  j = (i + 1) % 4;
+  Circle(N + 30 + i) = {N + 10 + i, 1, N + 10 + j};
+  Circle(N + 40 + i) = {N + 20 + i, 1, N + 20 + j};
 EndFor
 For i In {0:3}
-  j = (i + 1) % 4; Curve Loop(60 + i) = {50 + i, 40 + i, -(50 + j), -(30 + i)};
-  Plane Surface(70 + i) = {60 + i}; Transfinite Curve{30 + i, 40 + i} = 46;
-  Transfinite Curve{50 + i} = 2; Transfinite Surface{70 + i}; Recombine Surface{70 + i};
+  j = (i + 1) % 4; Curve Loop(N + 60 + i) = {N + 50 + i, N + 40 + i, -(N + 50 + j), -(N + 30 + i)};
+  Plane Surface(N + 70 + i) = {N + 60 + i}; Transfinite Curve{N + 30 + i, N + 40 + i} = 46;
+  Transfinite Curve{N + 50 + i} = 2; Transfinite Surface{N + 70 + i};
+  Recombine Surface{N + 70 + i};
 EndFor
-Physical Surface("bush") = {70, 71, 72, 73};
-Physical Curve("bore") = {30, 31, 32, 33}; Physical Curve("back") = {40, 41, 42, 43};
+"""
+BUSH = "Point(1) = {0, 0, 0}; N = 0; R = 0.02002; S = 0.024;" + RING
+ONE = """
+Physical Surface("bush") = {70:73};
+Physical Curve("bore") = {30:33}; Physical Curve("back") = {40:43};
+"""
+TWO = f"""
+N = 100; R = 0.04004; S = 0.044; {RING} Physical Surface("bush") = {{70:73, 170:173}};
+Physical Curve("bore") = {{30:33, 130:133}}; Physical Curve("back") = {{40:43, 140:143}};
 """
 JOURNAL = """
 geometry.mesh = "bush.geo"
@@ -71,7 +81,7 @@ def long_bearing(share, clearance=2e-5, radius=0.02, eta=0.02, speed=1.0):
 
 def test_a_journal_bearing_carries_and_drags_as_a_long_one(tmp_path):
     """Its film has no end: it is fed where it is widest."""
-    (tmp_path / "bush.geo").write_text(BUSH)
+    (tmp_path / "bush.geo").write_text(BUSH + ONE)
     (tmp_path / "case.toml").write_text(JOURNAL)
     run_case(load_case(tmp_path / "case.toml"), tmp_path / "out", quiet=True)
     (down, across), drag = long_bearing(0.8)
@@ -80,3 +90,36 @@ def test_a_journal_bearing_carries_and_drags_as_a_long_one(tmp_path):
     assert [y, x] == pytest.approx([down, across], rel=3e-3)
     assert -moment / 0.02 == pytest.approx(drag, rel=3e-3)
     assert "warning" not in (tmp_path / "out" / "log.txt").read_text()
+
+
+def two_journals(file):
+    """Circles of 20 and 40 mm round one axis, 16 um below that of the bores, of curved lines."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        circles = [gmsh.model.occ.addCircle(0.0, -16e-6, 0.0, r) for r in (0.02, 0.04)]
+        gmsh.model.occ.synchronize()
+        for circle in circles:
+            gmsh.model.mesh.setTransfiniteCurve(circle, 121)
+        gmsh.model.addPhysicalGroup(1, circles, name="journals")
+        gmsh.model.mesh.generate(1)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
+
+
+def test_closed_films_of_one_pair_are_fed_one_by_one_and_have_their_own_speeds(tmp_path):
+    """A stepped shaft in the bores of one body: another radius, clearance and speed in each."""
+    (tmp_path / "bush.geo").write_text(BUSH + TWO)
+    two_journals(tmp_path / "journals.msh")
+    tool = 'tools.journal = { shape = "mesh", file = "journals.msh", surface = "journals", '
+    tool += 'turned_over = true, rotation = { rate = 50, centre = ["0 mm", "-16 um"] } }'
+    lines = [line for line in JOURNAL.splitlines() if not line.startswith("tools")]
+    (tmp_path / "case.toml").write_text("\n".join([tool, *lines]))
+    run_case(load_case(tmp_path / "case.toml"), tmp_path / "out", quiet=True)
+    loads, drags = zip(long_bearing(0.8), long_bearing(0.4, 4e-5, 0.04, speed=2.0), strict=True)
+    tool = read_table(tmp_path / "out" / "tools.csv")[-1]
+    x, y, moment = (float(tool[name]) for name in ("force_x", "force_y", "moment_z"))
+    assert [y, x] == pytest.approx(np.sum(loads, axis=0), rel=3e-3)
+    assert -moment == pytest.approx(0.02 * drags[0] + 0.04 * drags[1], rel=3e-3)
