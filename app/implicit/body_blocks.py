@@ -27,6 +27,7 @@ from tribox.app.implicit.multigrid import (
     SYMMETRIC,
     Multigrid,
     MultigridSolver,
+    damped,
     rigid_motions_of,
 )
 from tribox.forms.bodies.solid import Solid
@@ -64,7 +65,7 @@ class BodyBlocks:
         self.part = "factorisation" if self.direct else "preconditioner"
         self._prefix = ksp.getOptionsPrefix() or ""
         options = PETSc.Options(self._prefix)
-        for key in () if self.direct else KRYLOV:
+        for key in () if self.direct else damped(KRYLOV, problem.comm.size):
             options.delValue(key)  # they become those of the solvers that are made here
         options["ksp_type"], options["pc_type"] = PETSc.KSP.Type.PREONLY, PETSc.PC.Type.PYTHON
         ksp.setFromOptions()

@@ -47,7 +47,7 @@ class PredictedStart:
         if strays(attempt):
             return started, failed
         newton, eager = attempt.newton, False
-        started += hold_closed(attempt) if started == 0 else 0
+        started += hold_closed(attempt) if started <= 1 else 0
         if self.if_near:
             left = newton.residual_of(attempt.step)
             eager = left > FAR
@@ -66,7 +66,7 @@ class PredictedStart:
 def hold_closed(attempt: Attempt) -> int:
     """Hold together what only a near prediction has opened, for some iterations; collective.
 
-    The continued path of a contact that begins to slide opens vertices at its rim. Open ones have
+    The prediction of a contact that begins to slide opens vertices at its rim. Open ones have
     no stiffness, so that Newton's method closes but a few in each iteration; where the contacts
     pull as well, all close at once that are to. What is pulled in the end opens afterwards.
 

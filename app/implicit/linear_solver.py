@@ -32,7 +32,7 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
 from tribox.app.implicit.factor import DIRECT, LEFT, CoupledFactor, LinearWay
 from tribox.app.implicit.kept_bodies import stiff_solids
-from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, rigid_motions_of
+from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, damped, rigid_motions_of
 from tribox.forms.bodies.point_state import Origin
 from tribox.forms.contact.state import ContactState
 from tribox.geometry.surfaces.facets import Floats
@@ -48,7 +48,9 @@ ENDING = 0.1  # what a linear solve may leave, over what Newton's method may lea
 
 def linear_options(problem: Equilibrium, kind: Linear) -> dict[str, str | float | bool]:
     """PETSc options of the linear solver that a case asks for."""
-    return DIRECT if chosen_solver(problem, kind) == "direct" else KRYLOV
+    if chosen_solver(problem, kind) == "direct":
+        return DIRECT
+    return damped(KRYLOV, problem.comm.size)
 
 
 def chosen_solver(problem: Equilibrium, kind: Linear) -> Linear:

@@ -56,6 +56,11 @@ CLOSE = 1e-5
 start's smooth errors remain, points open or slip by them, and a solve more is needed."""
 
 
+def damped(options: Mapping[str, str | float | bool], ranks: int) -> dict[str, str | float | bool]:
+    """Options of multigrid for a number of ranks."""
+    return dict(options) | ({"mg_levels_ksp_richardson_scale": DAMPED} if ranks > 2 else {})
+
+
 class Multigrid:
     """An iterative solver, whatever its options are, whose preconditioner is kept.
 
@@ -159,7 +164,7 @@ class MultigridSolver:
     ) -> None:
         """Prepare to solve with ``matrix``; collective."""
         at_hand = PETSc.Options(prefix)
-        for key, value in options.items():
+        for key, value in damped(options, matrix.comm.size).items():
             at_hand[key] = value
         self._ksp = PETSc.KSP().create(matrix.comm)
         self._ksp.setOptionsPrefix(prefix)

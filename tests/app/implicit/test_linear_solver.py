@@ -368,24 +368,41 @@ def test_sweeps_in_single_precision_are_those_of_gauss_seidel(size, share):
         np.testing.assert_allclose(left.array, product, rtol=1e-12, atol=1e-13 * scale)
 
 
-def iterations_of_boxes(comm, directory):
+def iterations_of_boxes(comm, petsc=None):
     """Those of a box that is pressed on another one and pulled."""
     data = tomllib.loads((Path(__file__).parents[3] / "cases" / "boxes-3d.toml").read_text())
-    data["geometry"]["upper"]["elements"] = [12, 6, 12]
-    data["geometry"]["lower"]["elements"] = [17, 5, 17]
+    if petsc is None:
+        data["geometry"]["upper"]["elements"] = [12, 6, 12]
+        data["geometry"]["lower"]["elements"] = [17, 5, 17]
     data["stage"][0]["steps"], data["stage"][1] = (
         1,
         data["stage"][1] | {"duration": "0.1 s", "steps": 1},
     )
-    data["solver"] = {"linear": "krylov"}
+    data["solver"] = {"linear": "krylov", "petsc": petsc or {}}
     sim = Simulation(build_model(Case.model_validate(data), comm))
     sim.run(Observer())
     return sim.implicit.stepper.solver.iterations
 
 
+def iterations_of(comm, directory):
+    """With the program's options."""
+    return iterations_of_boxes(comm)
+
+
+def iterations_with_own_options(comm, directory):
+    """With an option of the user's."""
+    return iterations_of_boxes(comm, {"ksp_rtol": 1e-3})
+
+
 @pytest.mark.long
-@pytest.mark.mpi(iterations_of_boxes, 4)
-def test_sweeps_within_each_rank_keep_the_iterations_few(on_ranks):
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.mpi(case, 4))
+        for case in (iterations_of, iterations_with_own_options)
+    ],
+)
+def test_sweeps_within_each_rank_keep_the_iterations_few(on_ranks, case):
     """Undamped, they raise errors where three ranks meet: three times the iterations on four."""
-    alone = iterations_of_boxes(MPI.COMM_SELF, None)
-    assert on_ranks(iterations_of_boxes, 4) <= 1.6 * alone
+    alone = case(MPI.COMM_SELF, None)
+    assert on_ranks(case, 4) <= 1.6 * alone

@@ -253,13 +253,14 @@ def boxes_that_slip(layers: int, duration: str, steps: int) -> list[Row]:
 
 
 @pytest.mark.long
-def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
-    """The path continued opens vertices at the rim, which Newton's method would close by twos."""
-    held = boxes_that_slip(6, "0.75 s", 3)
+@pytest.mark.parametrize(("duration", "steps", "fewer"), [("0.75 s", 3, 3), ("0.5 s", 1, 1)])
+def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch, duration, steps, fewer):
+    """A path, or a linear step, opens vertices at the rim; Newton's method closes them by twos."""
+    held = boxes_that_slip(6, duration, steps)
     monkeypatch.setattr(globalisation, "HOLDS", 0)
-    left = boxes_that_slip(6, "0.75 s", 3)
+    left = boxes_that_slip(6, duration, steps)
     iterations = [sum(row.newton_iterations for row in rows) for rows in (held, left)]
-    assert iterations[0] <= iterations[1] - 3
+    assert iterations[0] <= iterations[1] - fewer
     for now, then in zip(held, left, strict=True):
         assert now.newton_iterations <= then.newton_iterations
         assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)
