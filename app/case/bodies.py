@@ -343,18 +343,25 @@ class Elastomer(_Body):
         """The energy of its constants alone."""
         raise NotImplementedError
 
+    @property
+    def _share_left(self) -> float:
+        return 1.0 - sum(part for part, _ in self.prony or ())
+
+    def relaxed_material(self, runs_code: bool) -> Any:
+        """The energy when all branches are relaxed."""
+        given = self.elastic_material(runs_code)
+        return given.softened(self._share_left) if self.moduli == "instantaneous" else given
+
     def material_of(self, runs_code: bool = True) -> Material:
         """The energy with the branches of the body and its softening, if there are any."""
-        given = self.elastic_material(runs_code)
+        relaxed = self.relaxed_material(runs_code)
         if self.prony is None and self.mullins is None:
-            found: Material = given
+            found: Material = relaxed
             return found
         from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
         softening = self.mullins.law_of() if self.mullins is not None else None
-        share = 1.0 - sum(part for part, _ in self.prony or ())
-        relaxed = given.softened(share) if self.moduli == "instantaneous" else given
-        whole = relaxed.shear_modulus / share
+        whole = relaxed.shear_modulus / self._share_left
         pairs = zip(self.prony or (), self.branch_times(), strict=True)
         branches = tuple(Branch(part * whole, time) for (part, _), time in pairs)
         return Viscoelastic(relaxed, branches, softening)

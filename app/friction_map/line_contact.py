@@ -24,7 +24,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.bodies import Body, ElastoPlasticBody
+from tribox.app.case.bodies import Body, Elastomer, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
@@ -365,8 +365,9 @@ def _body_of(case: Case, slave: str) -> str:
 
 
 def _modulus(name: str, body: Body) -> float:
-    """E*, Pa, of a body."""
-    shear, bulk = getattr(body, "shear_modulus", None), getattr(body, "bulk_modulus", None)
+    """E*, Pa, of a body; in the steady state of a contact that stays where it is, it is relaxed."""
+    solid = body.relaxed_material(False) if isinstance(body, Elastomer) else body
+    shear, bulk = (getattr(solid, f"{of}_modulus", None) for of in ("shear", "bulk"))
     if isinstance(body, ElastoPlasticBody) or shear is None or bulk is None:
         raise InputError(
             f'bodies.{name}.material = "{body.material}": tribox map of a film that is found takes '

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tribox import load_case
+from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 from tribox.app.friction_map import line_contact
 from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
@@ -332,3 +334,16 @@ def test_a_case_with_a_film_that_is_found_is_mapped_as_a_line_contact(soft, tmp_
 def test_what_is_no_line_contact_is_not_mapped(name, words):
     with pytest.raises(InputError, match=words):
         run_map(CASES / f"{name}.toml", [], None, False)
+
+
+@pytest.mark.parametrize(("moduli", "share"), [("instantaneous", 0.4), ("long-term", 1.0)])
+def test_a_contact_that_stays_where_it_is_is_relaxed(moduli, share):
+    """E* of a body with branches is that of its long-term modulus."""
+    data = tomllib.loads((CASES / "film" / "soft-line.toml").read_text())
+    shear, bulk = 1e6, 50e6
+    rubber = {"material": "neo-hookean", "G": shear, "K": bulk}
+    rubber |= {"prony": [[0.6, 0.01]], "moduli": moduli}
+    found = film_map(Case.model_validate(data | {"bodies": {"rubber": rubber}})).contact.modulus
+    G = share * shear
+    young = 9.0 * bulk * G / (3.0 * bulk + G)
+    assert found == pytest.approx(young / (1.0 - (young / (2.0 * G) - 1.0) ** 2), rel=1e-12)
