@@ -51,7 +51,7 @@ from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
-from tribox.geometry.surfaces.body_facets import facet_length, outward_facets
+from tribox.geometry.surfaces.body_facets import outward_facets
 from tribox.geometry.surfaces.facets import Floats, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.smoothing import corner_spacing
@@ -60,6 +60,7 @@ from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, 
 # Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
 # degrees a surface may be drawn with corners, and more surely is.
 STRAIGHT, SHARP = 1e-3, 0.35
+GRADED = 0.9  # length of a slave's facets near the master over their mean that tells them apart
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 
 
@@ -117,10 +118,11 @@ class ContactBuilder:
         softer = min(materials, key=contact_shear_modulus)
         if asked.tied:
             return self._tie(index, asked, surface, softer)
-        length = surface.facet_length
         at, fit, distance = self._start(index, asked, surface)
+        lengths = lengths_near(surface, at, distance)
+        length = lengths[0]
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
-        law, lengths = self._law(index, table), (length, self._master_length(asked))
+        law = self._law(index, table)
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
@@ -282,12 +284,6 @@ class ContactBuilder:
         moved = [p(0.0) if isinstance(p, TimeTable) else 0.0 for p in programs]
         return tool.motion.control_points(np.array(moved), 0.0)
 
-    def _master_length(self, contact: Contact) -> float:
-        """Length of the master's facets, m; infinite of a tool, which has none; collective."""
-        if contact.master in self.tools:
-            return np.inf
-        return facet_length(self.named.mesh, self.named.facets(contact.master))
-
     def _materials(self, index: int, contact: Contact) -> tuple[Material, ...]:
         """Materials of the bodies of slave and master; of the slave alone against a tool."""
         if contact.master in self.tools:
@@ -306,7 +302,7 @@ def resolved_contact(contact: Contact, softer: Material, length: float, pressure
 
     Args:
         softer: the softer body's material.
-        length: m, mean length of a slave facet.
+        length: m, of a slave facet.
         pressure: Pa, the highest that a boundary prescribes; 0 without one.
     """
     friction, film = contact.friction, contact.film
@@ -464,6 +460,30 @@ def _on_chords(contact: Contact, surface: ContactSurface, at: Projection) -> str
     """What to say of an overlap on a master that is round and made of facets; collective."""
     smooth = contact.smoothing_angle is not None
     return CHORDS if smooth or corners_of(contact, surface, at, 0.0).ratio > 0.0 else ""
+
+
+def lengths_near(surface: ContactSurface, at: Projection, distance: float) -> tuple[float, float]:
+    """Mean lengths of slave and master facets where they are near at the start; collective.
+
+    That of the slave is the mean of all where these are no finer, or none is near; that of a tool,
+    or of a master that is not near, is infinite.
+
+    Args:
+        at: the slave's points on the master.
+        distance: m, of the surfaces.
+    """
+    length, master = surface.slave.facet_length, surface.master
+    near = at.on_surface & (at.gap < distance + length)
+    beside = np.inf if isinstance(master, RigidMaster) else master.sizes()[at.facet]
+    sums = [np.ones(len(length)), length, near, near * length, np.where(near, beside, 0.0)]
+    count, whole, count_near, fine, other = surface.space.mesh.comm.allreduce(
+        np.array([np.sum(one) for one in sums])
+    )
+    if count_near == 0.0:
+        return surface.facet_length, np.inf
+    share = (fine / count_near) / (whole / count)
+    graded = surface.facet_length * share if share < GRADED else surface.facet_length
+    return graded, other / count_near
 
 
 def overlap(surface: ContactSurface, at: Projection) -> float:

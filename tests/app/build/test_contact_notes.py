@@ -156,3 +156,18 @@ def test_surfaces_that_press_as_they_are_drawn_are_told_of(bottom, told):
     for note in notes:
         assert note.startswith("contact.0: pad_bottom starts 0.001 m inside aluminium_top and")
         assert "chords" not in note
+
+
+def test_a_graded_slave_counts_by_its_facets_beside_the_master():
+    """A block that is meshed finely below a ball alone: K_T = 10 G/h, and no word of coarseness."""
+    data = tomllib.loads(ROUND.format(tool="1 mm", block="1 mm", radius="5 mm"))
+    data["geometry"] = {
+        "kind": "sphere-on-block", "sphere": {"radius": 5e-3},
+        "block": {"radius": 20e-3, "height": 10e-3},
+        "contact_width": 1e-3, "contact_size": 1e-4, "growth": 1.5,
+    }  # fmt: skip
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.3}
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert not [note for note in model.notes if "times as long as" in note]
+    stick = model.case.contact[0].friction.K_T
+    assert stick == pytest.approx(10.0 * 5e6 / (2.0 * 1.45) / 1e-4, rel=0.1)

@@ -155,3 +155,23 @@ def test_closed_chain_has_no_end():
     assert at.on_surface.all()
     assert (at.gap > 0.0).all()
     assert (line.neighbours.sum(axis=1) == 3).all()
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.sampled_from([0.05, 0.2, 0.4]))
+def test_closest_point_of_a_waved_smooth_line_is_that_of_samples(seed, facets, height):
+    """Waves up to 0.4 of a facet high, and points up to five heights away on both sides.
+
+    Of steeper ones a point some facets away may find the farther of two nearest points.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[0.0], np.cumsum(0.7 + 0.6 * rng.random(facets))])
+    nodes = np.stack([x, height * rng.uniform(-1.0, 1.0, len(x))], axis=1)
+    order = np.arange(len(nodes), dtype=np.int32)
+    line = FacetSurface(SEGMENT, np.stack([order[:-1], order[1:]], axis=1), nodes, np.pi)
+    xi = np.tile(np.linspace(0.0, 1.0, 1001), facets)[:, None]
+    places = line.places(np.repeat(order[:-1], 1001), xi, nodes)[0]
+    points = np.stack([rng.uniform(0.0, x[-1], 40), rng.uniform(-5.0, 5.0, 40) * height], axis=1)
+    found = np.linalg.norm(points - line.project(points, nodes).foot, axis=1)
+    sampled = np.min([np.linalg.norm(points - place, axis=1) for place in places], axis=0)
+    np.testing.assert_allclose(found, sampled, rtol=0.0, atol=1e-3)
