@@ -41,7 +41,6 @@ from tribox.app.verify.flowing import considere, thick_tube, upset
 from tribox.app.verify.flowing_bending import cook, pure_bending
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.app.verify.space import curved_sliding, hertz_point, isotropy, patch_space, sphere_twist
-from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
 
 # -- Verification of the solids: a nearly incompressible block in plane-strain compression ---------
 
@@ -89,6 +88,29 @@ def block_compression(overrides: Sequence[str] = ()) -> Verification:
         checks,
         (Panel("stretch λ (-)", "nominal stress (MPa)", lines),),
     )
+
+
+def plane_strain_stress(stretch: float, shear_modulus: float) -> float:
+    r"""Nominal stress of a neo-Hookean block, Pa: :math:`G (\lambda - \lambda^{-3})`.
+
+    Incompressible, :math:`W = G/2 (I_1 - 3)`, in plane strain with lateral faces free of stress;
+    positive in tension.
+
+    Args:
+        stretch: λ > 0, deformed over undeformed height.
+        shear_modulus: Pa, G.
+    """
+    return shear_modulus * (stretch - stretch**-3)
+
+
+def plane_strain_pressure(stretch: float, shear_modulus: float) -> float:
+    r"""Mean pressure -tr σ/3 of the same block, Pa.
+
+    The Cauchy stresses are :math:`G(\lambda^2 - \lambda^{-2})` along the load, 0 across it in the
+    plane, and :math:`G(1 - \lambda^{-2})` normal to the plane.
+    """
+    across = stretch**-2
+    return -shear_modulus * (stretch**2 - across + 1.0 - across) / 3.0
 
 
 def cell_pressures(simulation: Simulation) -> Floats:

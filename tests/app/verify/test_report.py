@@ -17,7 +17,13 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import block_slide, cattaneo_mindlin, fit_ellipse, hertz_line
-from tribox.app.verify.report import CASES, block_compression, run_verify
+from tribox.app.verify.report import (
+    CASES,
+    block_compression,
+    plane_strain_pressure,
+    plane_strain_stress,
+    run_verify,
+)
 from tribox.app.verify.result import CASES as DIRECTORY
 from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.geometry.meshes.gmsh_model import gmsh_session
@@ -116,6 +122,19 @@ def test_a_soft_penalty_fails_hertz():
 def test_a_soft_stick_fails_the_stick_half_width():
     soft = cattaneo_mindlin([*COARSE, "stage.1.steps=4", "contact.0.friction.K_T=1e9"])
     assert "traction profile, rms / (µ p0)" in failed(soft)
+
+
+def test_compression_of_a_block_follows_from_its_energy():
+    G, step = 1.2e6, 1e-6
+    for stretch in (0.6, 0.9, 1.3):
+        energy = [0.5 * G * (s**2 + s**-2 - 2.0) for s in (stretch - step, stretch + step)]
+        slope = (energy[1] - energy[0]) / (2.0 * step)
+        assert plane_strain_stress(stretch, G) == pytest.approx(slope, rel=1e-8)
+    assert plane_strain_stress(1.0, G) == plane_strain_pressure(1.0, G) == 0.0
+    # Uniform stress: the pressure is a third of the trace, sigma_y = lambda * nominal.
+    across = G * (1.0 - 0.7**-2)
+    trace = 0.7 * plane_strain_stress(0.7, G) + across
+    assert plane_strain_pressure(0.7, G) == pytest.approx(-trace / 3.0, rel=1e-12)
 
 
 def test_a_compressible_block_fails_the_closed_form():

@@ -1,4 +1,4 @@
-"""Closed forms of line contact and of block compression: what they must satisfy by themselves."""
+"""Closed forms of line and point contact: what they must satisfy by themselves."""
 
 import math
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from tribox.forms.closed_forms.block_compression import plane_strain_pressure, plane_strain_stress
 from tribox.forms.closed_forms.hertz import (
     LineContact,
     PointContact,
@@ -77,19 +76,6 @@ def test_traction_after_a_reversal(share):
     np.testing.assert_array_equal(
         CONTACT.reversed_traction(X, peak, peak, mu), CONTACT.traction(X, peak, mu)
     )
-
-
-def test_compression_of_a_block_follows_from_its_energy():
-    G, step = 1.2e6, 1e-6
-    for stretch in (0.6, 0.9, 1.3):
-        energy = [0.5 * G * (s**2 + s**-2 - 2.0) for s in (stretch - step, stretch + step)]
-        slope = (energy[1] - energy[0]) / (2.0 * step)
-        assert plane_strain_stress(stretch, G) == pytest.approx(slope, rel=1e-8)
-    assert plane_strain_stress(1.0, G) == plane_strain_pressure(1.0, G) == 0.0
-    # Uniform stress: the pressure is a third of the trace, sigma_y = lambda * nominal.
-    across = G * (1.0 - 0.7**-2)
-    trace = 0.7 * plane_strain_stress(0.7, G) + across
-    assert plane_strain_pressure(0.7, G) == pytest.approx(-trace / 3.0, rel=1e-12)
 
 
 def test_stress_below_the_middle():
