@@ -37,6 +37,7 @@ CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
 # tolerance.
 STIFF_PENALTY = 3e4
 SOFT_PENALTY = 0.1
+STIFF_STICK = 5e3  # K_T h/G from which steps take several times the iterations
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
 
 WHOLE = 0.999  # tied share of a slave's area that counts as all of it
@@ -249,7 +250,7 @@ def notes_on_penalty(
 
 
 def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[str]:
-    """A line on dry friction that sticks far more softly than the bodies shear.
+    """A line on dry friction that sticks far more softly, or stiffly, than the bodies shear.
 
     The default is found from the mesh and the bodies; a resolved case that is run with a finer mesh
     or a stiffer body keeps the value it had.
@@ -264,6 +265,12 @@ def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[
             yield (
                 f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "
                 "beside it: points move a good way before they slip (leave K_T out for 10 G/h)"
+            )
+        elif factor > STIFF_STICK:
+            yield (
+                f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "
+                "beside it, which takes many iterations for nothing: 100 G/h leaves next to no "
+                "elastic slip (leave K_T out for 10 G/h)"
             )
 
 

@@ -16,12 +16,15 @@ from tribox.app.case.reading import load_case
 CASES = Path(__file__).parents[3] / "cases"
 
 
-def test_a_stick_far_softer_than_the_elements_is_noted():
+def test_a_stick_far_softer_or_stiffer_than_the_elements_is_noted():
     """As where a resolved case is run with a body a thousand times stiffer."""
     friction = TABLES["coulomb"].model_validate({"law": "coulomb", "mu": 0.2, "K_T": 1e10})
     assert not list(note_on_stick(0, friction, 1e9))
     [note] = note_on_stick(0, friction, 1e12)
     assert note.startswith("contact.0: K_T is 0.01 times the stiffness G/h")
+    assert not list(note_on_stick(0, friction, 1e7))
+    [note] = note_on_stick(0, friction, 1e6)
+    assert note.startswith("contact.0: K_T is 1e+04 times") and "many iterations" in note
 
 
 ROUND = """
