@@ -106,8 +106,6 @@ def _compile(group: _Group) -> Iterator[str]:
 
     # Groups share a form or two: one process waits for the other's compiler, s.
     dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
-    # Groups share a form or two: one process waits for the other's compiler, s.
-    dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
     dim = mesh.geometry.dim

@@ -183,6 +183,9 @@ def test_an_explicit_run_that_failed_goes_on_from_what_it_had_in_memory(
 
     seldom = {"checkpoint_interval": 1e9, "checkpoint_every": 0}
     never = case.model_copy(update={"output": case.output.model_copy(update=seldom)})
+    run(never, tmp_path / "whole")  # one that is done writes its end, not what memory holds
+    assert numbers(tmp_path / "whole") == [1]
+    assert position_of(tmp_path / "whole", 1) == position_of(reference, numbers(reference)[-1])
     with monkeypatch.context() as patch:
         patch.setattr(ExplicitStepper, "advance", fold)
         patch.setattr(checkpointer, "KEEP_EVERY", 0.0)
