@@ -125,7 +125,7 @@ def test_a_slide_of_many_facets_in_space_is_one_step():
 def test_auto_factorises_up_to_a_number_of_unknowns():
     class Size:
         def __init__(self, size, dim):
-            self.size, self.dim, self.fields = size, dim, []
+            self.size, self.dim, self.fields, self.comm = size, dim, [], MPI.COMM_SELF
 
     for dim, limit in DIRECT_LIMIT.items():
         assert linear_options(Size(limit, dim), "auto") == DIRECT
