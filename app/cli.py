@@ -520,10 +520,9 @@ def _checkout(command: str, part: str) -> Path:
 @cli.command(hidden=True)
 def precompile() -> None:
     """Compile every form into the cache, so that the first run need not."""
-    from tribox.app.precompile import compile_forms
+    import tribox.app.precompile
 
-    for line in compile_forms():
-        print(line, flush=True)
+    tribox.app.precompile.main()
 
 
 def main() -> None:

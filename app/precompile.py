@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -40,17 +43,45 @@ GROUPS = (
 )
 
 
-def compile_forms() -> Iterator[str]:
-    """Compile the C sources and the forms of `GROUPS`; yields a line on each."""
+def compile_forms(first: int = 0, every: int = 1) -> Iterator[str]:
+    """Compile the C sources and the forms of `GROUPS`; yields a line on each.
+
+    Args:
+        first: Number of the first source or group.
+        every: Every so many are compiled, the others left to other processes.
+    """
     import tribox.forms.native
     import tribox.geometry.native.compiler
 
-    for libraries in (tribox.geometry.native.compiler, tribox.forms.native):
-        for source in libraries.SOURCES:
-            libraries.library(source)
-            yield f"{source} compiled"
-    for group in GROUPS:
+    rooms = (tribox.geometry.native.compiler, tribox.forms.native)
+    sources = [(room, source) for room in rooms for source in room.SOURCES]
+    for room, source in sources[first::every]:
+        room.library(source)
+        yield f"{source} compiled"
+    for group in GROUPS[first::every]:
         yield from _compile(group)
+
+
+def main() -> None:
+    """Compile all on the processors there are; print a line on each.
+
+    Raises:
+        SystemExit: A process has failed; it has said why.
+    """
+    count = min(len(os.sched_getaffinity(0)), len(GROUPS))
+    fork = multiprocessing.get_context("fork")  # before MPI is started
+    processes = [fork.Process(target=_print_share, args=(first, count)) for first in range(count)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    if any(process.exitcode for process in processes):
+        sys.exit(1)
+
+
+def _print_share(first: int, every: int) -> None:
+    for line in compile_forms(first, every):
+        print(line, flush=True)
 
 
 def _compile(group: _Group) -> Iterator[str]:
@@ -73,6 +104,10 @@ def _compile(group: _Group) -> Iterator[str]:
     from tribox.geometry.meshes.mesh import generate
     from tribox.geometry.surfaces.slave_points import point_operator
 
+    # Groups share a form or two: one process waits for the other's compiler, s.
+    dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
+    # Groups share a form or two: one process waits for the other's compiler, s.
+    dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
     # From gmsh, as every case: another mesh's coordinate element would give other forms.
     mesh = generate(_shape(group.cell), MPI.COMM_SELF).mesh
     dim = mesh.geometry.dim
@@ -128,5 +163,4 @@ def _shape(cell: str) -> Shape:
 
 
 if __name__ == "__main__":
-    for line in compile_forms():
-        print(line, flush=True)
+    main()

@@ -22,6 +22,10 @@ from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
 OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
+DENTED = 1e-4  # depth over facet length from which bodies are said to press at the start
+CHORDS = (
+    "; chords of arcs overlap so where their ends do not line up: a drawing of order = 2 keeps arcs"
+)
 APART = 2.0  # distance over facet length from which bodies are said to start apart
 COARSE = 3.0  # length of slave facets over that of master facets from which they are too coarse
 ROUND = 0.5  # length of slave facets over the radius of a tool from which they are too coarse
@@ -86,6 +90,23 @@ def notes_on_surfaces(
         yield (
             f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
             f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+        )
+
+
+def note_on_overlap(
+    place: str, contact: Contact, depth: float, length: float, advice: str
+) -> Iterator[str]:
+    """A line on surfaces that press before anything has moved.
+
+    Args:
+        depth: m, of the deepest of the slave's points; length: m, of the slave's facets.
+        advice: on chords, or nothing.
+    """
+    if depth > DENTED * length:
+        yield (
+            f"{place}: {contact.slave} starts {depth:.2g} m inside {contact.master} and presses "
+            "there at once, which counts as no work: leave a gap, or let it come on as a press "
+            f'fit (interference = "drawn"){advice}'
         )
 
 

@@ -14,11 +14,13 @@ from mpi4py import MPI
 
 from tribox.app.build.case_notes import highest_pressure
 from tribox.app.build.contact_notes import (
+    CHORDS,
     STIFFER,
     Corners,
     note_on_corners,
     note_on_fit,
     note_on_idle_film,
+    note_on_overlap,
     note_on_radius,
     note_on_sliding,
     note_on_stick,
@@ -128,6 +130,7 @@ class ContactBuilder:
             *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_fit(f"contact.{index}", asked, surface, at),
+            *self._note_on_overlap(index, asked, surface, at),
             *note_on_idle_film(f"contact.{index}", asked),
             *self._notes_on_corners(index, asked, surface, at, distance),
             *(
@@ -238,6 +241,15 @@ class ContactBuilder:
             cell = self.named.mesh.topology.cell_name()
             unable = smooth.smoothing_problem(cell, degree)
             yield from note_on_sliding(place, asked, corners, unable)
+
+    def _note_on_overlap(
+        self, index: int, asked: Contact, surface: ContactSurface, at: Projection
+    ) -> Iterator[str]:
+        """A line on surfaces that press before anything has moved; collective."""
+        if asked.interference is None and self.case.acts_in(asked, self.case.stage[0].name):
+            depth, place = overlap(surface, at), f"contact.{index}"
+            advice = _on_chords(asked, surface, at) if depth > 0.0 else ""
+            yield from note_on_overlap(place, asked, depth, surface.facet_length, advice)
 
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
         mesh = self.named.mesh
@@ -448,6 +460,12 @@ def corners_of(
     return Corners(largest, float(np.degrees(turned)))
 
 
+def _on_chords(contact: Contact, surface: ContactSurface, at: Projection) -> str:
+    """What to say of an overlap on a master that is round and made of facets; collective."""
+    smooth = contact.smoothing_angle is not None
+    return CHORDS if smooth or corners_of(contact, surface, at, 0.0).ratio > 0.0 else ""
+
+
 def overlap(surface: ContactSurface, at: Projection) -> float:
     """Depth, m, of the deepest of the slave's points inside the master; 0 if none is; collective.
 
@@ -471,10 +489,12 @@ def _checked_distance(
             "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap of "
             f"{1.05 * depth:.2g} m, or lower smoothing_angle"
         )
+        chords = _on_chords(contact, surface, at)
         raise InputError(
             f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "
             "may touch at the start, not overlap (but as a press fit: "
-            f'interference = "{DRAWN}")' + (smooth if contact.smoothing_angle is not None else "")
+            f'interference = "{DRAWN}")'
+            + (smooth if contact.smoothing_angle is not None else chords)
         )
     nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
     return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))

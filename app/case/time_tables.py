@@ -186,6 +186,10 @@ class Program(Written):
         except QuantityError as error:
             reason = f"{error}, or a table [[time, value], ...]"
             reason += f', or "{self.word}"' if self.word is not None else ""
+            if value == DRIVEN:
+                reason += "; what moves with the velocity of the stage has displacement = "
+                reason += '{ x = "driven" } (or y, z), and a tool that it turns rotation = '
+                reason += '{ rim = "driven" }'
             raise _at((), value, reason) from None
 
     def _parse_ramped(self, value: Mapping[Any, Any]) -> TimeTable:

@@ -51,6 +51,9 @@ class _Code:
 
 def _code(section: Section, material: Material) -> _Code:
     kind, loops, tangents, numbers = _LOOPS[section]
+    # Hencky's energy without a shear modulus: only K/2 (ln J)² is left of it, beside points that
+    # give the distortional stress themselves. It has a number of its own, for its loop skips the
+    # rest.
     alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
     code = _Code(
         getattr(library(loops), f"tribox_{kind}_forces"),
@@ -89,6 +92,7 @@ class CompiledCells:
         self._table = in_lanes(table)
         self._result = np.zeros(1)
         blocks = len(self._rows)
+        # Addresses only: the arrays behind them are attributes, and live as long as this object.
         self._arguments = (
             code.number,
             kind,
@@ -206,5 +210,9 @@ def coefficients(x: Floats) -> Floats:
         found = np.zeros((len(x), 7, 3))
         found[:, [0, 1, 3]] = x[:, 1:] - x[:, :1]
         return found
+    # N_a = ⅛ Π (1 ± ξ_i): a monomial, whose bits m are its directions, has the coefficient ⅛ times
+    # the signs of the node, whose bits a are the sides it is on. Σ_a of each is 0, so that the
+    # first node may be taken off before the products, which keeps the digits of bodies far from the
+    # origin.
     signs = np.array([[(-1.0) ** (m & ~a).bit_count() for a in range(8)] for m in range(1, 8)])
     return np.einsum("ma,cai->cmi", signs / 8.0, x - x[:, :1])

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import basix
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.solid import Solid
@@ -50,6 +49,8 @@ class Rows:
         F: Floats = np.tile(np.eye(3), (len(u), 1, 1))
         F[:, :dim, :dim] += (self.slopes @ u).transpose(0, 2, 1) @ self.inverse
         if dim == 2:
+            # The hoop stretch 1 + u_r/R. On the axis both vanish, and its limit is the radial
+            # stretch: u_r/R → ∂u_r/∂R.
             radial = np.einsum("ca,ca->c", self.values, u[:, :, 0])
             F[:, 2, 2] += self.across * radial + self.on_axis * (F[:, 0, 0] - 1.0)
         return F
@@ -78,6 +79,8 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
     kind, X = mesh.topology.cell_name(), nodes_of(mesh, cells)
     geometry = shape_functions(kind, cell_order(mesh), 1, xi)
     place = np.einsum("ca,cai->ci", _each(geometry[0], cells), X)
+    # ∂X/∂ξ of an isoparametric cell; its inverse takes slopes in the reference cell to those in
+    # space.
     edges = np.einsum("zca,cai->ciz", _each(geometry[1:], cells), X)
     degree = space.element.basix_element.degree
     table = shape_functions(kind, degree, 1, xi)
@@ -104,6 +107,8 @@ def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints)
     edges, bend = np.einsum("za,cai->ciz", table[1:3], X), np.einsum("zya,cai->cizy", second, X)
     gradients = rows.inverse.transpose(0, 2, 1) @ rows.slopes
     curved = second - np.einsum("cia,cizy->czya", gradients, bend)
+    # Centroid of ∫ 2πR dA less the centre. In a reference cell of side 1 the second moments are
+    # 1/12 in each direction, and 0 mixed: with R linear, J Jᵀ e_R/(12 R).
     away = np.einsum("ciz,cz->ci", edges, edges[:, 0]) / (12.0 * rows.place[:, :1])
     towards = np.einsum("cyi,ci->cy", rows.inverse, away)
     return replace(rows, slopes=rows.slopes + np.einsum("czya,cy->cza", curved, towards))
@@ -171,64 +176,3 @@ def _hoop(X: Floats, place: Floats, section: Section) -> tuple[Floats, Floats]:
     radius, outer = place[:, 0], X[:, :, 0].max(axis=1, initial=0.0)
     axis = radius <= ON_AXIS * outer
     return np.where(axis, 0.0, 1.0 / np.where(axis, 1.0, radius)), axis.astype(np.float64)
-
-
-class GradientBound:
-    """An upper bound of |∇u| (Frobenius) at the quadrature points of one body's own cells.
-
-    With Σ_a ∇N_a = 0, |∇u| = |Σ_a (u_a − u_0) ⊗ ∇N_a| ≤ Σ_a |u_a − u_0| |∇N_a|, u_0 being the
-    displacement of the first node. A rotation by θ counts as well, with about θ. The bound is up to
-    7 times too large, in elements of second order 12 times in the plane and 40 times in space. With
-    axial symmetry the hoop strain is at most the largest |u_x|/x of the nodes.
-
-    Attributes:
-        content: m³ (m² in a plane section), volume of these cells.
-    """
-
-    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid) -> None:
-        """Tabulate the gradients of the shape functions."""
-        kind = basix.CellType[space.mesh.topology.cell_name()]
-        nodes = space.dofmap.list[solid.cells]
-        slopes = np.zeros(nodes.shape)  # 1/m, largest |∇N_a| of all points
-        self.content = 0.0
-        for xi, weight in zip(*basix.make_quadrature(kind, solid.full_degree), strict=True):
-            rows = rows_at(space, solid.section, solid.cells, xi[None])
-            self.content += float(weight * rows.volume.sum())
-            np.maximum(slopes, np.linalg.norm(rows.gradients, axis=2), out=slopes)
-        self._first, self._others = nodes[:, :1].copy(), nodes[:, 1:].copy()
-        self._slopes = slopes[:, 1:].copy()
-        self._ring, self._curvature = np.empty(0, dtype=np.int32), np.empty(0)
-        if solid.section == "axisymmetric":
-            own = np.unique(nodes)
-            radius = space.tabulate_dof_coordinates()[own, 0]
-            off_axis = radius > ON_AXIS * radius.max(initial=0.0)
-            self._ring, self._curvature = own[off_axis], 1.0 / radius[off_axis]
-
-    def largest(self, u: Floats) -> float:
-        """The bound for this rank's cells at nodal displacements ``u`` (n, i), m, with ghosts."""
-        moved = u[self._others]
-        moved -= u[self._first]
-        lengths = np.sqrt(np.einsum("cai,cai->ca", moved, moved))
-        bound = float(np.einsum("ca,ca->c", self._slopes, lengths).max(initial=0.0))
-        hoop = float((np.abs(u[self._ring, 0]) * self._curvature).max(initial=0.0))
-        return float(np.hypot(bound, hoop))
-
-
-def thickness_ratio(space: dolfinx.fem.FunctionSpace, solid: Solid, content: float) -> float:
-    """Thickness of a body over its length, at most 1; collective.
-
-    The thickness is that of a plate or beam of the same volume in the box around the body: of a
-    thin ring, a frame or a beam askew it is right to a factor of about 3, or too small.
-
-    Args:
-        space: of the displacement.
-        solid: the body.
-        content: m³ (m² in a plane section), this rank's volume of the body.
-    """
-    comm, dim = space.mesh.comm, space.mesh.geometry.dim
-    x = space.tabulate_dof_coordinates()[np.unique(space.dofmap.list[solid.cells]), :dim]
-    far = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, far, op=MPI.MAX)
-    extents = np.sort(far.sum(axis=0))[::-1]
-    thickness = comm.allreduce(content) / float(np.prod(extents[:-1]))
-    return min(1.0, thickness / float(extents[0]))

@@ -202,7 +202,10 @@ class PlasticPoints(MaterialPoints):
             branches=len(back),
             backstress=back.ctypes.data,
         )
+        # ctypes stores addresses: without a reference the arrays would be freed below the
+        # structure.
         made.tables = law, back
+        # An endless step stands for no rate at all: R(0) = 1, no factor.
         if material.rate is not None and np.isfinite(dt):
             made.rate = material.rate.number
             made.rate_parameters = tuple(material.rate.numbers())

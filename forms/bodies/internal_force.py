@@ -52,6 +52,7 @@ class GeneratedForce:
         with _at(self._u, u):
             for form, constants in zip(self._residuals, self._constants, strict=True):
                 dolfinx.fem.assemble_vector(out, form, constants=constants)
+        # One sum is enough: a NaN anywhere makes it NaN.
         return bool(np.isfinite(out.sum()))
 
     def energy(self, u: Floats) -> float:

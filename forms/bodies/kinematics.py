@@ -71,7 +71,7 @@ def kinematics(u: Expr, section: Section, stretch: Expr = None) -> Kinematics:
             be differentiated by it, which gives the stress across the plane.
     """
     if section == "3D":
-        return spatial(u)
+        return _spatial(u)
     return _plane(u, stretch_across(u, section) if stretch is None else stretch)
 
 
@@ -103,16 +103,6 @@ def body_measure(mesh: Any, cells: Any, degree: int) -> Any:
     return ufl.Measure("dx", domain=mesh, subdomain_data=[(1, cells)], metadata=metadata)(1)
 
 
-def plane_strain(u: Expr, stretch: Expr = 1.0) -> Kinematics:
-    """Kinematics of the in-plane displacement ``u`` (m) with the stretch across the plane."""
-    return _plane(u, stretch)
-
-
-def axisymmetric(u: Expr) -> Kinematics:
-    """Kinematics of a body of revolution: ``u`` (m) radial and axial."""
-    return _plane(u, stretch_across(u, "axisymmetric"))
-
-
 def centre_kinematics(u: Expr, section: Section) -> Kinematics:
     """Kinematics from which the volume of a cell is taken at its centre.
 
@@ -124,6 +114,8 @@ def centre_kinematics(u: Expr, section: Section) -> Kinematics:
     if section != "axisymmetric":
         return kinematics(u, section)
     edges = ufl.Jacobian(ufl.domain.extract_unique_domain(u))
+    # J Jᵀ e_R/(12 R), see `tribox.forms.bodies.deformation.centre_rows`, which is the same in
+    # numpy.
     away = ufl.dot(edges, edges[0, :]) / (12.0 * radius(u))
     gradient = ufl.Identity(2) + ufl.grad(u) + ufl.dot(ufl.grad(ufl.grad(u)), away)
     return _plane(u, stretch_across(u, section), gradient)
@@ -146,8 +138,7 @@ def plane_kinematics(F: Expr, plane: PlanePart) -> Kinematics:
     )
 
 
-def spatial(u: Expr) -> Kinematics:
-    """Kinematics of the displacement ``u`` (m) in space."""
+def _spatial(u: Expr) -> Kinematics:
     F = ufl.variable(ufl.Identity(3) + ufl.grad(u))
     # I2 is the sum of squares of all cofactors: no cancellation as in (tr C)² − tr C².
     cofactors = ufl.cofac(F)

@@ -311,6 +311,8 @@ def _squared_logarithm(k: Kinematics) -> Expr:
     I1, I2 = k.J ** (-2.0 / 3.0) * k.I1, k.J ** (-4.0 / 3.0) * k.I2
     below = I1 + I2 + 2.0
     even, odd = (I1 + I2 - 6.0) / below, ((I2 - I1) / below) ** 2
+    # Invariants of Z² from those z1, z2, z3 of Z: z1² − 2 z2, z2² − 2 z1 z3, z3², where z3 = −z1 as
+    # det C̄ = 1, z2 = −even and z1² = odd.
     e1, e2, e3 = 2.0 * even + odd, even**2 + 2.0 * odd, odd
     powers = [e1, e1**2 - 2.0 * e2]
     powers.append(e1 * powers[1] - e2 * e1 + 3.0 * e3)

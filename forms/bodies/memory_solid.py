@@ -135,6 +135,9 @@ class MemorySolid(Solid):
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
             return
+        # The loop differentiates the return mapping where it ended. If an evaluation went from this
+        # origin to this displacement, its end is known and the local Newton iterations are not made
+        # again.
         known = (self.points.trial, self.points.last)
         u = self._u.x.array
         same = (one for one in known if one is not None and one.led_from(origin, u))
@@ -219,6 +222,8 @@ class MemorySolid(Solid):
     @property
     def dissipated_by_part(self) -> Floats:
         """See :attr:`tribox.forms.bodies.solid.Solid.dissipated_by_part`."""
+        # Branches sum up in their state what each has lost; metals and softening have no such
+        # parts.
         at = self.law.columns.get(DISSIPATED, slice(0, 0))
         return np.array([self._integral(lost) for lost in self.points.committed[:, at].T])
 
@@ -278,6 +283,7 @@ class MemorySolid(Solid):
         F = self._gradients()
         found = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
         F, P = as_tensors(F), as_tensors(found.P)
+        # Push-forward of the first Piola stress: σ = P Fᵀ/J.
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma.reshape(len(self.cells), self.count, 3, 3)
 
@@ -345,6 +351,8 @@ def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:
     def linear(at: Floats) -> Floats:
         return np.column_stack([np.ones(len(at)), at - centre])
 
+    # Least squares over the quadrature points: value at ξ = row(ξ) · (pseudo-inverse of the points'
+    # rows) · values, so that the product is the weight of each of them.
     return np.asarray(linear(xi) @ np.linalg.pinv(linear(points)))
 
 
@@ -386,6 +394,7 @@ class PointValues:
 
     def plastic_strain(self) -> Floats:
         """Equivalent plastic strain (k,), not negative."""
+        # The linear fit undershoots 0 beside the edge of the plastic zone.
         return np.maximum(self._at_places(self._solid.plastic_strain()), 0.0)
 
     def _at_places(self, values: Floats) -> Floats:

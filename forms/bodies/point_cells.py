@@ -147,6 +147,8 @@ class PointCells:
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
         names = [f"tribox_point_block_{NAMES[section]}"]
+        # The moduli of a point join those of a loop that has some there; the loop over rings adds
+        # whole matrices only.
         names += [f"tribox_point_moduli_{NAMES[section]}"] if section != "axisymmetric" else []
         code = [getattr(library(CELLS), name) for name in names]
         self._beside = [ctypes.cast(one, ctypes.c_void_p).value for one in code]
@@ -178,6 +180,7 @@ class PointCells:
     def _work(self, kernel: Kernel | None, symmetric: bool, **arrays: Any) -> _Work:
         for array in arrays.values():
             assert array.flags.c_contiguous
+        # What is not set stays a null pointer, by which the loop knows what it is asked for.
         work = _Work(**self._fixed, symmetric=symmetric)
         for name, array in arrays.items():
             setattr(work, name, array.ctypes.data)

@@ -52,9 +52,7 @@ class PointStress:
     def __init__(self, material: Material, section: Section) -> None:
         """Differentiate the energy."""
         self._space = section == "3D"
-        domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
-        self._constants = [ufl.Constant(domain) for _ in range(3)]
-        variables = [ufl.variable(c) for c in self._constants]
+        self._constants, variables = free_variables(3)
         k = of_invariants(variables, self._space)
         parts = material.energy(k, dict(material.parameters()))
         self._distortional, self._volumetric = (
@@ -86,6 +84,7 @@ def _space_stress(w: Sequence[Floats | float], invariants: Sequence[Floats], F: 
     J, first, _ = invariants
     b = np.einsum("ikp,jkp->ijp", F, F)
     out = np.asarray(2.0 * (w[1] + first * w[2]) / J * b)
+    # Most elastomers have no I2: two products of tensors are then saved.
     if np.any(w[2]):
         out -= 2.0 * w[2] / J * np.einsum("ikp,kjp->ijp", b, b)
     for i in range(3):
@@ -102,6 +101,14 @@ def _plane_stress(w: Sequence[Floats | float], invariants: Sequence[Floats], F: 
         out[i, i] += w[0] / across
     out[2, 2] = w[2] / plane
     return out
+
+
+def free_variables(count: int) -> tuple[list[Any], list[Any]]:
+    """Constants that stand for numbers, and UFL variables of them to differentiate an energy by."""
+    # A constant belongs to a mesh; that of one interval has no cells that anybody looks at.
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
+    constants = [ufl.Constant(domain) for _ in range(count)]
+    return constants, [ufl.variable(constant) for constant in constants]
 
 
 def of_invariants(variables: Sequence[Any], space: bool) -> Kinematics:
@@ -152,6 +159,7 @@ def von_mises(stress: Floats) -> Floats:
 def triaxiality(stress: Floats) -> Floats:
     """Mean stress over von Mises stress (p,) of stresses (p, 3, 3); 0 where there is none."""
     mises, mean = von_mises(stress), -mean_pressure(stress)
+    # Below that the deviator is round-off of a hydrostatic stress, and the ratio is noise.
     some = mises > 1e-12 * np.abs(stress).max(axis=(1, 2), initial=0.0)
     return np.asarray(np.where(some, mean / np.where(some, mises, 1.0), 0.0))
 

@@ -176,6 +176,8 @@ def _plane_power_sum(plane: PlanePart, J: Expr, alpha: Expr) -> Expr:
     cosh d with d = ln λ₁/λ₂, so that λ₁ᵅ + λ₂ᵅ = 2 J₂^(α/2) cosh(α d/2).
     """
     excess = plane.I1 / (2.0 * plane.J) - 1.0
+    # (α d/2)², whose hyperbolic cosine is even in d: d itself, a root, would not be differentiable
+    # where the stretches coincide.
     swing = _cosh_of_root(0.25 * alpha**2 * squared_arcosh(excess))
     log_j = ufl.ln(J)
     mean = _expm1(alpha * (0.5 * ufl.ln(plane.J) - log_j / 3.0))
@@ -259,12 +261,15 @@ def _root_excess(x: Jet, y: Jet) -> tuple[Jet, Jet]:
     never singular (i1 i2 ≥ 9), by Newton's method from a start that is exact at U = I. The excess
     over 3 keeps small strains from drowning in round-off.
     """
+    # Start: the two equations put into each other four times, from i1² = I1 + 2 i2 ≈ I1 + 6.
     q = y + 3.0 + 2.0 * (x + 3.0 + 2.0 * (y + 3.0 + 2.0 * (x + 9.0).root()).root()).root()
     q = q.root()
     p = (x + 3.0 + 2.0 * q).root() - 3.0
     q = q - 3.0
     for _ in range(NEWTON_STEPS):
         f, g = p * (p + 6.0) - 2.0 * q - x, q * (q + 6.0) - 2.0 * p - y
+        # Cramer's rule for the 2 × 2 system with the Jacobian [[2p + 6, −2], [−2, 2q + 6]]; a
+        # factor of 2 is cancelled in numerators and determinant.
         slope = 2.0 * ((p + 3.0) * (q + 3.0) - 1.0)
         p, q = p - ((q + 3.0) * f + g) / slope, q - (f + (p + 3.0) * g) / slope
     return p, q
@@ -289,5 +294,6 @@ def _exponential_trace(square: Expr, cube: Expr) -> Jet:
         even, odd = (even + part, odd) if n % 2 == 0 else (even, odd + part)
     x, y = even + odd, even - odd
     for _ in range(DOUBLINGS):
+        # The squaring above for the excesses x = I1 − 3 and y = I2 − 3: (x + 3)² − 2 (y + 3) − 3.
         x, y = x * (x + 6.0) - 2.0 * y, y * (y + 6.0) - 2.0 * x
     return x

@@ -25,7 +25,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import basix.ufl
 import numpy as np
 import ufl
 from scipy.special import erf
@@ -33,7 +32,7 @@ from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.point_state import Floats, MaterialPoints, PointUpdate
-from tribox.forms.bodies.point_stress import of_invariants, values_of
+from tribox.forms.bodies.point_stress import free_variables, of_invariants, values_of
 
 LARGEST = "largest_energy"
 TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]])  # ∂²det/∂F²
@@ -87,9 +86,7 @@ class SofteningPoints(MaterialPoints):
         """
         super().__init__(space, {LARGEST: slice(0, 1)}, np.zeros(1))
         self.elastic, self.softening, self._held = elastic, softening, held
-        domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
-        self._constants = [ufl.Constant(domain) for _ in range(3)]
-        variables = [ufl.variable(c) for c in self._constants]
+        self._constants, variables = free_variables(3)
         k = of_invariants(variables, space)
         energy = elastic.energy(k, dict(elastic.parameters()))[0]
         slopes = [ufl.diff(energy, v) for v in variables]
@@ -114,6 +111,7 @@ class SofteningPoints(MaterialPoints):
             below = (x > 0.0) | self._held
             less = erf(x) / r
             if A is not None:
+                # ∂η/∂F = η' P, as ∂W/∂F = P; on the virgin curve η stays 1, and there is none.
                 slope = np.where(below, 2.0 / math.sqrt(math.pi) * np.exp(-x * x) / (r * s), 0.0)
                 A = slope[:, None, None] * (P[:, :, None] * P[:, None, :]) - less[:, None, None] * A
             P = -less[:, None] * P
@@ -153,12 +151,15 @@ class SofteningPoints(MaterialPoints):
         """The three invariants (n,), and their derivatives (a, n, p); NaN where J ≤ 0."""
         if self.space:
             f = F.reshape(-1, 3, 3)
+            # ∂J/∂F is the cofactor matrix, its rows the cross products of the two other rows of F.
             cofactors = np.stack([np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)], axis=1)
             J, first = np.einsum("ni,ni->n", f[:, 0], cofactors[:, 0]), (f**2).sum(axis=(1, 2))
             slope = 2.0 * (first[:, None, None] * f - f @ f.transpose(0, 2, 1) @ f)
             g = np.stack([cofactors, 2.0 * f, slope]).reshape(3, -1, 9)
             return [np.where(J > 0.0, J, np.nan), first, (cofactors**2).sum(axis=(1, 2))], g
         flat, across = F[:, :4], F[:, 4]
+        # det of the plane part is the quadratic form ½ F·T·F, T of zeros and ±1: its slope is T F,
+        # its curvature T.
         turned = flat @ TURNED
         g = np.zeros((3, len(F), 5))
         g[0, :, :4], g[1, :, :4], g[2, :, 4] = turned, 2.0 * flat, 1.0
@@ -173,12 +174,15 @@ class SofteningPoints(MaterialPoints):
             flat[0, :4, :4], flat[1, :4, :4] = TURNED, 2.0 * np.eye(4)
             return [flat[0], flat[1], np.zeros((5, 5))]
         f, one = F.reshape(-1, 3, 3), np.eye(3)
+        # ∂²J/∂F_iJ ∂F_kL = ε_ikm ε_JLM F_mM.
         alternating = np.zeros((3, 3, 3))
         for i in range(3):
             alternating[i, i - 2, i - 1], alternating[i, i - 1, i - 2] = 1.0, -1.0
         volume = np.einsum("ikm,JLM,nmM->niJkL", alternating, alternating, f)
         C, b = f.transpose(0, 2, 1) @ f, f @ f.transpose(0, 2, 1)
         first = (f**2).sum(axis=(1, 2))
+        # I2 = ½ ((tr C)² − tr C²): ∂²I2/∂F_iJ ∂F_kL = 4 F_iJ F_kL + 2 I1 δ_ik δ_JL − 2 (F_iL F_kJ +
+        # δ_ik C_LJ + b_ik δ_JL).
         second = 4.0 * np.einsum("niJ,nkL->niJkL", f, f) - 2.0 * np.einsum("niL,nkJ->niJkL", f, f)
         second += 2.0 * np.einsum("n,ik,JL->niJkL", first, one, one)
         second -= 2.0 * np.einsum("ik,nLJ->niJkL", one, C)

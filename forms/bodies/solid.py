@@ -164,6 +164,7 @@ class Solid:
         if degree != DEGREE[formulation]:
             raise ValueError(f"{name}: {formulation} on a displacement of degree {degree}")
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        # A cell is integrated by the rank that owns it; sorted, as `PointValues` searches in them.
         self.cells = np.sort(cells[cells < owned])
         self._u = u
         self._constants = {
@@ -260,6 +261,7 @@ class Solid:
         assert k.plane is not None
         energy = sum(self.material.energy(k, self._constants))
         plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
+        # J σ₃₃ = λ₃ ∂W/∂λ₃ with J = J₂ λ₃.
         across = ufl.diff(energy, stretch) / k.plane.J
         return ufl.as_tensor(
             [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
@@ -331,8 +333,7 @@ class Solid:
         """
         return PointStress(self.material, self.section)
 
-    # -- what material points remember: nothing here, see `tribox.forms.bodies.memory_solid`
-    # ------------
+    # -- what material points remember: nothing here, see `tribox.forms.bodies.memory_solid` -------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
         """Let the forms be those of the present displacement; changes nothing that is remembered.
@@ -450,6 +451,8 @@ class CarriedPressure:
         )
         test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         now = centre_kinematics(u, section).J
+        # (p − U'(J)) ∂²J/∂u²: the geometric stiffness is all that the carried pressure changes, for
+        # U''(J) DJ⊗DJ stays that of the present volume.
         second = ufl.derivative(ufl.derivative(now, u, test), u, trial)
         weight = circumference(mesh, section)
         self.tangent = dolfinx.fem.form(weight * self._excess * second * measure)

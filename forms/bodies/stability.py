@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.kinematics import Kinematics, PlanePart, plane_kinematics
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.point_stress import values_of
+from tribox.forms.bodies.point_stress import free_variables, values_of
 
 Floats = NDArray[np.float64]
 
@@ -74,9 +73,7 @@ def at_rest(material: Material) -> tuple[float, float, float]:
     Raises:
         NotImplementedError: the energy has a function whose values are not known.
     """
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
-    strains = [ufl.Constant(domain) for _ in range(3)]
-    e = [ufl.variable(strain) for strain in strains]
+    strains, e = free_variables(3)
     a, b, c = (ufl.exp(2.0 * strain) for strain in e)
     J, I1, I2 = ufl.exp(e[0] + e[1] + e[2]), a + b + c, a * b + b * c + c * a
     k = Kinematics(F=None, J=J, I1=I1, I2=I2, plane=None)
@@ -95,9 +92,7 @@ class _Stiffness:
 
     def __init__(self, material: Material) -> None:
         """Differentiate the energy in a plane that its normal stays across."""
-        domain = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
-        self._strains = [ufl.Constant(domain) for _ in range(2)]
-        e = [ufl.variable(strain) for strain in self._strains]
+        self._strains, e = free_variables(2)
         squares = [ufl.exp(2.0 * strain) for strain in e]
         # The first two axes lie in the plane.
         J = ufl.exp(e[0] + e[1])
@@ -113,6 +108,7 @@ class _Stiffness:
         """The smallest eigenvalue (p,), Pa, at logarithmic stretches ε₁, ε₂ (p,)."""
         found = values_of(self._second, dict(zip(self._strains, (first, second), strict=True)))
         xx, xy, yy = (np.broadcast_to(value, len(first)) for value in found)
+        # Mohr's circle of the symmetric 2 × 2 matrix: the smaller of its two eigenvalues.
         mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
         least: Floats = mean - np.hypot(half, xy)
         return least

@@ -152,6 +152,8 @@ class ViscousPoints(MaterialPoints):
         """
         if not dt > 0.0:
             raise ValueError(f"dt is {dt}: branches need dt > 0")
+        # t of the backward Euler step and 1 − t: 1 and 0 of an endless step, 0 and 1 of held
+        # dashpots.
         share, rest = np.ones_like(self._times), np.zeros_like(self._times)
         if self._held:
             share, rest = rest, share

@@ -70,6 +70,7 @@ def _form(
     mesh, dim = space.mesh, space.dofmap.index_map_bs
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
     around = circumference(mesh, section_of(mesh.geometry.dim, section))
+    # Shape functions of a blocked space: one component of it gives their integrals once.
     first = ufl.as_vector([one] + [0.0] * (dim - 1))
     return dolfinx.fem.form(around * ufl.inner(first, ufl.TestFunction(space)) * measure)
 
@@ -153,6 +154,7 @@ def element_frequencies(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Float
     stiffness = _stiffness(space, solid)
     mass = np.repeat(element_masses(space, solid), space.dofmap.index_map_bs, axis=1)
     root = 1.0 / np.sqrt(mass)
+    # M^(−1/2) K M^(−1/2) has the eigenvalues of (K, M) and is symmetric.
     scaled = root[:, :, None] * stiffness * root[:, None, :]
     if not len(scaled):
         return np.empty(0)
@@ -170,6 +172,8 @@ def _stiffness(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     G, K = solid.material.shear_modulus, solid.material.bulk_modulus
     lame, centre = K - 2.0 / 3.0 * G, 0.0
     if solid.reduced:
+        # Volumetric energies whose second derivative at rest is Λ (neo-Hooke, whose −G ln J is in
+        # the other part) or K; what is left of Λ belongs to the full Gauss points.
         centre = lame if isinstance(solid.material.elastic, NeoHookean) else K
     rows, weight = quadrature_rows(space, section, cells, solid.full_degree)
     parts = [_moduli(one, weight[g], G, lame - centre) for g, one in enumerate(rows)]
@@ -187,6 +191,8 @@ def _moduli(at: Rows, weight: Floats, G: float, lame: float) -> Floats:
     div = grad.copy()
     div[..., 0] += hoop
     out = lame * np.einsum("c,cai,cbj->caibj", weight, div, div, optimize=True)
+    # 2 G ε(u):ε(v) = G (u_i,j v_j,i + u_i,j v_i,j): the first couples the directions, the second
+    # (`dots`) stands on the diagonal of each pair of nodes.
     out += G * np.einsum("c,caj,cbi->caibj", weight, grad, grad, optimize=True)
     dots = G * np.einsum("c,cak,cbk->cab", weight, grad, grad, optimize=True)
     for i in range(dim):

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-HALVINGS = 200  # of an interval of strain: to round-off
+Law = Callable[[Floats], Floats]
+HALVINGS = 60  # of an interval of strain: beyond the 53 bits of its ends
 
 
 class Hardening(Protocol):
@@ -52,15 +53,19 @@ def stretch_and_stress(
 
 def stress_at(stretch: Floats, young: float, hardening: Hardening, pressed: bool = False) -> Floats:
     """Force over the area before, Pa, at a stretch (n,), elastic ones among them."""
-    strain = np.abs(np.log(stretch))
+    tau = _flowing(np.abs(np.log(stretch)), young, hardening.stress)
+    out: Floats = (-tau if pressed else tau) / stretch
+    return out
+
+
+def _flowing(strain: Floats, modulus: float, yield_stress: Law) -> Floats:
+    """Stress, Pa, at total strains ε = σ/modulus + α, elastic ones among them."""
     low, high = np.zeros_like(strain), strain.copy()
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        above = middle + hardening.stress(middle) / young > strain
+        above = middle + yield_stress(middle) / modulus > strain
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    tau = np.minimum(young * strain, hardening.stress(low))
-    out: Floats = (-tau if pressed else tau) / stretch
-    return out
+    return np.minimum(modulus * strain, yield_stress(low))
 
 
 def load_maximum(young: float, hardening: Hardening) -> tuple[float, float]:
@@ -99,10 +104,7 @@ def load_maximum(young: float, hardening: Hardening) -> tuple[float, float]:
 # ideally plastic tube).
 
 
-Law = Callable[[Floats], Floats]
-
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-HALVINGS_OF_TUBE = 60  # of an interval: to round-off
 PIECES = 64  # of the wall: the strain at first yield is a kink somewhere within it
 
 
@@ -114,12 +116,7 @@ def flow_curve(strain: Floats, shear_modulus: float, yield_stress: Law) -> Float
         shear_modulus: G, Pa.
         yield_stress: σ_Y(α), Pa, not falling.
     """
-    low, high = np.zeros_like(strain), np.asarray(strain, dtype=np.float64)
-    for _ in range(HALVINGS_OF_TUBE):
-        middle = 0.5 * (low + high)
-        above = middle + yield_stress(middle) / (3.0 * shear_modulus) > strain
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return np.minimum(3.0 * shear_modulus * strain, yield_stress(low))
+    return _flowing(np.asarray(strain, dtype=np.float64), 3.0 * shear_modulus, yield_stress)
 
 
 def inner_pressure(
@@ -155,9 +152,6 @@ def inner_pressure(
 # and Reuss' equations by backward Euler steps in the plane of these two (Simo & Taylor, Int. J.
 # Numer. Methods Engng 22 (1986) 649), and the moment is :math:`\int \sigma y\,dy`. What is left
 # out is of the order (t/R)².
-
-
-HALVINGS_OF_STRIP = 50  # of an interval: to round-off
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +220,7 @@ class Strip:
             if not above.any():
                 break
             high = np.where(above, 2.0 * high, high)
-        for _ in range(HALVINGS_OF_STRIP):
+        for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             _, equivalent, after = returned(middle)
             above = equivalent > self.yield_stress(after)

@@ -179,6 +179,8 @@ class CompiledTangent:
             )
         )
         stayed = (trial.projection.facet == state.facet)[groups.point]
+        # A point that stayed on its master facet has the same nodes now and at the last step: the
+        # columns of the closest point ξ̄ and of the material point Ȳ_n fall together.
         folded = nodes[:, : nodes.shape[1] - self._sizes["movers"]]
         parts = (folded, ~inside & stayed), (nodes, ~inside & ~stayed)
         blocks = [self._blocks_of(pair, groups, *part) for part in parts if part[1].any()]
@@ -189,6 +191,7 @@ class CompiledTangent:
         places = self._vertex_places(pair, groups, needs)
         left = self._vertex_rows(pair, groups, places, tangent.left_vectors(trial, closed))
         coupled = np.nonzero(trial.coupled())[0]
+        # Open points at the rim couple too, where the film's cover depends on their vertices' gaps.
         if len(coupled) != len(closed):
             groups = PointGroups.of(coupled, tangent.point_facets(state, trial, coupled))
             places = self._vertex_places(pair, groups, needs)
@@ -308,6 +311,7 @@ class CompiledTangent:
         scratch = [np.empty(count, dtype=np.int64) for count in counts]
         node_of, right_node = _one_each(of_column, len(entries.indptr) - 1, right.node)
         sums, area = np.empty((len(columns), 3, 4)), _packed(area)
+        # Three components as vectors of four, which the loop multiplies and adds in one go.
         padded = np.zeros((len(right.node), 4))
         padded[:, :3] = right.data
         _require_room(
@@ -322,6 +326,7 @@ class CompiledTangent:
         if not (outside[0][left.node].any() or outside[1][right.node].any()):
             return []
         whole = left.matrix(len(nodes)), right.matrix(len(columns))
+        # L_A R_Aᵀ/m_A: the loop divides by itself, here the rows of L take the division.
         whole[0].data /= np.repeat(area, np.diff(whole[0].indptr))
         return outside_parts(whole, (nodes, columns), outside)
 

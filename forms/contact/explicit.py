@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tribox.forms.contact.kinematics import Carried, relate
+from tribox.forms.contact.kinematics import Carried, in_plane, relate
 from tribox.forms.contact.penalty import ContactTerm, carried_by
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
@@ -42,11 +42,6 @@ from tribox.geometry.surfaces.surface import NodalVector, SurfaceExchange
 
 # Share of critical damping ζ_∞ of the dashpots beside a stiff penalty.
 DAMPING = 0.3
-
-
-def _in_plane(n: Floats, v: Floats) -> Floats:
-    out: Floats = v - np.einsum("qi,qi->q", n, v)[:, None] * n
-    return out
 
 
 class ExplicitContact:
@@ -175,10 +170,12 @@ class ExplicitContact:
         rows, shape = self._operator()
         load = -(self.term.surface.slave.weight[:, None] * traction)
         flat = rows.reshape(-1)
+        # Points share nodes: bincount adds up what `values[rows] += …` would overwrite.
         for i in range(load.shape[1]):  # two or three components
             self._values[:, i] = np.bincount(
                 flat, (shape * load[:, i, None]).reshape(-1), minlength=len(self._values)
             )
+        # A tool: forces at its control points, taken to its displacement and angle.
         if self._carried is not None:
             self._values[-2:] = self._carried.forces(self._master_weights(), -load).sum(axis=0)
         self.exchange.add(self._values, out)
@@ -224,6 +221,8 @@ class ExplicitContact:
         at, surface = self.trial.projection, self.term.surface
         if self._carried is not None:
             return self.exchange.slave_rows, surface.slave.shape
+        # The mortar operator G at the points: N¹ of the slave, −N²(ξ̄) of the master, so that one
+        # set of coefficients gives jumps (G v) and forces (Gᵀ t).
         master = surface.target.stencil[at.facet] + self.exchange.first_master
         rows = np.concatenate([self.exchange.slave_rows, master], axis=1)
         return rows, np.concatenate([surface.slave.shape, -self._master_weights()], axis=1)
@@ -252,13 +251,14 @@ class ExplicitContact:
         slip = trial.kinematics.slip
         squared = np.einsum("qi,qi->q", slip, slip)
         moving = squared > 0.0
+        # A dashpot c dissipates c |Δg_T|²/Δt in a step: what the law says is viscous gives c back.
         resistance = np.zeros_like(squared)
         np.divide(response.dissipation.viscous, squared, out=resistance, where=moving)
         # The law gives no viscosity at a point that has not moved: the last one is kept.
         still = ~moving & (trial.pressure > 0.0)
         self.film = np.where(still, self.film, resistance * trial.dt)
         self._dry = response.traction - resistance[:, None] * slip
-        self.film_traction = _in_plane(trial.kinematics.normal, self.film_traction)
+        self.film_traction = in_plane(trial.kinematics.normal, self.film_traction)
         self._apply_film()
 
     def _apply_film(self) -> None:
@@ -287,8 +287,9 @@ class ExplicitContact:
         assert self.trial is not None
         trial = self.trial
         self._gather_next(velocity, keep, acceleration, gain)
-        relative = _in_plane(trial.kinematics.normal, self.jump(self._values))
+        relative = in_plane(trial.kinematics.normal, self.jump(self._values))
         change = self.film[:, None] * relative - self.film_traction
+        # The implicit dashpot at a point alone: its own impulse changes v by −Δt s_q δτ.
         change /= (1.0 + trial.dt * self.film * self.compliance)[:, None]
         self.film_traction = self.film_traction + change
         self._apply_film()
@@ -366,6 +367,7 @@ class ExplicitContact:
         if isinstance(rule, AveragedPressure):
             length = rule.vertices.length
             give = rule.vertices.sums(slave.weight * give) / rule.vertices.area
+        # Of the two bodies together, by action and reaction: 1/m = Σ over both surfaces.
         mass = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0.0)
         ratio = DAMPING * np.maximum(1.0 - 2.0 * modulus / (rule.penalty * length), 0.0)
         self.dashpots = 2.0 * ratio * np.sqrt(rule.penalty * mass), mass

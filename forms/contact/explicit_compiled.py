@@ -181,6 +181,8 @@ class CompiledContact(ExplicitContact):
             if mode.dashpots is not None:
                 damping = mode.dashpots.pressure(gap, nodal)
                 nodal = nodal + damping
+            # Between the two passes: gaps are summed over the points (and ranks) of a vertex, the
+            # law of the penalty is numpy's, and the second pass takes its pressures to the points.
             inputs["nodal_pressure"][:] = nodal if self.term.active else 0.0
             inputs["active"][:] = active & self.term.active
         elif mode.dashpots is not None:
@@ -376,18 +378,14 @@ class PairStructure(ctypes.Structure):
     )
 
 
-def check_layout(code: ctypes.CDLL, structure: type[ctypes.Structure] = PairStructure) -> None:
-    """Compare a structure with that of a compiled library.
-
-    Args:
-        code: the library of one of ``SOURCES``.
-        structure: what its functions will be given.
+def check_layout(code: ctypes.CDLL) -> None:
+    """Compare the structure with that of a compiled library of ``SOURCES``.
 
     Raises:
         RuntimeError: they are not of one size, so that fields would be taken for one another.
     """
     code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
-    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(structure)
+    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(PairStructure)
     if theirs != ours:
         raise RuntimeError(
             f"contact_pair.h: its structure Pair takes {theirs} bytes, the one of {__name__} "

@@ -85,6 +85,9 @@ class InteriorSlip:
         size = np.einsum("qi,qi->q", ahead, ahead)
         slack = np.maximum(self.threshold * (1.0 - size), TINY)
         slid, pull = self.permanent / self.threshold, self.permanent / slack
+        # With δy eliminated, ((1 + y/ℓ) I + 2 (y/h) a⊗a) δe = right: the rank-one change of a
+        # multiple of I is inverted by the formula of Sherman and Morrison, `along` being its
+        # eigenvalue along a.
         across = 1.0 + slid
         along = across + 2.0 * pull * size
         by_threshold = pull * (1.0 + size) + slid
@@ -119,6 +122,8 @@ class InteriorSlip:
         """
         new = self.linear(trial, threshold)
         before = np.linalg.norm(self.elastic, axis=1)
+        # Fraction to the boundary: neither the distance to the threshold nor the permanent slip
+        # falls to less than a share of what it was, so that the next barrier starts from inside.
         reached = np.maximum(following, KEPT * self.threshold)
         left = np.maximum(KEPT * (self.threshold - before), ROUND_OFF * reached)
         most = reached - np.minimum(left, 0.5 * reached)
@@ -152,6 +157,8 @@ class InteriorSlip:
         length = np.linalg.norm(new.elastic, axis=1)
         holding = pressure * np.maximum(1.0, BEYOND * length / np.maximum(threshold, TINY))
         out = answer(holding, replace(state, elastic_slip=new.elastic - slip))
+        # The law was asked at the trial slip e: ∂T/∂e, times the derivatives of e, takes the place
+        # of its derivative for the trial slip.
         by_elastic, same = out.d_traction_d_elastic, np.eye(slip.shape[1])
         per_pressure = threshold / np.maximum(pressure, TINY)
         d_pressure = np.einsum("qij,qj,q->qi", by_elastic, new.d_threshold, per_pressure)
@@ -241,6 +248,8 @@ class CentralSlip(InteriorSlip):
             over = ahead * (1.0 + barrier / (1.0 - ahead**2)) > wanted
             low, high = np.where(over, low, ahead), np.where(over, ahead, high)
         left = 1.0 - low**2
+        # Implicit derivatives of a(t): a/t across the trial slip, da/dt along it, and for ℓ those
+        # of e = ℓ a(|q|/ℓ, ν/ℓ²).
         across = 1.0 / (1.0 + barrier / left)
         along = 1.0 / (1.0 + barrier * (1.0 + low**2) / left**2)
         direction = trial / np.maximum(length, TINY)[:, None]

@@ -122,6 +122,7 @@ def opposite(
     tau, past, apart = at.tangents, ~at.on_surface, points - at.foot
     normal, cosine = unit_normals(tau), _dot(slave_normal, master_normal)
     faces = np.abs(cosine) > _FACING
+    # The slave's normal may point either way: it is turned to the side of the master's first.
     mean = master_normal + np.sign(cosine)[:, None] * slave_normal
     mean = np.where(faces[:, None], mean, normal)
     way = apart - (_dot(apart, normal) / _dot(mean, normal))[:, None] * mean
@@ -147,9 +148,9 @@ def relate(
         closed: (q,) points in contact.
     """
     n = projection.normal
-    slip = np.where(closed[:, None], _in_plane(n, _apart(points, projection, anchor)), 0.0)
+    slip = np.where(closed[:, None], in_plane(n, _apart(points, projection, anchor)), 0.0)
     slip *= _Arc.of(slip, points, projection, anchor).stretch[:, None]
-    image = _in_plane(n, anchor.slip_image)
+    image = in_plane(n, anchor.slip_image)
     elastic = _rescaled(image, anchor)[0][:, None] * image
     return ContactKinematics(n, projection.gap, closed, slip, elastic)
 
@@ -179,10 +180,13 @@ def vary(points: Floats, projection: Projection, anchor: Anchor) -> Variations:
     d_slip[:, :, c] += plane
     at = np.nonzero(projection.clamped)[0]
     if len(at):
+        # The slip of clamped points is measured from the foot: δȳ = δu²(ξ̄) + τ_α δξ^α = δu¹ − a +
+        # τ_α δξ^α takes the place of δx = δu¹.
         d_foot = np.einsum("qai,qar->qir", projection.tangents[at], d_xi[at])
         d_foot[:, :, a] -= np.eye(dim)
         d_slip[at] += plane[at] @ d_foot
-    slip = _in_plane(n, s)
+    slip = in_plane(n, s)
+    # Variation of the depth ν = n·s − g of `_Arc`.
     d_sunk = np.einsum("qi,qir->qr", s, d_normal) - d_gap
     d_sunk[:, c] += n
     d_slip = _Arc.of(slip, points, projection, anchor).vary(slip, d_slip, d_sunk)
@@ -210,6 +214,8 @@ class _Arc:
         """Of images ``slip`` (q, i); across a corner, or clamped to an end, they stay."""
         length = np.sqrt(_dot(slip, slip))
         sunk = _dot(at.normal, points - anchor.foot) - at.distance
+        # ν/v = tan(Δθ/2) of a master of constant curvature: a half of it is a turn by 53° within a
+        # step, beyond which it is a corner.
         bent = ~at.clamped & (np.abs(sunk) < 0.5 * length)
         length, sunk = np.where(bent, length, 1.0), np.where(bent, sunk, 0.0)
         return cls(length, sunk, np.sqrt(1.0 + 4.0 / 3.0 * (sunk / length) ** 2))
@@ -235,7 +241,7 @@ def _apart(points: Floats, projection: Projection, anchor: Anchor) -> Floats:
     return np.where(projection.clamped[:, None], projection.foot, points) - anchor.foot
 
 
-def _in_plane(n: Floats, v: Floats) -> Floats:
+def in_plane(n: Floats, v: Floats) -> Floats:
     """(I − n⊗n) v."""
     out: Floats = v - _dot(n, v)[:, None] * n
     return out
@@ -255,6 +261,8 @@ def _vary_projection(projection: Projection, size: int) -> tuple[Floats, Floats]
     bend = None  # n·ȳ_,αβ
     if projection.curvature is not None:
         bend = np.einsum("qabi,qi->qab", projection.curvature, n)
+        # Two metrics: τ^α belong to τ_α·τ_β alone; ξ̄ moves by H, which the curvature of the master
+        # bends by the gap.
         inverse = _inverse(metric - gap[:, None, None] * bend)
     d_xi = np.zeros((count, surface, size))
     d_normal = np.zeros((count, dim, size))
@@ -360,11 +368,12 @@ def _vary_transport(
     n: Floats, plane: Floats, anchor: Anchor, d_normal: Floats, of_slip: slice
 ) -> Floats:
     """Variation (q, i, r·j) of the elastic slip g_e = L v/|v|, v = (I − n⊗n) q."""
-    v = _in_plane(n, anchor.slip_image)
+    v = in_plane(n, anchor.slip_image)
     scale, length = _rescaled(v, anchor)
     m = v / length[:, None]
     d_v = _vary_in_plane(n, anchor.slip_image, d_normal)
     d_v[:, :, of_slip] += plane
+    # δ(v/|v|) = (I − m⊗m) δv/|v|: the length L is kept, so that only the direction varies.
     d_v -= m[:, :, None] * np.einsum("qi,qir->qr", m, d_v)[:, None, :]
     d_v *= scale[:, None, None]
     return d_v
@@ -436,6 +445,7 @@ class Carried:
         count, dim = len(places), self.dim
         flat = blocks[:, control].reshape(count, -1, blocks[0, 0, 0].size)
         rows = (matrix.T @ flat).reshape(count, 2, dim, *blocks.shape[3:])
+        # Tᵀ K T in two products, rows first: no block of the size of all control points is made.
         half: Floats = np.concatenate([blocks[:, ~control], rows], axis=1)
         kept = half.shape[1]
         moved = half[:, :, :, control].reshape(count, kept, dim, -1) @ matrix
@@ -450,6 +460,7 @@ class Carried:
 
     def bending(self, forces: Floats) -> Floats:
         """Block (1, 2, i, 2, j), N/m, of the angle, from forces (a, i), N, at control points."""
+        # Only the angle, the first component of the second reference node, enters y_a nonlinearly.
         out = np.zeros((1, 2, self.dim, 2, self.dim))
         out[0, 1, 0, 1, 0] = np.sum(forces * self.bend)
         return out

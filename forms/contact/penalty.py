@@ -283,6 +283,7 @@ class ContactTerm:
         inside = None if mode.interior is None else mode.interior.slip
         response = self.respond(kinematics, dt, normal, film, mode.rate_dependent, inside=inside)
         if d_film.any():
+            # D follows the pressure: its derivative joins that for the pressure by the chain rule.
             through_film = d_film[:, None] * response.d_traction_d_film
             response = replace(
                 response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
@@ -343,6 +344,7 @@ class ContactTerm:
         """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
         state = self.state
         foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
+        # Along the tangents, moved with the facet: past the end of a master it goes on straight.
         foot = foot + np.einsum("qb,qbi->qi", state.ahead, tangents)
         components = state.slip_components
         brought = brought_along(self) if self.neighbours else None
@@ -384,6 +386,8 @@ class ContactTerm:
         slip = trial.response.state.elastic_slip
         metric = np.einsum("qai,qbi->qab", at.tangents, at.tangents)
         covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
+        # Contravariant components e^α: the elastic slip is convected with the master's tangents, as
+        # if it were drawn on the facet, and comes back in `anchor`.
         components, length = solve_small(metric, covariant), np.linalg.norm(slip, axis=1)
         ahead = np.zeros_like(at.xi)
         if trial.slave_tangents is not None:

@@ -129,6 +129,8 @@ class AveragedPressure:
             mode: penalty scale and adhesive gap.
             least_depth: depth over facet length up to which there is no pressure.
         """
+        # Depths below round-off of the mean gap are no contact: which vertices press would be
+        # chance.
         length = self.vertices.length
         gap: Floats = gaps / self.area(covered)
         active: Bools = (covered > 0.0) & (gap <= _reach(length, mode))
@@ -353,6 +355,8 @@ def _along_slope(corners: Floats, gap: Floats, mean: Floats) -> tuple[Floats, Fl
         gap: (p, k) what changes, there.
         mean: (p,), m, the length where it is the same in all directions, or there is no slope.
     """
+    # Least squares: the slope of the gap over the corners in their principal axes is γ_a = Σ_k x_ka
+    # g_k/w_a, with the second moments w_a = Σ_k x_ka².
     away = corners - corners.mean(axis=1, keepdims=True)
     moments, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", away, away))
     moments = moments[:, 1:]  # the first is across the facet
@@ -395,6 +399,7 @@ def _distances(
     d_kappa = np.zeros_like(gap)
     below = 3.0 * a * kappa**2 + b
     below = np.where(known, below, 1.0)
+    # Implicit derivative of a κ³ + b κ = h, for the vertices of a and b and for h.
     d_kappa[rows, deepest] -= kappa**3 * d_squared[rows, deepest] / below
     d_kappa[rows, widest] -= kappa * d_root[rows, widest] / below
     d_kappa += d_size / below[:, None]

@@ -153,6 +153,7 @@ class PairTangent:
         load = np.empty((q, lead, dim, coordinates * dim))
         d_traction, v = self.traction_variation(trial, take)
         load[:, 0] = weight[:, None, None] * d_traction
+        # Geometric stiffness: in the virtual work t·(δu¹ − δu²(ξ̄)) the place moves, −t·δu²,β Δξ^β.
         moved = weight[:, None] * trial.traction[take]
         load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
         left = rows[:, :lead].transpose(0, 2, 1) @ load.reshape(q, lead, -1)
@@ -183,6 +184,8 @@ class PairTangent:
         lead = 1 + surface
         rows = np.zeros((count, lead + 2, a + 2 * m))
         now, before = slice(a, a + m), slice(a + m, a + 2 * m)
+        # Rows in the order of z: a = N¹ − N²(ξ̄), b_α = N²,α(ξ̄), c = N¹ − N²(Ȳ_n) with Ȳ_n moved
+        # on by `ahead` along the tangents, d = e^α N²,α(Ȳ_n).
         rows[:, 0, :a] = mine
         rows[:, 0, now] = -target.weights(facet, xi)
         rows[:, 1:lead, now] = target.slopes(facet, xi)
@@ -383,6 +386,7 @@ def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     slip = trial.kinematics.slip[take]
     cover = np.broadcast_to(trial.normal_contact.cover, trial.pressure.shape)[take]
     squared = np.einsum("pi,pi->p", slip, slip) * cover
+    # Viscous work per |Δg_T|² and cover: the film's traction per slip for χ = 1.
     resistance = np.zeros_like(squared)
     viscous = trial.response.dissipation.viscous[take]
     np.divide(viscous, squared, out=resistance, where=squared > 0.0)

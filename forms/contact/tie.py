@@ -152,6 +152,7 @@ def _segments(master: MasterFacets | RigidMaster, where: Floats) -> tuple[Longs,
     ends: Floats = np.empty((0, 2))
     length = 0.0
     if isinstance(master, MasterFacets):
+        # Kinks of the master's shape functions, projected onto the chords of the slave.
         ends = master.position[np.unique(master.facets[:, :2])]
         length = float(master.sizes().max())
     start = where[:, 0]
@@ -184,6 +185,7 @@ def _parts(cell: str) -> tuple[Floats, Floats]:
     if cell == "triangle":
         corners = steps[steps.sum(axis=1) < _PARTS]
         turned = steps[steps.sum(axis=1) < _PARTS - 1] + 1.0
+    # A triangle falls into upright parts and, between them, ones turned by half a turn.
     upright = (corners[:, None] + xi).reshape(-1, 2)
     reversed_ = (turned[:, None] - xi).reshape(-1, 2)
     points = np.concatenate([upright, reversed_]) / _PARTS
@@ -306,6 +308,8 @@ class TieTerm(ContactTerm):
         if self._bulges:
             nodes = surface.master.position + values[surface.first_master :]
             turned = self._point_normals(nodes) - self._normals
+            # In space o = along^α τ_α + across n: the part along n is not linear in the nodes, and
+            # is taken anew.
             load = self._points.weight * self._points.across
             share = (self._points.vertex_shape * load[:, None])[:, :, None] * turned[:, None, :]
             np.subtract.at(moved, self._points.of_point, share)
@@ -446,6 +450,7 @@ class TieTerm(ContactTerm):
         """
         vertices = self.surface.vertices
         longest = float(np.ptp(vertices.position, axis=0).max())
+        # |B| |u| bounds the size of the sums that are rounded; ε of it is their error.
         moved = np.minimum(np.abs(self.surface.gather(x)), longest)
         plain = abs(self._gradient(np.zeros_like(moved)))
         jump = (plain @ moved.reshape(-1)).reshape(-1, self.surface.dim)
@@ -485,6 +490,8 @@ class TieTerm(ContactTerm):
         """Pairs (p, 2) of different global nodes that the tangent couples; collective."""
         points = self._points
         every = np.ones((len(points.weight), points.rows.shape[1] + self._master_count()))
+        # Divided by the weights that `_spread` multiplies by: positive numbers of the order of 1,
+        # which neither cancel nor vanish in the pattern.
         left = self._spread(every / np.maximum(points.weight, 1e-300)[:, None])
         if isinstance(self.surface.master, RigidMaster):
             nodes = scipy.sparse.identity(self.surface.first_master)

@@ -97,6 +97,8 @@ def completed(
     gathered = comm.allgather((*at, part.col % dim, part.data))
     others = [g for rank, g in enumerate(gathered) if rank != comm.rank]
     row, node, axis, value = (np.concatenate(p) for p in zip(*others, strict=True))
+    # Nodes of other ranks get columns of their own, also where this rank has the node: assembly
+    # adds up columns of one node.
     new = np.unique(node)
     columns = np.concatenate([nodes, new])
     column = dim * len(nodes) + dim * np.searchsorted(new, node) + axis
@@ -145,6 +147,8 @@ class VertexRows:
             dim * nodes[first][:, None, :, None] + np.arange(dim),
         )
         keep = np.nonzero(needs[row.reshape(-1)])[0]
+        # One number per entry of the matrix: sorted by it, entries of one place stand side by side,
+        # so that `matrix` adds them up by reduceat without a search of its own.
         place = row.reshape(-1)[keep] * self._shape[1] + column.reshape(-1)[keep]
         order = np.argsort(place, kind="stable")
         self._order = keep[order]

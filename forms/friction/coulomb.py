@@ -87,6 +87,8 @@ def _dissipation(
     state: FrictionState,
     stiffness: float,
 ) -> Dissipation:
+    # T·Δg_e = ψ_{n+1} − ψ_n + ½ K_T |Δg_e|²: backward Euler takes T at the end of the step, and the
+    # last term is what that makes.
     change = returned.elastic_slip - before
     none = np.zeros_like(returned.slip)
     stored = 0.5 * stiffness * dot(state.elastic_slip.T, state.elastic_slip.T)

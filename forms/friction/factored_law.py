@@ -85,6 +85,7 @@ class FactoredLaw:
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
         factor, before = self.factor, _factor(state)
+        # r = min(1, φ_n/φ) without a division by a factor of 0.
         kept = np.divide(before, factor, out=np.ones_like(before), where=before < factor)
         start = replace(state, elastic_slip=kept[:, None] * state.elastic_slip)
         out = self.law.update(slip_increment, dt, pressure, film, start, **options)

@@ -12,7 +12,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.parameters import FrictionMapParameters, Table
 from tribox.forms.parameters import Refused
 
@@ -274,7 +273,6 @@ class FilmResistance:
 
 def film_resistance(
     parameters: FrictionMapParameters,
-    rheology: FilmRheology,
     film: Floats,
     length: Floats,
     dt: Floats | float,
@@ -286,7 +284,6 @@ def film_resistance(
 
     Args:
         parameters: Of the law.
-        rheology: ``parameters``.
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         length: (q,), m, length of the slip increment.
         dt: (q,) or a number, s, > 0; infinity takes the film away.
@@ -305,12 +302,12 @@ def film_resistance(
         scale *= np.minimum(pressure / onset, 1.0)
     d_length: Floats | None = None
     d_pressure: Floats | None = None
-    if rheology.newtonian:
-        value = rheology.eta_b * scale
+    if parameters.newtonian:
+        value = parameters.eta_b * scale
         d_film = -value / thickness
     else:
         rate = length / (thickness * dt)
-        eta = rheology.viscosity(rate, np.asarray(pressure / area))
+        eta = parameters.viscosity(rate, np.asarray(pressure / area))
         value = eta.value * scale
         d_length = scale * eta.d_rate / (thickness * dt)
         d_film = -(value + scale * eta.d_rate * rate) / thickness

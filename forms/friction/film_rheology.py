@@ -134,6 +134,8 @@ class FilmRheology(Declared):
         assert self.tau_0 is not None
         limit = self.tau_0 + self.zeta * pressure
         limit = np.where(limit > 0.0, limit, 1.0)  # zero at open points only
+        # τ = τ_L (1 − e^(−x)), x = η_N γ̇/τ_L, so that τ/γ̇ = η_N (1 − e^(−x))/x, which has a limit
+        # at rest.
         x = flow.value * rate / limit
         share, slope = _saturation(x)
         d_x_d_rate = (flow.value + rate * flow.d_rate) / limit

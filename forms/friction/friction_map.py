@@ -31,7 +31,6 @@ from tribox.forms.friction.film import (
     film_point,
     film_resistance,
 )
-from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import (
     SETTLED,
     Dissipation,
@@ -95,11 +94,9 @@ class FrictionMap:
     looks_inside: ClassVar[bool] = True
     parameters: FrictionMapParameters
     _friction: SlipWeakening = field(init=False, repr=False)
-    _rheology: FilmRheology = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_friction", self.parameters.friction)
-        object.__setattr__(self, "_rheology", self.parameters)
 
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """State of n points that have never been in contact, in dim space dimensions."""
@@ -209,7 +206,7 @@ class FrictionMap:
             self._friction,
         )
         length, felt = np.sqrt(dot(slip, slip)), dt if rate_dependent else math.inf
-        flow = film_resistance(parameters, self._rheology, film, length, felt, pressure, *area)
+        flow = film_resistance(parameters, film, length, felt, pressure, *area)
         return _Step(
             slip=slip,
             elastic_before=before,
@@ -344,6 +341,7 @@ class FrictionMap:
             d_alpha = -returned.secant * step.trial
         else:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
+        # Through r: p = r g_e + Δg_T, ∂T/∂p · g_e ∂r/∂α.
         if step.d_kept is not None:
             d_alpha += step.weight * step.d_kept * returned.derivative_along(step.elastic_before)
         d_alpha += step.flow.value * step.slip
@@ -361,6 +359,7 @@ class FrictionMap:
             freed = np.where(step.kept < 1.0, solid_before * (1.0 - step.kept), rising)
         else:
             freed = solid_before - step.at.solid
+        # Backward Euler's part, as in plain friction, from the elastic slip that re-entry leaves.
         change = new - step.kept * before
         opening = np.zeros_like(length2)
         if not step.closed.all():

@@ -164,6 +164,8 @@ def _weakening_slopes(
     where = np.flatnonzero(softening)
     kappa = np.broadcast_to(stiffness, s.shape)[where]
     threshold = (mu * pressure)[where]
+    # Implicit function of κ (s − λ) = μ(d + λ) t_N: ∂λ/∂κ = (s − λ)/(κ + μ' t_N), and |T| changes
+    # by μ' t_N ∂λ/∂κ; likewise ∂|T|/∂s = μ' t_N κ/(κ + μ' t_N).
     d_stiffness[where] = softening[where] * share[where] * threshold / kappa**2
     return _Slopes(
         tangent=_where_stuck(slipping, stiffness) + softening * share,

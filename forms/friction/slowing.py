@@ -190,7 +190,6 @@ def _stress(
     length = speed * here.dt
     flow = film_resistance(
         parameters,
-        parameters,
         here.film,
         length,
         here.dt,
@@ -226,6 +225,8 @@ def _taken(
         return first + through * log + last, -slope
 
     x = _solved(slip, alone + through + below, length)
+    # Implicit derivative of slip(κ) = |Δg_T|. Where the film slipped alone (f_n > f_c) it carried
+    # all: y_n = 0, so that x = κ there, and the first term has no derivative for y_n.
     log, slope = np.log1p(rise / x) / rise, slip(x)[1]
     end, dy = x + rise, y.value - y_n.value
     d_y = through * (1.0 / end - log) / dy - below * K_T / end**2
@@ -262,6 +263,7 @@ def _solved(slip: Callable[[Floats], tuple[Floats, Floats]], total: Floats, at: 
         value, slope = slip(np.exp(x))
         above = value > at
         low, high = np.where(above, x, low), np.where(above, high, x)
+        # Newton's method for ln(slip) over ln x, of slope −1 where x is large; elsewhere bisection.
         newton = x - np.log(value / at) * value / (slope * np.exp(x))
         inside = (newton > low - CLOSE) & (newton < high + CLOSE)
         new = np.where(inside, newton, 0.5 * (low + high))

@@ -124,6 +124,7 @@ class StribeckLaw:
         response, returned, slip = step.response, step.returned, step.slip
         # At open points the pressure is zero, and so is the slip.
         resistance = np.where(pressure > 0.0, p.viscous / dt * area_ratio * film_cover, 0.0)
+        # μ'(V) t_N ∂V/∂Δg_T with V = |Δg_T|/Δt, where the threshold is reached.
         softening = np.where(returned.slipping, pressure * slope / dt, 0.0)
         ahead = slip / np.where(length > 0.0, length, 1.0)
         d_slip = response.d_traction_d_slip.copy()

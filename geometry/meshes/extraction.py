@@ -313,6 +313,7 @@ def _around(shape: str) -> tuple[tuple[int, int, int], ...]:
     """The three corners joined to each corner of a solid, right-handed about it."""
     place, found = np.array(PLACES[shape]), []
     for corner in range(CORNERS[shape]):
+        # Of a pair that holds the corner, the sum less the corner is the other end.
         a, b, c = sorted(sum(pair) - corner for pair in _edges(shape) if corner in pair)
         edges = place[[a, b, c]] - place[corner]
         found.append((a, b, c) if np.linalg.det(edges) > 0.0 else (a, c, b))

@@ -71,6 +71,7 @@ def facet_length(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
     mesh.topology.create_connectivity(dim - 1, 0)
     longest = mesh.h(dim - 1, owned_facets(mesh, facets))
     total, count = mesh.comm.allreduce(np.array([longest.sum(), float(len(longest))]))
+    # h of a facet is its longest distance of corners: over √2 the side of a square.
     return float(total / count / np.sqrt(dim - 1))
 
 
@@ -122,6 +123,7 @@ class OuterFacets:
             Global nodes of the corners of each end, sorted; the same on every rank.
         """
         mine, more = self._gathered(surface), self._gathered(others)
+        # A side that one facet alone has is an end of the surface.
         sides, count = np.unique(self._sides(mine), axis=0, return_counts=True)
         ends: Longs = sides[count == 1]
         keys = np.sort(self._corners, axis=1)

@@ -299,6 +299,7 @@ def _hull(shape: FacetShape) -> Floats:
     """Control points (b, a) of the Bernstein polynomials, whose hull holds the facet."""
     d, xi = shape.degree, shape.points
     if shape.cell == "triangle":
+        # Barycentric: ξ, η and 1 − ξ − η.
         third = 1.0 - xi.sum(axis=1)
         values = [
             comb(d, j) * comb(d - j, k) * xi[:, 0] ** j * xi[:, 1] ** k * third ** (d - j - k)

@@ -124,6 +124,8 @@ class FacetSearch:
             return 0.0
         facets_moved, points_moved = facets - self._facets, points - self._points
         common = facets_moved.mean(axis=(0, 1))
+        # |Σ_a N_a δ_a| ≤ Σ_a |N_a| max |δ_a|: shape functions of higher degree are negative
+        # somewhere.
         moved = self.shape.lebesgue * _longest(facets_moved - common)
         return moved + _longest(points_moved - common)
 
@@ -142,6 +144,8 @@ class FacetSearch:
         _, least = self._nearest(points, facets, trees)
         far = (least > FAR * self.slack) & (self.shape.directions == 2)
         self._far, close = _where(far), _where(~far)
+        # A centre farther off than that belongs to a sphere that begins beyond the least distance
+        # and the slack. One radius per tree; the facets' own ones sort out the rest below.
         reach = least[close] + self.slack
         found = [_inside(tree, at, points[close], reach + radius[at].max()) for tree, at in trees]
         point, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -152,6 +156,8 @@ class FacetSearch:
         order = np.lexsort((self._number[facet], point))
         point, facet = point[order], facet[order]
         start = np.searchsorted(point, np.arange(len(points) + 1))
+        # Spheres are coarse round long facets: bounds by the hulls of their control points are
+        # sharper.
         excess = self._code.beyond(points, facets, start, facet)
         keep = np.nonzero(excess <= self.slack)[0]
         return point[keep], facet[keep], excess[keep]
@@ -246,6 +252,7 @@ class RaySearch:
         # Facet (f, e) beyond each end of each segment (f, e), −1 at the ends of the surface.
         ends = facets[:, :2]
         count = int(ends.max(initial=-1)) + 1
+        # Facet that starts, and facet that ends at each node: a line has one of each at most.
         starting = np.full(count, -1, dtype=np.int32)
         ending = starting.copy()
         starting[ends[:, 0]] = ending[ends[:, 1]] = np.arange(len(ends), dtype=np.int32)
@@ -294,6 +301,8 @@ class RaySearch:
         mine, n = controls[own], normals[at]
         along = np.stack([n[:, 1], -n[:, 0]], axis=1)
         ends = np.einsum("pi,pei->pe", along, points[at][:, None] - mine[:, :2])
+        # t·(x − ȳ) falls along a facet that faces the ray: negative at its first end the hit lies
+        # before it, positive at its second beyond. Both at once: it faces away, and has no hit.
         low, high = ends[:, 0] < 0.0, ends[:, 1] > 0.0
         beyond = np.where(high, self.across[own, 1], self.across[own, 0])
         leaves = low ^ high

@@ -29,7 +29,8 @@ SIDES = {
 }
 
 
-# Largest Σ_a |N_a| over the domain.
+# Largest Σ_a |N_a| over the domain: Lebesgue's constants of equally spaced nodes, on quadrilaterals
+# those of both directions multiplied.
 _CUBIC = 1.63114
 _LEBESGUE = {
     **{(cell, 1): 1.0 for cell in SIDES},
@@ -104,11 +105,6 @@ class FacetShape:
     def polynomials(self) -> tuple[Ints, Floats]:
         """Powers (m, α) of the monomials Π_α (ξ^α)^m, and the shape functions' (m, a) in them."""
         return self._powers, self._coefficients
-
-    @property
-    def coefficients(self) -> Floats:
-        """Coefficients (m, a) of these monomials in the shape functions."""
-        return self._coefficients
 
     def values(self, xi: Floats) -> Floats:
         """Shape functions (p, a) at the reference coordinates ``xi`` (p, α)."""
@@ -194,6 +190,7 @@ def facet_shape(cell: str, degree: int) -> FacetShape:
     if cell == "triangle":
         powers = powers[powers.sum(axis=1) <= degree]
     corners = {"interval": 2, "triangle": 3, "quadrilateral": 4}[cell]
+    # Vandermonde's matrix: N_a(ξ_b) = δ_ab.
     coefficients: Floats = np.linalg.inv(_monomials(points, powers, ())).astype(np.float64)
     return FacetShape(
         cell=cell,
@@ -337,6 +334,7 @@ def line_curvatures(place: Floats) -> Floats:
     a, b = place[1:-1] - place[:-2], place[2:] - place[1:-1]
     area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    # κ = 4 A/(a b c) of the circumscribed circle; `area` is 2 A.
     inner = 2.0 * area / (sides * np.linalg.norm(a + b, axis=1))
     out: Floats = np.concatenate([inner[:1], inner, inner[-1:]])
     return out
@@ -365,12 +363,15 @@ def fitted_circle(place: Floats) -> tuple[float, float]:
     flat = np.linalg.svd(at, compute_uv=False)[-1]
     if flat < STRAIGHT * np.sqrt(len(at)):
         return np.inf, float(flat * size / np.sqrt(len(at)))
+    # Kåsa: |x|² = 2 c·x + (R² − |c|²) is linear in c.
     rows = np.column_stack([2.0 * at, np.ones(len(at))])
     centre = np.linalg.lstsq(rows, (at**2).sum(axis=1), rcond=None)[0][:2]
     for _ in range(20):
         apart = at - centre
         distance = np.linalg.norm(apart, axis=1)
         radius = float(distance.mean())
+        # Residuals d_k − d̄ with the radius eliminated as the mean distance d̄: its slope, the mean
+        # of the rows, comes off each row.
         jacobian = -apart / distance[:, None]
         jacobian -= jacobian.mean(axis=0)
         change = np.linalg.lstsq(jacobian, radius - distance, rcond=None)[0]

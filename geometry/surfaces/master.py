@@ -166,6 +166,7 @@ class MasterSource:
         largest = self.comm.allreduce(float(largest), op=MPI.MAX)
         total, count = self.comm.allreduce(np.array([total, count]))
         self._reach = REACH * max(2.0 * float(total / count), slave_length)
+        # m = 2 s + h with h the diameter of the largest sphere and a fifth, as facets stretch.
         self._margin = 2.0 * self._reach + 2.4 * largest
         # Owned local nodes that are the master's, whichever rank has the facet; collective.
         index = self._space.dofmap.index_map
@@ -216,6 +217,9 @@ class MasterSource:
             if len(change):
                 end[:] = change.max(axis=0), -change.min(axis=0)
         self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        # Per axis the ranges of displacements of slave and master, each a middle and a half: what
+        # the middles move against each other, and both halves, bounds the way of any two points. A
+        # common motion of both costs nothing.
         middle = 0.5 * (ends[:, 0] - ends[:, 1])
         half = 0.5 * (ends[:, 0] + ends[:, 1]) * self._share
         moved = float(np.linalg.norm(np.abs(middle[0] - middle[1]) + half.sum(axis=0)))
@@ -260,12 +264,10 @@ class MasterSource:
         """Of the own facets' nodes (g, a, i), m, whoever owns these; collective."""
         nodes, inverse = np.unique(self.own.nodes, return_inverse=True)
         dim = self._space.dofmap.index_map_bs
-        index = PETSc.IS().createBlock(dim, nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-        here = PETSc.Vec().createSeq(dim * len(nodes))
-        scatter = PETSc.Scatter().create(x, index, here, None)
+        scatter, here = node_scatter(x, nodes, dim)
         scatter.scatter(x, here, addv=False, mode=False)
         out: Floats = here.array_r.reshape(-1, dim)[inverse.reshape(self.own.nodes.shape)]
-        for part in (index, here, scatter):
+        for part in (here, scatter):
             part.destroy()
         return out
 
@@ -279,6 +281,8 @@ class MasterSource:
             low, high = box[:, :1], box[:, 1:]
             far = np.maximum(np.abs(corner - low), np.abs(high - corner))
             upper[:] = np.linalg.norm(far, axis=2).min(axis=1, initial=np.inf)
+            # Distance of a sphere from a box, 0 where its centre is inside, less the radius: a
+            # lower bound.
             near = np.maximum(np.maximum(low - centre, centre - high), 0.0)
             least.append(np.linalg.norm(near, axis=2) - radius)
         every = np.concatenate(most)
@@ -288,6 +292,15 @@ class MasterSource:
             np.nonzero((below <= bound[:, None] + self._margin).any(axis=0))[0]
             for below, bound in zip(least, bounds, strict=True)
         ]
+
+
+def node_scatter(x: PETSc.Vec, nodes: Longs, dim: int) -> tuple[PETSc.Scatter, PETSc.Vec]:
+    """What takes values at global nodes (n,) of a vector to this rank, and where; collective."""
+    index = PETSc.IS().createBlock(dim, nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    here = PETSc.Vec().createSeq(dim * len(nodes))
+    scatter = PETSc.Scatter().create(x, index, here, None)
+    index.destroy()
+    return scatter, here
 
 
 def _boxes(points: Floats) -> Floats:
@@ -301,6 +314,7 @@ def _boxes(points: Floats) -> Floats:
             break
         along = group[:, int(np.argmax(np.ptp(group, axis=0)))]
         order = np.argsort(along, kind="stable")
+        # Halves across the longest side: boxes close round the points keep the bounds sharp.
         groups += np.array_split(group[order], 2)
     ends = [np.stack([group.min(axis=0), group.max(axis=0)]) for group in groups]
     return np.stack(ends) if ends else np.empty((0, 2, points.shape[1]))

@@ -27,7 +27,7 @@ from tribox.geometry.surfaces.facets import (
 )
 from tribox.geometry.surfaces.slave_points import PointNormals
 from tribox.geometry.surfaces.smoothing import smooth_patches
-from tribox.geometry.surfaces.target import Projection
+from tribox.geometry.surfaces.target import Projection, fade_at_ends
 
 __all__ = ["FacetSurface", "Projection"]
 
@@ -266,6 +266,8 @@ class FacetSurface:
         ends = self._joined[self.facets[out.facet, :2]]
         at = np.nonzero(ends.any(axis=1) & out.on_surface)[0]
         length, xi = self._length[out.facet[at]], out.xi[at, 0]
+        # ½ at the end itself, where both surfaces have the same point: the shares of both add up to
+        # 1 over ± reach.
         per_length = 0.5 * length / np.minimum(reach[at], length)
         inside = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None] + 0.5
         inside = np.where(ends[at], inside, np.inf)
@@ -274,6 +276,7 @@ class FacetSurface:
         slope = np.where(end == 0, 1.0, -1.0) * per_length * ((share > 0.0) & (share < 1.0))
         if out.share is None or out.share_slope is None:
             out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
+        # Product rule: a point may fade at an end and pass over to a neighbour at another.
         out.share_slope[at] *= share[:, None]
         out.share_slope[at, 0] += out.share[at] * slope
         out.share[at] *= share
@@ -302,16 +305,10 @@ class FacetSurface:
         at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
         if not len(at):
             return
-        length, xi = self._length[out.facet[at]], out.xi[at, 0]
-        per_length = length / np.minimum(reach[at], length)
-        way = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None]
-        way = np.where(open_ends[at], way, np.inf)
-        end = np.argmin(way, axis=1)
-        share = way[np.arange(len(at)), end]
-        sign = np.where(end == 0, 1.0, -1.0)
         out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
-        out.share[at] = np.minimum(share, 1.0)
-        out.share_slope[at, 0] = np.where(share < 1.0, sign * per_length, 0.0)
+        out.share[at], out.share_slope[at, 0] = fade_at_ends(
+            open_ends[at], out.xi[at, 0], self._length[out.facet[at]], reach[at]
+        )
 
     @property
     def extraction(self) -> Floats | None:
@@ -475,6 +472,7 @@ def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
     ends = np.stack([corners[:, side.nodes[:2]] for side in shape.sides], axis=1).reshape(-1, 2)
     largest = int(corners.max(initial=0)) + 1
     key = ends[:, 0].astype(np.int64) * largest + ends[:, 1]
+    # With outward normals on one side the neighbour runs along the common edge the other way.
     back = ends[:, 1].astype(np.int64) * largest + ends[:, 0]
     order = np.argsort(key)
     if np.any(np.diff(key[order]) == 0):
@@ -581,6 +579,7 @@ def _to_edges(edges: Ints, nodes: Floats) -> Floats:
     start, way = nodes[edges[:, 0]], nodes[edges[:, 1]] - nodes[edges[:, 0]]
     squared = np.einsum("ei,ei->e", way, way)
     out = np.empty(len(nodes))
+    # A million pairs at once, for memory's sake.
     for rows in np.array_split(np.arange(len(nodes)), max(1, len(nodes) * len(edges) // 10**6)):
         apart = nodes[rows][:, None] - start
         along = np.clip(np.einsum("nei,ei->ne", apart, way) / squared, 0.0, 1.0)

@@ -198,6 +198,7 @@ class RigidSurface(ABC):
         """
         turn, shift = self._motion(nodes)
         back = None if rays is None else replace(rays, normal=rays.normal @ turn)
+        # Pulled back by Rᵀ, as rows: (Rᵀ v)ᵀ = vᵀ R. Forwards it is vᵀ Rᵀ.
         here = self._middle + (points - shift) @ turn
         out = self._project(here, frozen_facets, back, fading)
         out.foot = shift + (out.foot - self._middle) @ turn.T
@@ -243,6 +244,8 @@ class RigidSurface(ABC):
 
     def _motion(self, nodes: Floats) -> tuple[Floats, Floats]:
         """Rotation (i, j) and the place (i,) of M now."""
+        # The gradient Σ_a y_a ⊗ G_a of the linear interpolation: of a rigid motion it is the
+        # rotation.
         turn: Floats = nodes.T @ self._gradients
         if np.abs(turn.T @ turn - np.eye(self.dim)).max() > RIGID:
             raise ValueError("the control points of a rigid surface are strained")

@@ -123,6 +123,8 @@ class MeshSurface(RigidSurface):
             on = np.mean(shape.points[list(side.nodes[:2])], axis=0)
             there = unit_normals(np.einsum("ba,fai->fbi", shape.first(on[None])[0], nodes))
             axis = _axes(nodes[:, side.nodes[:2]])
+            # sin of the angle between two normals, as far as it is about the side: n_1 × n_2 along
+            # its axis.
             turn = np.abs(np.einsum("pi,pi->p", across, axis[pairs.row]))
             own = np.cross(_in_space(normal), _in_space(there))
             most = np.abs(np.einsum("fi,fi->f", own, axis))

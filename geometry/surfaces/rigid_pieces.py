@@ -76,6 +76,7 @@ class Pieces:
     def directions(self) -> Floats:
         """Unit directions of travel (p, e, i) at both ends."""
         chord = self.end - self.start
+        # Tangents of an arc at its ends are its chord turned by ∓ω/2.
         out = np.stack([turned(chord, -0.5 * self.sweep), turned(chord, 0.5 * self.sweep)], axis=1)
         unit: Floats = out / np.linalg.norm(out, axis=2)[..., None]
         return unit
@@ -148,6 +149,8 @@ class Pieces:
         arcs = np.nonzero(self.sweep[piece])[0]
         if not len(arcs):
             return straight
+        # arctan2 of the angle between the arc's middle and the arm: within ±π, with its jump
+        # opposite.
         middle = turned(self.start - self.centre, 0.5 * self.sweep)[piece[arcs]]
         arm = arm[arcs]
         angle = np.arctan2(

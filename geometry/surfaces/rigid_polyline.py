@@ -21,6 +21,7 @@ import numpy as np
 
 from tribox.geometry.surfaces.rigid import CHORD, Feet, Outline, Places, RigidShape
 from tribox.geometry.surfaces.rigid_pieces import GRAZING, STRAIGHT, Pieces, left_of
+from tribox.geometry.surfaces.target import fade_at_ends
 
 if TYPE_CHECKING:
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
@@ -139,6 +140,8 @@ class Polyline(RigidShape):
         distance = np.linalg.norm(points[point] - self.pieces.places(piece, xi), axis=1)
         start, count = np.searchsorted(point, np.arange(len(points))), len(self._limits)
         tie = distance <= np.minimum.reduceat(distance, start)[point] + _TIE * self.size
+        # One number decides: ties before all others (2 n), points inside their piece before those
+        # held at its end (n), then the piece that comes first.
         rank = piece + np.where(tie, np.where(xi != free, count, 0), 2 * count)
         best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
         facet, found, held = piece[best], xi[best], (xi != free)[best]
@@ -265,6 +268,7 @@ def filleted(points: Floats, radius: float | Floats, closed: bool) -> Pieces:
     ahead = way / long[:, None]
     turn = _turns(ahead, closed)
     radii = _radii(radius, len(points), closed)
+    # Way from the corner to where an arc of the radius R touches both sides: R tan(turn/2).
     cut = radii * np.tan(0.5 * np.abs(turn))
     rounded = (np.abs(turn) > STRAIGHT) & (cut > TIGHT * long.max())
     cut = np.where(rounded, cut, 0.0)
@@ -365,9 +369,8 @@ def _joined(
     """Straight pieces, each with the arc at its end behind it, but for those without length."""
     count = len(first)
     corner = (np.arange(count) + 1) % len(turn)  # point at the end of each straight piece
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
     radius = radii[corner]
-    centre = last + (np.sign(turn[corner]) * radius)[:, None] * left
+    centre = last + (np.sign(turn[corner]) * radius)[:, None] * left_of(ahead)
     start = np.stack([first, last], axis=1).reshape(-1, 2)
     end = np.stack([last, np.roll(first, -1, axis=0)], axis=1).reshape(-1, 2)
     sweep = np.stack([np.zeros(count), turn[corner]], axis=1).reshape(-1)
@@ -434,14 +437,10 @@ class LineEnds:
         at = np.nonzero(self._open[piece].any(axis=1) & on_line)[0]
         if not len(at):
             return None
-        open_ends, length = self._open[piece[at]], self._length[piece[at]]
-        way = np.where(open_ends, np.stack([xi[at], 1.0 - xi[at]], axis=1), np.inf)
-        end = np.argmin(way, axis=1)
-        per_length = length / np.minimum(reach[at], length)
-        part = way[np.arange(len(at)), end] * per_length
         out = Shares(np.ones(len(xi)), np.zeros(len(xi)))
-        out.share[at] = np.minimum(part, 1.0)
-        out.slope[at] = np.where(part < 1.0, np.where(end == 0, per_length, -per_length), 0.0)
+        out.share[at], out.slope[at] = fade_at_ends(
+            self._open[piece[at]], xi[at], self._length[piece[at]], reach[at]
+        )
         return out
 
     def along_rays(
@@ -451,6 +450,7 @@ class LineEnds:
         turn, start = xi * self._sweep[piece], self._start[piece]
         facing = np.cos(turn)[:, None] * start + np.sin(turn)[:, None] * left_of(start)
         own, d_own = _ramp(np.einsum("qi,qi->q", facing, normals))
+        # On an arc the normal m turns with ξ by ω: ∂(m·n)/∂ξ.
         rolls = self._sweep[piece] * np.einsum("qi,qi->q", left_of(facing), normals)
         own_slope, own_turn = d_own * rolls, d_own[:, None] * facing
         end, w, d_w = self._ways(piece, xi, reach)

@@ -31,6 +31,7 @@ class Plane(RigidShape):
         self.point, self.normal = np.array(point, dtype=np.float64), unit(normal, "a normal")
         dim = len(self.point)
         extent = np.tile(np.array([[-np.inf], [np.inf]]), (1, dim))
+        # Only a plane across an axis is bounded, in that axis.
         across = np.abs(np.abs(self.normal) - 1.0) <= 1e-15
         extent[:, across] = self.point[across]
         super().__init__(1, self.point, size, extent)

@@ -84,6 +84,7 @@ def slave_points(
     nodes = space.dofmap.index_map.local_to_global(local.reshape(-1)).reshape(local.shape)
     values = _rows(operator, nodes, mesh.geometry.dim)
     operator.destroy()
+    # Σ_a N_a = 1: a row of S holds w N_a, its sum is the weight.
     weight = values.sum(axis=1)
     shape = values / weight[:, None]
     corners = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
@@ -149,6 +150,8 @@ def point_operator(
 def _rows(matrix: PETSc.Mat, nodes: Longs, dim: int) -> Floats:
     """Values (q, a) of the first component of each owned point at the given nodes (q, a)."""
     indptr, indices, values = matrix.getValuesCSR()
+    # S is a matrix of numbers times I: the rows of the first component have all of it. Its entries
+    # are found by their numbers row · width + column.
     count = np.diff(indptr)[::dim]
     row = np.repeat(np.arange(len(count)), count)
     start = np.repeat(indptr[:-1:dim] - np.cumsum(count) + count, count)
@@ -239,6 +242,7 @@ class SlaveNormals:
         """
         rows = np.arange(len(flipped))
         first = flipped.astype(np.int64)
+        # A facet of another rank may be the neighbour: all pairs (start, end) are known to all.
         start, end = vertices.of_point[rows, first], vertices.of_point[rows, 1 - first]
         gathered = vertices.comm.allgather(np.unique(np.stack([start, end]), axis=1))
         pairs = np.concatenate(gathered, axis=1)

@@ -170,7 +170,8 @@ class SharedSides:
 
     Attributes:
         facets: (s, 2) the facets; ends: (s, k) nodes of the side.
-        angle: (s,), rad, between the normals in the middles of the facets.
+        angle: (s,), rad, between the normals in the middles of the facets; of those of higher
+            degree, which are curved, in the middle of the side.
     """
 
     facets: Longs
@@ -187,17 +188,25 @@ def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
         nodes: (n, i), m.
     """
     sides = [side.nodes for side in shape.sides]
-    middle = shape.points.mean(axis=0)[None]
-    normal = unit_normals(np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets]))
+    normal = _side_normals(shape, nodes[facets])
     ends = np.sort(np.concatenate([facets[:, list(side)] for side in sides]), axis=1)
     owner = np.tile(np.arange(len(facets)), len(sides))
     order = np.lexsort(ends.T)
     same = np.all(ends[order[1:]] == ends[order[:-1]], axis=1)
     both = np.stack([order[1:][same], order[:-1][same]], axis=1)
-    one, other = normal[owner[both]].transpose(1, 0, 2)
+    one, other = normal[both].transpose(1, 0, 2)
     # By the chord between the unit normals: exact for small angles too.
     angle = 2.0 * np.arcsin(0.5 * np.minimum(np.linalg.norm(one - other, axis=1), 2.0))
     return SharedSides(owner[both], ends[both[:, 0]], angle)
+
+
+def _side_normals(shape: FacetShape, corners: Floats) -> Floats:
+    """Unit normals (side·f, i) of facets (f, a, i) that :class:`SharedSides` compares."""
+    middle: Floats = shape.points.mean(axis=0)
+    curved = shape.degree > 1
+    at = np.array([s.origin + 0.5 * s.direction if curved else middle for s in shape.sides])
+    tangents = np.einsum("sba,fai->sfbi", shape.first(at), corners)
+    return unit_normals(tangents.reshape(-1, *tangents.shape[2:]))
 
 
 def corner_spacing(
@@ -256,6 +265,8 @@ def _widths(shape: FacetShape, facets: Ints, nodes: Floats, piece: Longs, inner:
         number = np.unique(np.concatenate([inner, mine]), axis=0, return_inverse=True)[1]
         is_end = ~np.isin(number[len(inner) :], number[: len(inner)])
         start, end = (nodes[facets[:, node]] for node in side.nodes[:2])
+        # Σ |e| ν⊗ν over the ends, ν in the surface and across each: its largest eigenvalue is their
+        # length where they are longest, both of them together.
         out = np.cross(end - start, normal) * is_end[:, None]
         length = np.linalg.norm(end - start, axis=1)
         np.add.at(ends, piece, out[:, :, None] * out[:, None] / length[:, None, None])
@@ -282,11 +293,15 @@ def _tangents(edges: _Edges, sharp: Bools, count: int) -> Sparse:
     central = back >= 0
     beyond = np.where(central, h[back], 1.0)
     here = np.where(central, everyone, -1)
+    # Central difference on unequal steps: the slope of the parabola through three nodes times h,
+    # with the slope of the edge behind taken from the node, hence the minus.
     out = _rows(slope, here, h * beyond / (h + beyond)) - _rows(slope, back, h * h / (h + beyond))
     star = free & ~central & (edges.valence >= 3)
     turned = np.where(star, everyone, -1)
     valence = np.maximum(edges.valence, 1)
     for step in range(_MOST):
+        # First harmonic (2/n) Σ_k cos(2πk/n) s_k of the slopes round the node; with n = 4 it is the
+        # central difference.
         part = np.where(step < edges.valence, turned, -1)
         angle = 2.0 * np.pi * step / valence
         out = out + _rows(slope, part, 2.0 * h * np.cos(angle) / valence)
@@ -325,6 +340,8 @@ def _twists(shape: FacetShape, facets: Ints, edges: _Edges, sharp: Bools, count:
     inside = (edges.valence[a] == 4) & ~sharp[corner]
     out = _rows(twist, np.where(sharp[corner], own, -1), area)
     here = np.where(inside, own, -1)
+    # Mean over the four facets round a node. From one to the next both directions turn by 90°:
+    # ∂_a∂_b becomes ∂_b∂_(−a), of the other sign.
     for sign in (1.0, -1.0, 1.0, -1.0):
         out = out + _rows(twist, here, 0.25 * sign * area)
         here = np.where(here >= 0, follower[here], -1)

@@ -31,6 +31,7 @@ from tribox.geometry.surfaces.master import (
     MasterSource,
     grown,
     no_facets,
+    node_scatter,
     own_facets,
     whole_master,
 )
@@ -260,15 +261,6 @@ class ContactSurface:
         first = self.space.dofmap.index_map.local_to_global(local[:, 0].astype(np.int32))
         return SlaveNormals(self.vertices, first != self.slave.nodes[:, 0])
 
-    def displacements(self, x: PETSc.Vec) -> tuple[Floats, Floats]:
-        """Displacements of the slave points' nodes (q, a, i) and master nodes (n, i); collective.
-
-        Args:
-            x: global vector of the displacement space, m.
-        """
-        values = self.gather(x)
-        return values[self.slave_rows], values[self.first_master :]
-
     def gather(self, x: PETSc.Vec) -> Floats:
         """Displacements (m, i), m, of the pair's ``nodes``; collective.
 
@@ -280,11 +272,7 @@ class ContactSurface:
 
     def _scattered(self, x: PETSc.Vec) -> Floats:
         if self._scatter is None:
-            index = PETSc.IS().createBlock(
-                self.dim, self.nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF
-            )
-            self._here = PETSc.Vec().createSeq(self.dim * len(self.nodes))
-            self._scatter = PETSc.Scatter().create(x, index, self._here, None)
+            self._scatter, self._here = node_scatter(x, self.nodes, self.dim)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
         return np.array(self._here.array_r).reshape(-1, self.dim)
 
@@ -477,9 +465,5 @@ class SurfaceExchange:
 
     def _set_up(self, vector: NodalVector) -> tuple[PETSc.Scatter, PETSc.Vec]:
         if self._scatter is None or self._here is None:
-            index = PETSc.IS().createBlock(
-                self.dim, self.nodes.astype(PETSc.IntType), comm=PETSc.COMM_SELF
-            )
-            self._here = PETSc.Vec().createSeq(self.dim * len(self.nodes))
-            self._scatter = PETSc.Scatter().create(vector.vec, index, self._here, None)
+            self._scatter, self._here = node_scatter(vector.vec, self.nodes, self.dim)
         return self._scatter, self._here

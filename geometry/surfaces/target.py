@@ -20,6 +20,27 @@ if TYPE_CHECKING:  # rigid shapes are made without DOLFINx
 TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
 
 
+def fade_at_ends(
+    is_open: Bools, xi: Floats, length: Floats, reach: Floats
+) -> tuple[Floats, Floats]:
+    """Shares (p,) of points beside an open end of their pieces in the plane, and ∂/∂ξ.
+
+    A share falls evenly to 0 over the last way ``reach`` up to the end that is nearer.
+
+    Args:
+        is_open: (p, 2) which ends are open.
+        xi: (p,).
+        length: (p,), m, of the pieces.
+        reach: (p,), m.
+    """
+    per_length = length / np.minimum(reach, length)
+    way = np.where(is_open, np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None], np.inf)
+    end = np.argmin(way, axis=1)
+    share = way[np.arange(len(xi)), end]
+    slope = np.where(end == 0, per_length, -per_length)
+    return np.minimum(share, 1.0), np.where(share < 1.0, slope, 0.0)
+
+
 @dataclass(slots=True)
 class Projection:
     """The closest master point of every slave point.

@@ -130,3 +130,29 @@ def test_a_film_that_the_law_does_not_know_is_noted(block):
     swept = {"sweep": {"key": "contact.0.film.thickness", "values": ["1 nm", "2 nm"]}}
     with pytest.raises(ValidationError, match="all runs would be the same"):
         Case.model_validate(data | swept)
+
+
+def crossed(bottom):
+    """Two squares, one on the other, which begins at a height, m."""
+    square = {"x": [0, 1], "elements": [4, 4]}
+    data = tomllib.loads(ROUND.format(tool="1 mm", block="1 mm", radius="5 mm"))
+    return data | {
+        "geometry": {
+            "kind": "blocks",
+            "blocks": {"aluminium": square | {"y": [0, 1]}, "pad": square | {"y": [bottom, 2]}},
+        },
+        "bodies": {name: data["bodies"]["aluminium"] for name in ("aluminium", "pad")},
+        "contact": [data["contact"][0] | {"slave": "pad_bottom", "master": "aluminium_top"}],
+        "boundary": [{"surface": "aluminium_bottom", "displacement": {"x": 0, "y": 0}},
+                     {"surface": "pad_top", "displacement": {"x": 0, "y": 0}}],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("bottom", "told"), [(1.0 - 1e-3, True), (1.0 - 1e-6, False)])
+def test_surfaces_that_press_as_they_are_drawn_are_told_of(bottom, told):
+    model = build_model(Case.model_validate(crossed(bottom)), MPI.COMM_SELF)
+    notes = [note for note in model.notes if "inside" in note]
+    assert len(notes) == told
+    for note in notes:
+        assert note.startswith("contact.0: pad_bottom starts 0.001 m inside aluminium_top and")
+        assert "chords" not in note

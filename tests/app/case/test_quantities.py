@@ -151,6 +151,8 @@ def test_program_takes_constants_tables_and_its_word():
     table = program.parse([["0 s", "0 MPa"], ["100 ms", "3 MPa"]])
     assert table == TimeTable((0.0, 0.1), (0.0, 3e6))
     assert program.parse("driven") == "driven"
+    with pytest.raises(PydanticCustomError, match="has displacement = "):
+        Program("m/s").parse("driven")
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ def test_points_on_edges_of_the_master_do_not_stop_the_iteration():
     (term,) = sim.model.problem.contacts
     again = term.evaluate(sim.implicit.stepper.x, 1.0)
     points, nodes = again.position, term.surface.master.position
-    nodes = nodes + term.surface.displacements(sim.implicit.stepper.x)[1]
+    nodes = nodes + term.surface.gather(sim.implicit.stepper.x)[term.surface.first_master :]
     closest = term.surface.project(points, nodes)
     np.testing.assert_array_equal(again.projection.facet, closest.facet)
 

@@ -10,7 +10,7 @@ from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.forms.bodies.kinematics import axisymmetric, plane_strain, section_of, spatial
+from tribox.forms.bodies.kinematics import kinematics, section_of
 from tribox.forms.bodies.loads import FollowerPressure, mean_normal, reference_area
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.solid import DEGREE, Solid
@@ -136,7 +136,7 @@ def test_reduced_integration_is_the_sum_of_its_parts():
     solid = solid_on(u, NEO, "q1-sri")
     wavy(u)
     test, parts = ufl.TestFunction(u.function_space), []
-    densities = NEO.energy(plane_strain(u), NEO.parameters())
+    densities = NEO.energy(kinematics(u, "plane-strain"), NEO.parameters())
     for density, degree in zip(densities, (2, 1), strict=True):
         dx = ufl.dx(metadata={"quadrature_degree": degree})
         form = dolfinx.fem.form(ufl.derivative(density * dx, u, test))
@@ -351,9 +351,7 @@ def test_pressure_all_round_works_against_the_volume(cell, degree, section):
     u = box(cell, degree, 2, 0.1)
     load = FollowerPressure(u, side(u, lambda X: X[0] > -1.0), section)
     load.set(0.7)
-    k = spatial(u) if section == "3D" else None
-    if section == "axisymmetric":
-        k = axisymmetric(u)
+    k = kinematics(u, section) if section != "plane-strain" else None
     weight = 2.0 * np.pi * ufl.SpatialCoordinate(u.function_space.mesh)[0]
     J = k.J if k else ufl.det(ufl.Identity(2) + ufl.grad(u))
     dx = ufl.dx(metadata={"quadrature_degree": 8})

@@ -217,6 +217,17 @@ def test_corners_are_where_chords_meet_however_these_are_divided(divided):
     assert np.count_nonzero(at_corner) == 1 + min(2 * 3 - 1, 3 * divided)
 
 
+@pytest.mark.parametrize(("bulge", "apart"), [(1.0, 0.0), (np.cos(0.1), 2.0 * np.sin(0.1))])
+def test_second_order_facets_have_corners_where_they_are_straight_only(bulge, apart):
+    """Nodes in the middle on the arc, or on the chord."""
+    angle = np.linspace(0.0, 0.6, 7)
+    radius = np.where(np.arange(7) % 2 == 1, bulge, 1.0)
+    nodes = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    facets = np.array([[0, 2, 1], [2, 4, 3], [4, 6, 5]], dtype=np.int32)
+    spacing, _ = corner_spacing(facet_shape("interval", 2), facets, nodes, FLAT, EDGE)
+    assert spacing == pytest.approx(np.full(3, apart))
+
+
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("along", [1, 4])
 def test_corners_in_space_are_apart_across_their_edges(cell, along):
