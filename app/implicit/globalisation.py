@@ -41,7 +41,7 @@ class PredictedStart:
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
-        attempt.newton.on_path = started == 0
+        attempt.newton.on_path = attempt.continued = started == 0
         attempt.start = attempt.trial.array_r.copy()
         failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         if strays(attempt):

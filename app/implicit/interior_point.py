@@ -42,7 +42,7 @@ class Opening:
         kept: least share of pressures and slacks that an iteration leaves: more is slower, and
             keeps vertices from opening and closing in turn.
         central: whether it stays on the central path, from the prediction on.
-        linear: whether that begins at the linear step instead.
+        linear: whether that begins at the linear step where the prediction continues the path.
     """
 
     barrier: float
@@ -179,7 +179,7 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     step = attempt.step.inside(points)
     attempt.return_to_start()
     started = 0
-    if opening.linear:
+    if opening.linear and attempt.continued:
         started = attempt.predictor.restart(attempt.x, attempt.trial, attempt.step)
     exact, before = np.inf, np.inf
     limit = min(LIMIT_CENTRAL, newton.options.max_iterations)

@@ -384,6 +384,7 @@ class Attempt:
         pressed: whether anything pressed at the last converged state.
         bodies: those that contact alone holds.
         start: (n,), m, the predicted start of the owned unknowns.
+        continued: whether that continues the path of the last steps.
     """
 
     newton: Newton
@@ -393,6 +394,7 @@ class Attempt:
     pressed: bool
     bodies: LooseBodies
     start: Floats = field(default_factory=lambda: np.empty(0))
+    continued: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:
