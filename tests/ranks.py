@@ -89,7 +89,8 @@ class OnRanks:
         name = name_of(scene)
         if count == 1:
             if name not in self._alone:
-                self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / "1")
+                own = f"1-{os.environ.get('PYTEST_XDIST_WORKER', 'only')}"
+                self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / own)
             return self._alone[name]
         tier = self._tiers.get((name, count))
         assert tier is not None, f"@pytest.mark.mpi({scene.__name__}, {count})"

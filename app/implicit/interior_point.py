@@ -116,7 +116,9 @@ class FromInside:
                 if more == 0:  # the tangent that is kept belongs to the exact law
                     attempt.newton.solver.assemble(attempt.trial, attempt.step)
             if reason > 0:
-                attempt.newton.inside.opening = number
+                # A first contact that was found by linear laws says nothing of the paths.
+                if attempt.pressed or not attempt.newton.problem.flows:
+                    attempt.newton.inside.opening = number
                 break
         return iterations, reason
 

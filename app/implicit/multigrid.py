@@ -101,6 +101,7 @@ class Multigrid:
     def renew(self) -> None:
         """Forget the preconditioner with its coarse spaces; collective."""
         self.ksp.reset()
+        self.pc.reset()  # which need not be the solver's own
         self._is_made, self._fresh = False, None
 
     def set_up(self, widened: bool) -> None:
@@ -186,6 +187,8 @@ class MultigridSolver:
 
         Returns True: it can be done; collective.
         """
+        if self._finest is not None:
+            self._finest.release()
         self._ksp.setPC(self.multigrid.pc)
         self.multigrid.set_up(widened)
         if widened and self._blocks is not None:
@@ -199,7 +202,7 @@ class MultigridSolver:
             self._product = PETSc.Mat().createPython(
                 self._matrix.getSizes(), self._finest, self._matrix.comm
             )
-        if self._finest.take(self._blocks, self.multigrid.pc, widened):
+        if self._finest.take(self._blocks, self.multigrid.pc):
             self._cycle.setPythonContext(self._finest)
             self._ksp.setPC(self._cycle)
             self._ksp.setOperators(self._product, self._matrix)
@@ -232,6 +235,7 @@ class MultigridSolver:
                 part.destroy()
         if self._finest is not None:
             self._product.destroy()
+            self._finest.free()
 
 
 def can_sweep(matrix: PETSc.Mat) -> bool:
@@ -260,18 +264,23 @@ class FinestLevel:
         self._work = np.zeros(3 * 4 * self._count, np.float32)
         self._left = matrix.createVecLeft()
         self._levels: CoarseLevels | None = None
+        self._blocks: PETSc.Mat | None = None
         self._others: OtherRanks | None = None
 
-    def take(self, blocks: PETSc.Mat, aggregates: PETSc.PC, widened: bool) -> bool:
+    def take(self, blocks: PETSc.Mat, aggregates: PETSc.PC) -> bool:
         """Take over the values of a matrix in blocks; whether sweeps can be used; collective.
 
         Args:
+            blocks: if it is the last one, of the same pattern.
             aggregates: the coarse levels.
-            widened: whether the pattern is another than that of the last one.
         """
-        self._levels, self._blocks = CoarseLevels(aggregates), blocks
-        if blocks.comm.size > 1 and (widened or self._others is None):
+        self.release()
+        self._levels = CoarseLevels(aggregates)
+        if blocks.comm.size > 1 and blocks is not self._blocks:
+            if self._others is not None:
+                self._others.destroy()
             self._others = OtherRanks(blocks)
+        self._blocks = blocks
         with blocks_in_place(blocks) as (start, column, values):
             # PETSc keeps these where they are.
             self._matrix = start, column, values
@@ -287,6 +296,19 @@ class FinestLevel:
 
     def _sizes(self) -> tuple[ctypes.c_int64, ctypes.c_int64]:
         return ctypes.c_int64(self._size), ctypes.c_int64(self._count)
+
+    def release(self) -> None:
+        """Let go of the coarse levels, which PETSc may then make anew; collective."""
+        if self._levels is not None:
+            self._levels.destroy()
+            self._levels = None
+
+    def free(self) -> None:  # `destroy` is what PETSc calls of its Python contexts
+        """Give the memory back; collective."""
+        self.release()
+        self._left.destroy()
+        if self._others is not None:
+            self._others.destroy()
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Put the matrix times ``x`` into ``y``; collective."""
@@ -328,6 +350,13 @@ class OtherRanks:
         source, size = blocks.createVecRight(), blocks.getBlockSize()
         wanted = PETSc.IS().createBlock(size, columns, comm=MPI.COMM_SELF)
         self._scatter = PETSc.Scatter().create(source, wanted, self._x, None)
+        source.destroy()
+        wanted.destroy()
+
+    def destroy(self) -> None:
+        """Give the memory back; collective."""
+        self._scatter.destroy()
+        self._x.destroy()
 
     def add(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Add their part of the matrix times ``x`` to ``y``; collective."""
@@ -342,7 +371,11 @@ class OtherRanks:
 
 
 class CoarseLevels:
-    """All levels of PETSc's multigrid but the finest."""
+    """All levels of PETSc's multigrid but the finest.
+
+    What ranks share is kept by petsc4py when the last reference to it goes, until a collective
+    call that nobody makes: so it is given back here.
+    """
 
     def __init__(self, pc: PETSc.PC) -> None:
         """Take them out of the multigrid that is set up; collective."""
@@ -351,6 +384,12 @@ class CoarseLevels:
         self._solvers = [pc.getMGCoarseSolve(), *(pc.getMGSmoother(one) for one in numbers[:-1])]
         self._matrices = [solver.getOperators()[0] for solver in self._solvers]
         self._vectors = [(*one.createVecs(), one.createVecLeft()) for one in self._matrices]
+
+    def destroy(self) -> None:
+        """Give back vectors, and what is held of PETSc's multigrid; collective."""
+        vectors = (vector for three in self._vectors for vector in three)
+        for part in (*vectors, *self._matrices, *self._solvers, *self._between):
+            part.destroy()
 
     def correct(self, left: PETSc.Vec, x: PETSc.Vec, level: int | None = None) -> None:
         """Add to ``x`` what the levels below find for the residual ``left``; collective."""

@@ -303,7 +303,7 @@ class _CreepWatch:
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
         self._lost, self._in_long, self._longest = map(np.array, kept["sums"])
-        self._stored = np.array(kept["stored"])
+        self._stored = np.zeros(len(self._bodies)) + kept["stored"]
 
 
 # -- What watches over a run and has its say at the end of it --------------------------------------

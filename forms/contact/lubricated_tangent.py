@@ -243,8 +243,8 @@ class LubricatedTangent(PairTangent):
 def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Floats]:
     """To which speed (f′,) that a film feels a facet inside adds, and by which share.
 
-    A steady state has one speed: where part of a contact sticks there is none, and the mean of the
-    facets inside that hang together is taken.
+    In a steady state facets inside that hang together have one speed, their mean: where a part of
+    them sticks there is no steady state.
 
     Args:
         steady: whether all of them feel their mean.

@@ -229,6 +229,7 @@ class _Loops:
 
     def solved(self, right: Floats) -> Floats:
         """Solution with the matrix, spent with ``right`` (n,) or (n, r); NaN if singular."""
+        right = np.ascontiguousarray(right)
         out = np.empty_like(right)
         columns = right.size // max(len(right), 1)
         at = ctypes.c_void_p(right.ctypes.data), ctypes.c_void_p(out.ctypes.data)

@@ -350,7 +350,7 @@ def test_sweeps_in_single_precision_are_those_of_gauss_seidel(size, share):
     swept = share * np.linalg.solve(whole - lower + diagonal, diagonal @ swept)
     for scale in (1.0, 1e9):  # the values of one pattern may change
         matrix = blocks(scale * values, missing)
-        assert level.take(matrix, NoCoarseLevels(), widened=False)
+        assert level.take(matrix, NoCoarseLevels())
         b, x = matrix.createVecs()
         left = b.duplicate()
         b.array[:] = scale * right
