@@ -30,8 +30,9 @@ from tribox.geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
 pytest_plugins = ["tests.budget", "tests.ranks"]
-if "TRIBOX_CONTAINED" in os.environ:  # what is compiled goes with the container
-    os.environ["CC"] = str(TESTS / "quick-cc")
+if "TRIBOX_CONTAINED" in os.environ and "TRIBOX_TESTS" not in os.environ:
+    os.environ["CC"] = str(TESTS / "quick-cc")  # what is compiled goes with the container
+os.environ["TRIBOX_TESTS"] = "1"  # processes of the tests read this file again
 os.environ["TRIBOX_CONTAINED"] = "1"  # as in the image: drawings of these tests are our own
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")

@@ -104,9 +104,11 @@ class FromInside:
         tried = {"all": numbers, "last": numbers[:1], "others": numbers[1:]}
         openings = OPENINGS_FLOWING if attempt.newton.problem.flows else OPENINGS
         for number in tried[self.openings]:
+            opening = openings[number]
+            if opening.linear and not attempt.continued and number != numbers[0]:
+                continue  # the prediction was the linear step: this path was tried
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
-            opening = openings[number]
             way = followed if opening.central else approached
             more, found = way(attempt, opening)
             iterations += more

@@ -268,8 +268,8 @@ class _CreepWatch:
             return
         felt = [body.felt_step for _, body, branches in self._bodies for _ in branches]
         long = np.isfinite(felt) & (row.dt > SHARE * self._times)
-        energies = self._problem.bodies.strain_energies() if long.any() else None
-        own = [0.0 if energies is None else energies[n] for n, _, _ in self._bodies]
+        energies = self._problem.bodies.strain_energies()
+        own = [energies[n] for n, _, _ in self._bodies]
         local = np.concatenate([own, *(b.dissipated_by_part for _, b, _ in self._bodies)])
         both = np.empty_like(local)
         self._problem.comm.Allreduce(local, both, op=MPI.SUM)

@@ -194,7 +194,7 @@ def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
     ("number", "whom"),
     [
         (signal.SIGTERM, "tribox"),
-        long(signal.SIGINT, "tribox"),
+        long(signal.SIGHUP, "tribox"),
         long(signal.SIGUSR1, "prterun"),
     ],
 )
@@ -226,7 +226,7 @@ def test_mpirun_itself_told_to_end_leaves_no_rank_and_a_history(start, tmp_path)
     assert statuses(out) == {"out": "interrupted"} and len(read(out).history) >= 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, long(signal.SIGINT)], ids=lambda n: n.name)
+@pytest.mark.parametrize("number", [signal.SIGTERM, long(signal.SIGHUP)], ids=lambda n: n.name)
 def test_a_signal_to_a_sweep_stops_its_runs(start, tmp_path, number):
     process, out = start("sweep", "--jobs", "1"), tmp_path / "out"
     read_steps(process)
