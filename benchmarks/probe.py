@@ -51,7 +51,7 @@ PROBES = {
     "tribox.app.equilibrium.equilibrium:Equilibrium._gathered": "solid residual",
     "tribox.app.equilibrium.tangent:Tangent._assemble_forms": "solid tangent",
     "tribox.app.equilibrium.equilibrium:Equilibrium.strain_energy": "solid residual",
-    "tribox.geometry.surfaces.surface:ContactSurface.displacements": "kinematics",
+    "tribox.geometry.surfaces.surface:ContactSurface.gather": "kinematics",
     "tribox.geometry.surfaces.facet_search:FacetSearch.candidates": "search",
     "tribox.geometry.surfaces.projection:FacetSurface.project": "projection",
     "tribox.forms.contact.penalty:relate": "kinematics",
