@@ -203,6 +203,7 @@ class Checkpointer(Observer):
         """Write a checkpoint if one is due."""
         if not self._output.checkpoints_kept or not self._has_begun:
             return
+        # Clocks differ from rank to rank: the first one's counts.
         write, remember = self._comm.bcast(self._due(state))
         if write:
             self._write(*self._take("running"))

@@ -95,6 +95,7 @@ def _directed(chain: Ints, reference: Floats, pressed: NDArray[np.bool_]) -> Int
         turned = np.roll(ring, -_middle_of_gap(pressed[ring]))
         centre = reference[ring].mean(axis=0)
         arms = reference[turned] - centre
+        # Twice the area within, > 0 against the clock.
         area = np.cross(np.c_[arms, np.zeros(len(arms))], np.roll(np.c_[arms, 0 * arms[:, :1]], -1,
                         axis=0))[:, 2].sum()  # fmt: skip
         turned = turned if area > 0.0 else np.roll(turned[::-1], 1)
@@ -127,6 +128,7 @@ def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
     within = np.setdiff1d(np.arange(len(line.vertices) - 1), np.array(line.starts[1:]) - 1)
     place = nodes[line.vertices]
     begin, along = place[within], place[within + 1] - place[within]
+    # Of facets of unlike lengths the one with the nearest middle need not hold the point.
     near = min(3, len(within))
     _, candidates = cKDTree(begin + 0.5 * along).query(points, k=near)
     candidates = np.asarray(candidates).reshape(len(points), near)

@@ -484,8 +484,10 @@ class Judgement(Slopes):
         varied = [i for i in range(len(coordinates)) if found.free or i != star]
         columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}
         full = {coordinates[i].name: found.jacobian[:, n].copy() for n, i in enumerate(varied)}
+        # With mu_d held, a higher mu_s is a lower mu_d/mu_s.
         if {"mu_s", "mu_d"} <= full.keys():  # Searched as mu_d/mu_s.
             full["mu_s"] -= full["mu_d"]
+        # ln V* = (ln gamma − ln eta_b)/2, at the film that it is searched for.
         if "gamma" in full:  # Searched as V*, with gamma = eta_b V*^2.
             full["gamma"] *= 0.5
             if "eta_b" in full:

@@ -159,6 +159,7 @@ def read_material(
             f"before, {time[row - 1]:g} s"
         )
     if "modulus" in values:
+        # E = 3 G of a rubber, whose volume does not change.
         shear = np.asarray(values["modulus"] / (1.0 if how["modulus"] == "shear" else 3.0))
         in_shear = how["modulus"] == "shear"
         return MaterialData("relaxation", weight, values["time"], modulus=shear, in_shear=in_shear)

@@ -102,6 +102,7 @@ def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floa
         more = _plastic_strain(metal, trial, s * limit, s * (X - limit), b, alpha)
         stress[path] = metal.E * (e - plastic - s * more)
         alphas[path] = alpha + more
+        # Along one path dX = (s c − b X) dx, an exponential towards s c/b.
         X = limit + (X - limit) * np.exp(-b * more[-1])
         alpha, plastic, before = (
             alpha + float(more[-1]),
@@ -126,6 +127,7 @@ def _plastic_strain(
         slope = metal.E - (b * fading).sum(0) + metal.hardening.slope(alpha + x)
         step = over / slope
         x = np.maximum(x + step, 0.0)
+        # Rows below yield stay at 0.
         if np.all((np.abs(over) <= most) | (x == 0.0)):
             break
     return x
@@ -225,6 +227,7 @@ class MetalProblem:
             c_over_b = share * top * 0.5
             table = {"E": E, **self._isotropic(top, first if self.branches == 0 else 0.8 * first)}
             for k in range(1, self.branches + 1):
+                # A decade apart, so that no two branches begin as one.
                 b = at / wide * 10.0 ** (self.branches - k)
                 table |= {f"c {k}": c_over_b * b / self.branches, f"b {k}": b}
             if fewer is not None:
@@ -297,6 +300,7 @@ class MetalFit(MaterialFit[MetalProblem]):
         keys = list(self.problem.keys)
         columns = self.problem.jacobian(self.x)
         if "saturation_stress" in keys:  # Searched as what it is above the yield stress.
+            # d ln σ∞/d ln(σ∞ − σ₀) = 1 − σ₀/σ∞, and σ₀/σ∞ is that for ln σ₀.
             change, values = np.eye(len(keys)), self.values
             row = keys.index("saturation_stress")
             share = 1.0 - values["yield_stress"] / values["saturation_stress"]

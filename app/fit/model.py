@@ -324,6 +324,7 @@ def friction(parameters: Parameters, data: TribometerData) -> Floats:
             1.0 - at_rest(steady_law, rows.thickness).solid,
             steady_law,
         )
+        # Far beyond the elastic slip: steady, whatever it began with.
         slip = np.where(np.isfinite(lengths), 10.0 * lengths, 1.0)
         out[steady] = _one_step(FrictionMap(steady_law), rows, slip)
     if not steady.all():

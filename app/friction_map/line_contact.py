@@ -507,7 +507,8 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
         panels[0, 0].set_ylabel("friction coefficient (-)")
         panels[1, 0].set_ylabel("load on asperities (-)")
         panels[0, 0].set_title("more oil than passes", fontsize=9)
-        panels[0, 1].set_title(f"p = {choices[1][0].rows[0][1] / 1e6:.3g} MPa", fontsize=9)
+        mean = middle / (2.0 * setup.contact.half_width(middle))
+        panels[0, 1].set_title(f"p = {mean / 1e6:.3g} MPa", fontsize=9)
         for axes in panels.flat:
             thin_log_ticks(axes)
         words = "a round tool on a half plane, steady, with the film that is found"

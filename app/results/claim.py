@@ -101,6 +101,7 @@ class DirectoryLock:
         descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Who held it may have removed it meanwhile: a lock on a file without a name is none.
             mine = _same(descriptor, self._path)
         except OSError as error:
             mine = error.errno not in _HELD and not _lives(_owner(self._path))

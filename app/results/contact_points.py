@@ -46,6 +46,7 @@ class ContactPoints:
         fixed = gathered(self._comm, fixed)
         self._order: Longs = np.empty(0, dtype=np.int64)
         if len(fixed):
+            # By pair, and in each by place: an order that ranks do not change.
             order = order_by_place(fixed[:, 2:])
             self._order = order[np.argsort(fixed[order, 0], kind="stable")]
         fixed = fixed[self._order]
@@ -308,6 +309,7 @@ def displacement_at(model: Model, nodes: Longs) -> Floats:
     mine = (local >= 0) & (local < index.size_local)
     out = np.zeros((len(nodes), problem.dim))
     out[mine] = problem.u.x.array.reshape(-1, problem.dim)[local[mine]]
+    # Each node is one rank's own: the sum is its value.
     problem.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
     return out
 

@@ -96,6 +96,7 @@ class GatheredMesh:
         self.cells = np.empty((0, shape[1]), dtype=np.int64)
         if everything is not None:
             rows, numbers = (np.concatenate(p) for p in zip(*everything, strict=True))
+            # The order of the mesh file or generator, whichever rank has a cell.
             self._cell_order = np.argsort(numbers, kind="stable")
             self.cells, self.node_order = _numbered(rows[self._cell_order])
         places = space.tabulate_dof_coordinates()[: index.size_local, : mesh.geometry.dim]
@@ -209,6 +210,7 @@ class _InPlane:
         rows = self._rows
         if rows.across.any() or rows.on_axis.any():
             radial = np.einsum("ca,ac->c", rows.values, moved[0])
+            # On the axis u_x/x is its limit, ∂u_x/∂x.
             F[2, 2] += rows.across * radial + rows.on_axis * (F[0, 0] - 1.0)
         return F.transpose(2, 0, 1)
 

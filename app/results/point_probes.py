@@ -257,6 +257,7 @@ def _along(nodes: ContactNodes, name: str, pair: int, points: int | None) -> _Al
     left = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     length = way[left + 1] - way[left]
     share = (at - way[left]) / np.where(length > 0.0, length, 1.0)
+    # At the end of a segment the next one begins: its first vertex counts alone.
     left += share > 1.0 - AT_VERTEX
     share[(share < AT_VERTEX) | (share > 1.0 - AT_VERTEX)] = 0.0
     second = order[np.minimum(left + 1, len(order) - 1)]

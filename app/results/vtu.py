@@ -246,6 +246,7 @@ def _array(element: ElementTree.Element, order: str) -> Array:
     if element.get("format") != "binary" or element.get("type") not in _NUMBERS:
         raise UnknownVtuError("an array that is not binary, or of another type")
     text = (element.text or "").strip().encode()
+    # The first number says how long the header is: eight characters hold six bytes of it.
     count = int(np.frombuffer(base64.b64decode(text[:8])[:4], dtype=f"{order}u4")[0])
     head = -(-4 * (3 + count) // 3) * 4  # characters of the header, which is padded by itself
     sizes = np.frombuffer(base64.b64decode(text[:head]), dtype=f"{order}u4")[3 : 3 + count]

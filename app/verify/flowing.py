@@ -187,6 +187,7 @@ def tube_of_revolution(
         bore.value = moved
         stepper.advance(1.0)
         force = stepper.problem.reaction(bore)
+        # Over the bore's deformed area.
         pressure.append(force / (2.0 * np.pi * (INNER + moved) * slab))
     return _tube(displacement, np.array(pressure), material)
 

@@ -167,6 +167,7 @@ class BentStrip:
         for part, value in zip(self.end, (s * y, (c - 1.0) * y), strict=True):
             part.value = value
         self.stepper.advance(1.0)
+        # Work of the end's forces in a turn: ∂x/∂θ = (c y, −s y).
         force = self.stepper.problem.unbalanced
         return float(force[self.end[0].dofs] @ (c * y) - force[self.end[1].dofs] @ (s * y))
 
@@ -201,6 +202,7 @@ def springback(
     for step in range(1, steps + 1):
         moment = strip.turn(angle * step / steps)
     bent = curvature(strip.body.X, strip.body.moved)
+    # Of the half in an elastic turn back, E t³/12(1 − ν²) over its length.
     stiffness = YOUNG * THICKNESS**3 / (12.0 * (1.0 - POISSON**2)) / SPAN
     at, left = angle, moment
     for share in (0.5, 0.5, *ALL):  # half of the way first: the plastic tangent leads astray

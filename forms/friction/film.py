@@ -143,14 +143,16 @@ def require_thickness(value: ArrayLike) -> None:
 
 # -- The friction map: what the film carries, over film thickness D and slip speed V ---------------
 #
-# .. math:: \alpha_0(D) = \min\left\{\left(\frac{\langle D - D_{min}\rangle_+}    {D_{max} -
-# D_{min}}\right)^\beta, 1\right\}, \qquad V^*(D) = \sqrt{\gamma D_{max}/(\eta_b D)}
+# .. math::
+#    \alpha_0(D) = \min\left\{\left(\frac{\langle D - D_{min}\rangle_+}{D_{max} - D_{min}}
+#    \right)^\beta, 1\right\}, \qquad V^*(D) = \sqrt{\gamma D_{max}/(\eta_b D)}
 #
 # (Luege & Luccioni), alpha = alpha_0 below the threshold speed V* and 1 above it. Here the change
 # from one to the other may have a relative width w:
 #
-# .. math:: 1 - \alpha = (1 - \alpha_0)\, y^2 (3 - 2 y), \qquad    y = \min\{\max\{(1 + w -
-# V/V^*)/(2 w), 0\}, 1\}
+# .. math::
+#    1 - \alpha = (1 - \alpha_0)\, y^2 (3 - 2 y), \qquad
+#    y = \min\{\max\{(1 + w - V/V^*)/(2 w), 0\}, 1\}
 #
 # so that alpha is continuously differentiable in V for w > 0. Where D <= D_min there is no film:
 # alpha = 0 at every speed; where D >= D_max there is only film: alpha = 1 at every speed.
@@ -241,6 +243,7 @@ def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -
         y = np.clip((1.0 + width - ratio) / (2.0 * width), 0.0, 1.0)
         share = y * y * (3.0 - 2.0 * y)
         solid = rest.solid * share
+        # ∂α/∂(V/V*), and V/V* grows as √D.
         slope = rest.solid * (3.0 / width) * y * (1.0 - y)
         d_film = rest.d_alpha_d_film * share
         d_speed = None
@@ -308,10 +311,12 @@ def film_resistance(
         eta = parameters.viscosity(rate, np.asarray(pressure / area))
         value = eta.value * scale
         d_length = scale * eta.d_rate / (thickness * dt)
+        # A thicker film is sheared at a lower rate: ∂γ̇/∂D = −γ̇/D.
         d_film = -(value + scale * eta.d_rate * rate) / thickness
         d_pressure = scale * eta.d_pressure / area
     forming = closed & (pressure < onset)
     if forming.any():
+        # In proportion to t_N below the onset.
         growth = np.where(forming, value / np.where(forming, pressure, 1.0), 0.0)
         d_pressure = growth if d_pressure is None else d_pressure + growth
     return FilmResistance(value, d_length, d_pressure, d_film)

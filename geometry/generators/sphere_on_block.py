@@ -346,7 +346,9 @@ class _Drawing:
             y = ring.y
             if between and ring.on == "sphere":
                 R, square = self.body.centre, 2.0 * ring.diagonal**2
+                # R − √(R² − x² − z²) without cancellation
                 y = square / (R + math.sqrt(max(R**2 - square, 0.0)))
+            # Quarter turns without rounding: all parts have the same coordinates but for the sign.
             for _ in range(quarter):
                 x, z = -z, x
             self._points[corner] = gmsh.model.geo.addPoint(x, y, z)
@@ -395,6 +397,7 @@ class _Drawing:
             if self.part == "axisymmetric":
                 face = geo.addPlaneSurface([wire])
             elif all(self.body.rings[name].on == "sphere" for name, _ in corners):
+                # Without its centre gmsh fills the loop by a patch that is no sphere inside.
                 face = geo.addSurfaceFilling([wire], sphereCenterTag=self._middle(self.body.centre))
             else:
                 face = geo.addSurfaceFilling([wire])

@@ -99,7 +99,9 @@ def nearest_place(mesh: dolfinx.mesh.Mesh, cells: Ints, point: Floats) -> tuple[
     best, place = np.inf, np.zeros_like(point)
     X = nodes_of(mesh, cells)
     low, high = _boxes(X, cell_order(mesh))
+    # Distance from a cell's box: once it exceeds the best, no later cell is nearer.
     bound = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
+    # DOLFINx's distance of hulls knows space only.
     here = np.zeros((1, 3))
     here[0, : len(point)] = point
     for row in np.argsort(bound):
@@ -130,6 +132,8 @@ def _reference_coordinates(cell: str, order: int, X: Floats, points: Floats) -> 
             away = points - np.einsum("ka,kai->ki", table[0], X)
             edges = np.einsum("zka,kai->kiz", table[1:], X)
             flat = np.abs(np.linalg.det(edges)) == 0.0
+            # A singular map would end the solve of all cells: any step will do for a point that is
+            # then outside.
             edges[flat] = np.eye(xi.shape[1])
             step = np.linalg.solve(edges, away[..., None])[..., 0]
             # Beyond these bounds the point is outside; a twisted map may have no way back.

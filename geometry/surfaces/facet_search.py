@@ -258,6 +258,7 @@ class RaySearch:
         self.across = np.stack([ending[ends[:, 0]], starting[ends[:, 1]]], axis=1)
         at_ends = shape.first(np.array([[0.0], [1.0]]))
         here = unit_normals(np.einsum("eba,fai->febi", at_ends, controls))
+        # Beyond a first end lies the second one of the facet before, and the other way round.
         there = here[self.across, np.array([1, 0])]
         cosine = np.einsum("fei,fei->fe", here, there)
         self.has_kinks = bool(np.any((cosine < np.cos(KINK)) & (self.across >= 0)))
@@ -310,6 +311,7 @@ class RaySearch:
         xi[here], met[here] = self._solved(points[here], along[stays], mine[stays], xi[here])
         passes = leaves & (beyond >= 0)
         facet[at[passes]] = beyond[passes]
+        # On the next facet from its nearer end; at an end of the line, that end.
         xi[at[leaves], 0] = np.where(high == passes, 0.0, 1.0)[leaves]
         return at[passes]
 

@@ -314,8 +314,10 @@ def tangent_angles(place: Floats) -> Floats:
     turned = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     if len(turned) == 1:
         return np.repeat(turned, 2)
+    # The parabola's tangent at a node: chords weighted by the length of the other one.
     share = length[:-1] / (length[:-1] + length[1:])
     inner = turned[:-1] + share * np.diff(turned)
+    # A parabola's chord lies between the tangents at its ends.
     first, last = 2.0 * turned[0] - inner[0], 2.0 * turned[-1] - inner[-1]
     out: Floats = np.concatenate([[first], inner, [last]])
     return out
@@ -343,6 +345,8 @@ def line_curvatures(place: Floats) -> Floats:
 def straight_angle(place: Floats, about: float) -> float:
     """Angle, rad, of the straight line nearest to places (n, i), m; the one next to ``about``."""
     apart = place - place.mean(axis=0)
+    # The eigenvector of the largest spread; either way along it is right, the nearer to `about` is
+    # meant.
     _, vectors = np.linalg.eigh(apart.T @ apart)
     angle = float(np.arctan2(vectors[1, -1], vectors[0, -1]))
     return angle + np.pi * round((about - angle) / np.pi)

@@ -132,6 +132,7 @@ class FacetSurface:
         # v).
         flat = corners.reshape(-1)
         order = np.argsort(flat, kind="stable")
+        # Sorted by node, an entry's column is its place among those of its node.
         valence = np.bincount(flat, minlength=count)
         column = np.arange(len(flat)) - np.repeat(np.cumsum(valence) - valence, valence)
         facet = np.full((count, max(int(valence.max(initial=0)), 1)), -1, dtype=np.int32)
@@ -434,6 +435,7 @@ class FacetSurface:
         tangents = np.einsum("pvba,pvai->pvbi", derivative, controls[around])
         weight = np.where(present, 1.0, 0.0)
         if self.shape.directions == 2:
+            # Angles as weights: the mean does not change where a facet is divided.
             edges = np.einsum("pvdb,pvbi->pvdi", self.shape.corner_directions[corner], tangents)
             edges /= np.linalg.norm(edges, axis=3)[..., None]
             cosine = np.einsum("pvi,pvi->pv", edges[:, :, 0], edges[:, :, 1])

@@ -163,6 +163,7 @@ class Pieces:
     def spheres(self) -> tuple[Floats, Floats]:
         """Centres (p, i) and radii (p,), m, that hold the pieces; infinite where one goes on."""
         every = np.arange(len(self.sweep), dtype=np.int32)
+        # No place is farther from the middle of its piece than half the length.
         centre = self.places(every, np.full(len(every), 0.5))
         endless = np.isinf(self.limits()).any(axis=1)
         return centre, np.where(endless, np.inf, 0.5 * self.length)
@@ -172,6 +173,7 @@ class Pieces:
         places = [self.start, self.end]
         radius = self.radius[:, None]
         every = np.arange(len(self.sweep), dtype=np.int32)
+        # An arc reaches farthest along an axis where its normal lies along that, or at its ends.
         for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
             there = self.centre + radius * np.array(side)
             xi = self.nearest(there, every)

@@ -456,6 +456,7 @@ class LineEnds:
         other, d_other = _ramp(np.einsum("qi,qi->q", beyond, normals))
         other = np.where(self._open[piece, end], 0.0, other)
         d_other = np.where(self._open[piece, end], 0.0, d_other)
+        # At a corner the piece counts that the ray faces less, from either side: nothing jumps.
         least = other < own
         corner = np.where(least, other, own)
         corner_slope = np.where(least, 0.0, own_slope)

@@ -39,6 +39,7 @@ class Plane(RigidShape):
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
+        # Tangents of length L: x·τ/L² is ξ.
         xi: Floats = ((points - self.point) @ self._tangents.T / self.size**2).astype(np.float64)
         return Feet(np.zeros(len(points), dtype=np.int32), xi)
 
@@ -68,6 +69,7 @@ def directions_across(normal: Floats) -> Floats:
     if len(normal) == 2:
         return np.array([[normal[1], -normal[0]]])
     axis = np.zeros(3)
+    # The axis farthest from the normal: their product is never near 0.
     axis[np.argmin(np.abs(normal))] = 1.0
     first = np.cross(axis, normal)
     first /= np.linalg.norm(first)
@@ -109,6 +111,7 @@ class Circle(RigidShape):
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; of the centre that at φ = 0."""
         apart = points - self.centre
+        # Rounding may make the remainder 2π itself, the end of the last quarter.
         turned = self.sign * np.arctan2(apart[:, 1], apart[:, 0]) % (2.0 * np.pi) / _ARC
         facet = np.minimum(turned.astype(np.int32), QUARTERS - 1)
         return Feet(facet, (turned - facet)[:, None])
@@ -165,6 +168,7 @@ class Sphere(RigidShape):
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`; a centre on the axis."""
         apart = points - self.centre
+        # The side of the cube that the ray from the centre passes through.
         axis = np.argmax(np.abs(apart), axis=1)
         largest = np.take_along_axis(apart, axis[:, None], axis=1)[:, 0]
         facet = (2 * axis + (largest < 0.0)).astype(np.int32)

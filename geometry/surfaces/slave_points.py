@@ -97,6 +97,7 @@ def slave_points(
     # Length (q,), m, of each point's facet from the weights on it.
     size = np.bincount(number, weight).astype(np.float64)
     if form.directions == 2:
+        # Of an area the side of a square, or of half a square.
         size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
     length: Floats = size[number]
     share = weight / np.bincount(number, weight)[number]

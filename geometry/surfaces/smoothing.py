@@ -129,6 +129,7 @@ def _edges(shape: FacetShape, facets: Ints, nodes: Floats) -> _Edges:
     here: Longs = np.arange(len(turn), dtype=np.int64)
     for step in range(1, _MOST + 1):
         here = np.where(here >= 0, turn[here], -1)
+        # Back at the edge that it began with: the node is inside, and has so many.
         out[(here == np.arange(len(turn))) & (out == 0)] = step
     valence = out
     opposite = _across_node(ends[:, 0], turn, valence)
@@ -139,6 +140,7 @@ def _edges(shape: FacetShape, facets: Ints, nodes: Floats) -> _Edges:
 def _across_node(start: Longs, turn: Longs, valence: Longs) -> Longs:
     """Edge (e,) that continues each backwards through its first node, −1 where none does."""
     opposite = np.full(len(turn), -1, dtype=np.int64)
+    # Of four edges round a node the next but one goes on straight.
     grid = np.nonzero(valence == 4)[0]
     opposite[grid] = turn[turn[grid]]
     # At the end of the surface: the two outer edges of a node with two facets, or two segments.

@@ -124,6 +124,7 @@ class ContactSurface:
         self.slave = slave_points(space, self.shape, slave_facets, quadrature_degree)
         self.facet_length = facet_length(space.mesh, slave_facets)
         if axisymmetric:
+            # Whole rings: forces are totals and not per radian.
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
         self._find_master(master, (smoothing_angle, fade_length))
         slave = self.slave
@@ -363,6 +364,7 @@ class ContactSurface:
         """
         ratio: Floats = _measure(self.slave_tangents(displacement))
         if self.axisymmetric:
+            # The hoop stretch r/R.
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
         return ratio
 
@@ -444,6 +446,7 @@ class SurfaceExchange:
         """Put the values at the nodes into ``out`` (m, i); collective."""
         if self._alone:
             values = vector.owned.reshape(-1, self.dim)
+            # In its mode "raise" numpy buffers `out`; numbers are within bounds here.
             np.take(values, self.nodes, axis=0, out=out, mode="clip")
             return
         scatter, here = self._set_up(vector)

@@ -33,6 +33,7 @@ def fade_at_ends(
         length: (p,), m, of the pieces.
         reach: (p,), m.
     """
+    # A reach longer than the piece would leave no point of it whole.
     per_length = length / np.minimum(reach, length)
     way = np.where(is_open, np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None], np.inf)
     end = np.argmin(way, axis=1)

@@ -13,7 +13,14 @@ from tribox import load_case
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 from tribox.app.friction_map import line_contact
-from tribox.app.friction_map.line_contact import LineContact, compute, film_map, reached
+from tribox.app.friction_map.line_contact import (
+    Curve,
+    LineContact,
+    compute,
+    draw,
+    film_map,
+    reached,
+)
 from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_at_speeds
 from tribox.app.friction_map.run import run_map
 from tribox.app.friction_map.setup import law_notes, map_setup
@@ -321,6 +328,15 @@ def test_a_case_with_a_film_that_is_found_is_mapped_as_a_line_contact(soft, tmp_
     assert len(rows) == 2 * len(soft.oils)
     assert json.loads((directory / "summary.json").read_text())["points_not_found"] == 0
     check_free(directory, True)
+
+
+def test_a_map_is_drawn_though_no_state_is_found_with_the_least_oil(soft, tmp_path):
+    """Such a curve has no row, which the title of its panel took the pressure from."""
+    load = soft.loads[0]
+    row = (load, 1e5, 1e-4, np.inf, 0.1, 0.5, 1e-6, 1e-6, 3.0, 1.0, 5.0)
+    curves = [Curve(load, np.inf, (row,), ()), Curve(load, soft.oils[0], (), soft.speeds)]
+    draw(soft, curves, tmp_path / "map.png")
+    assert (tmp_path / "map.png").stat().st_size > 0
 
 
 @pytest.mark.parametrize(
