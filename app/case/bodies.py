@@ -458,11 +458,7 @@ class OwnBody(_Isotropic, Elastomer, NamesAClass):
         return f"{self.file.name}:{self.reference.rpartition(':')[2]}"
 
     def elastic_material(self, runs_code: bool) -> Any:
-        """The energy that the class makes.
-
-        Raises:
-            OwnCodeError: there is no such file or class, or it makes no strain energy.
-        """
+        """See the base class; an OwnCodeError where the class makes none."""
         moduli = self.shear_modulus, self.bulk_modulus
         if not runs_code:
             return NeoHookean(*moduli)

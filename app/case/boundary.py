@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +12,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from tribox.app.case.quantities import Quantity, QuantityError, Written
-from tribox.app.case.table import Flag, Model, Place, Problem, Text
+from tribox.app.case.table import Flag, Model, Place, Problem, Text, size_problems
 from tribox.app.case.time_tables import (
     COMPONENTS,
     DRIVEN,
@@ -151,10 +151,7 @@ class Platen(Model):
     def stage_problems(self, solvers: Mapping[str, str], place: Place) -> Iterator[Problem]:
         """Stages that are not there, or not implicit."""
         here = (*place, "displacement_stages")
-        for name in self.displacement_stages:
-            if name not in solvers:
-                reason = f"no stage has this name; there are {', '.join(solvers)}"
-                yield Problem(here, reason, name)
+        yield from named_stage_problems(self.displacement_stages, solvers, here)
         if "explicit" not in solvers.values():
             return
         if self.displacement_stages:
@@ -425,9 +422,8 @@ class Boundary(Model):
         dim = 3 if section == "3D" else 2
         for key in ("displacement", "platen"):
             direction = getattr(getattr(self, key), "direction", None)
-            if isinstance(direction, tuple) and len(direction) != dim:
-                reason = f"must have {dim} components in this mesh"
-                yield Problem((*place, key, "direction"), reason, list(direction))
+            if isinstance(direction, tuple):
+                yield from size_problems(direction, dim, (*place, key, "direction"))
         if section == "axisymmetric" and self.platen is not None and self.platen.is_oblique:
             reason = 'is "x" or "y" with axial symmetry: a ring moves along the axis or widens'
             yield Problem((*place, "platen", "direction"), reason, list(self.platen.direction))
@@ -437,9 +433,8 @@ class Boundary(Model):
         rotation, dim = self.rotation, 3 if section == "3D" else 2
         if rotation is None:
             return
-        if rotation.centre is not None and len(rotation.centre) != dim:
-            reason = f"must have {dim} coordinates in this mesh"
-            yield Problem((*place, "rotation", "centre"), reason, list(rotation.centre))
+        where = (*place, "rotation", "centre")
+        yield from size_problems(rotation.centre, dim, where, "coordinates")
         if section == "axisymmetric":
             yield Problem((*place, "rotation"), "does not go with axial symmetry")
         elif dim == 2 and rotation.axis != "z":
@@ -484,9 +479,9 @@ def control_problems(
 
 
 def named_stage_problems(
-    names: Sequence[str], solvers: Mapping[str, str], place: Place
+    names: Sequence[str], stages: Collection[str], place: Place
 ) -> Iterator[Problem]:
     """Names of stages that there are not."""
     for name in names:
-        if name not in solvers:
-            yield Problem(place, f"no stage has this name; there are {', '.join(solvers)}", name)
+        if name not in stages:
+            yield Problem(place, f"no stage has this name; there are {', '.join(stages)}", name)

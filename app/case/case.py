@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -48,7 +47,16 @@ from tribox.app.case.stage import (
     solver_of,
     stage_problems,
 )
-from tribox.app.case.table import MOST_ENTRIES, Line, Model, Name, Place, Problem, problems_error
+from tribox.app.case.table import (
+    MOST_ENTRIES,
+    Line,
+    Model,
+    Name,
+    Place,
+    Problem,
+    nearest,
+    problems_error,
+)
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.toml_files import KeyPathError, set_value, toml_text, value_at
 from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
@@ -411,7 +419,7 @@ class Case(Model):
                 named.append((("contact", index, "slave"), contact.slave))
             if contact.master not in masters:
                 what = "surface or tool" if self.tools else "surface"
-                reason = f"no such {what}; {_hint(contact.master, masters)}"
+                reason = f"no such {what}; {nearest(contact.master, masters)}"
                 yield Problem(("contact", index, "master"), reason, contact.master)
         for index, boundary in enumerate(self.boundary):
             named.append((("boundary", index, "surface"), boundary.surface))
@@ -420,7 +428,7 @@ class Case(Model):
         for place, name in named:
             is_group = place[0] == "boundary" and name in geometry.named_groups
             if name not in geometry.named_surfaces and not is_group:
-                reason = f"no such surface; {_hint(name, geometry.named_surfaces)}"
+                reason = f"no such surface; {nearest(name, geometry.named_surfaces)}"
                 yield Problem(place, of_a_tool(name) if name in self.tools else reason, name)
 
     def _idle_film(self) -> str | None:
@@ -481,15 +489,10 @@ def _seen_from(key: str, problem: Problem) -> str:
 def _name_problems(bodies: Mapping[str, Any], names: Sequence[str]) -> Iterator[Problem]:
     for name in bodies:
         if name not in names:
-            yield Problem((name,), f"no such body; {_hint(name, names)}")
+            yield Problem((name,), f"no such body; {nearest(name, names)}")
     for name in names:
         if name not in bodies:
             yield Problem((name,), f"missing; add [bodies.{name}] with its material")
-
-
-def _hint(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
 
 def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -> None:

@@ -80,11 +80,7 @@ class BlocksGeometry(PlaneGeometry):
         return max(self.lower.width, self.upper.width)
 
     def shape(self) -> TwoBlocks:
-        """The shape that the generator meshes.
-
-        Raises:
-            ValueError: the blocks cannot be meshed so; the message says why.
-        """
+        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 
         upper, lower = (
@@ -95,26 +91,25 @@ class BlocksGeometry(PlaneGeometry):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the blocks; `place` is where this table stands in the case."""
-        found = False
-        for name, block in (("upper", self.upper), ("lower", self.lower)):
-            if (block.elements is None) == (block.size is None):
-                found = True
-                reason = "give either elements or size, not both and not neither"
-                yield Problem((*place, name), reason)
+        found = list(_size_problems(self, place))
         low, high = -self.upper.width, self.lower.width
         if not low < self.offset < high:
-            found = True
             reason = f"must lie between {low:g} m and {high:g} m, where the blocks overlap"
-            yield Problem((*place, "offset"), reason, self.offset)
-        if self.section == "axisymmetric":
-            if "thickness" in self.model_fields_set:
-                yield Problem((*place, "thickness"), NO_SLAB, self.thickness)
-            if self.offset < 0.0:
-                found = True
-                reason = "must be >= 0 m: x is the distance from the axis of symmetry"
-                yield Problem((*place, "offset"), reason, self.offset)
-        if not found:
-            yield from self.shape_problems(place)
+            found.append(Problem((*place, "offset"), reason, self.offset))
+        if self.section == "axisymmetric" and self.offset < 0.0:
+            reason = "must be >= 0 m: x is the distance from the axis of symmetry"
+            found.append(Problem((*place, "offset"), reason, self.offset))
+        yield from found or self.shape_problems(place)
+        if self.section == "axisymmetric" and "thickness" in self.model_fields_set:
+            yield Problem((*place, "thickness"), NO_SLAB, self.thickness)
+
+
+def _size_problems(geometry: BlocksGeometry | BoxesGeometry, place: Place) -> Iterator[Problem]:
+    """Bodies whose elements are not said, or twice."""
+    for name, body in (("upper", geometry.upper), ("lower", geometry.lower)):
+        if (body.elements is None) == (body.size is None):
+            reason = "give either elements or size, not both and not neither"
+            yield Problem((*place, name), reason)
 
 
 def _centred(data: dict[str, Any]) -> float:
@@ -191,11 +186,7 @@ class _LineGeometry(PlaneGeometry):
         return FlatBlock(size.width, size.height, *zone)
 
     def shape(self) -> LineContact:
-        """The shape that the generator meshes.
-
-        Raises:
-            ValueError: the bodies cannot be meshed so; the message says why.
-        """
+        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.cylinders import LineContact
 
         upper, lower = (self.body(size) for _, size in self.sizes())
@@ -203,15 +194,13 @@ class _LineGeometry(PlaneGeometry):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the bodies; `place` is where this table stands in the case."""
-        wrong = False
+        wrong = []
         for name, size in self.sizes():
             try:
                 self.body(size)
             except ValueError as error:
-                wrong = True
-                yield Problem((*place, name), str(error))
-        if not wrong:
-            yield from self.shape_problems(place)
+                wrong.append(Problem((*place, name), str(error)))
+        yield from wrong or self.shape_problems(place)
 
 
 def _width(size: CylinderSize | FlatSize) -> float:
@@ -305,11 +294,7 @@ class BoxesGeometry(GeneratedGeometry):
         return max(max(box.width, box.depth) for box in (self.lower, self.upper))
 
     def shape(self) -> TwoBoxes:
-        """The shape that the generator meshes.
-
-        Raises:
-            ValueError: the boxes cannot be meshed so; the message says why.
-        """
+        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.two_blocks import Box, TwoBoxes
 
         upper, lower = (
@@ -320,14 +305,7 @@ class BoxesGeometry(GeneratedGeometry):
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the boxes; `place` is where this table stands in the case."""
-        found = False
-        for name, box in (("upper", self.upper), ("lower", self.lower)):
-            if (box.elements is None) == (box.size is None):
-                found = True
-                reason = "give either elements or size, not both and not neither"
-                yield Problem((*place, name), reason)
-        if not found:
-            yield from self.shape_problems(place)
+        yield from list(_size_problems(self, place)) or self.shape_problems(place)
 
 
 def _centred_box(data: dict[str, Any]) -> tuple[float, float]:
@@ -406,11 +384,7 @@ class SphereGeometry(GeneratedGeometry):
         return 2.0 * max(self.sphere.radius, self.block.radius)
 
     def shape(self) -> SphereOnBlock:
-        """The shape that the generator meshes.
-
-        Raises:
-            ValueError: the bodies cannot be meshed so; the message says why.
-        """
+        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.sphere_on_block import SphereOnBlock
 
         return SphereOnBlock(
@@ -550,11 +524,7 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         return {key: value for key, value in handler(self).items() if key not in found}
 
     def shape(self) -> Blocks:
-        """The shape that the generator meshes.
-
-        Raises:
-            ValueError: the blocks cannot be meshed so; the message says why.
-        """
+        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.blocks import Blocks
 
         blocks = tuple(b.block(name) for name, b in self.blocks.items())

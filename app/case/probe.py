@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,7 +9,7 @@ from pydantic import Field, create_model
 
 from tribox.app.case.contact import Contact
 from tribox.app.case.quantities import Quantity
-from tribox.app.case.table import Model, Name, Place, Points, Problem, Text
+from tribox.app.case.table import Model, Name, Place, Points, Problem, Text, nearest, size_problems
 
 if TYPE_CHECKING:
     from tribox.forms.bodies.kinematics import Section
@@ -167,9 +166,7 @@ class Probe(Model):
         if self.line is not None:
             places += [(("line", "from"), self.line.start), (("line", "to"), self.line.to)]
         for keys, point in places:
-            if len(point) != dim:
-                reason = f"must have {dim} coordinates in this mesh"
-                yield Problem((*place, *keys), reason, list(point))
+            yield from size_problems(point, dim, (*place, *keys), "coordinates")
         if dim == 3 and self.points is not None:
             reason = "goes with meshes in the plane; in space the values are at the vertices"
             yield Problem((*place, "points"), reason, self.points)
@@ -196,9 +193,6 @@ def probe_problems(
 
 
 def _unknown(key: str, name: str | None, known: Sequence[str], place: Place) -> Iterator[Problem]:
-    if name is None or name in known:
-        return
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
-    kind = "contact pair" if key == "contact" else key
-    yield Problem((*place, key), f"no such {kind}; {hint}", name)
+    if name is not None and name not in known:
+        kind = "contact pair" if key == "contact" else key
+        yield Problem((*place, key), f"no such {kind}; {nearest(name, known)}", name)

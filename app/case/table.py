@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -47,6 +48,12 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Which of the known names was meant, or all of them, for a message."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
+
+
 class _Absent:
     """The type of `ABSENT`."""
 
@@ -71,6 +78,14 @@ class Problem:
     place: Place
     reason: str
     found: Any = ABSENT
+
+
+def size_problems(
+    values: Sequence[float] | None, dim: int, place: Place, what: str = "components"
+) -> Iterator[Problem]:
+    """A point or direction, if it is given, with more or fewer numbers than the mesh has axes."""
+    if values is not None and len(values) != dim:
+        yield Problem(place, f"must have {dim} {what} in this mesh", list(values))
 
 
 def problems_error(problems: Iterable[Problem]) -> PydanticCustomError:

@@ -242,11 +242,7 @@ class NumberOrProgram(Program):
     least: float | None = None
 
     def parse(self, value: object) -> float | TimeTable:  # type: ignore[override]
-        """The number, or the table of `[[time, value], ...]`.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
+        """The number, or the table of `[[time, value], ...]`."""
         table = Program.parse(self, value)
         assert isinstance(table, TimeTable)
         if self.least is not None and min(table.values) < self.least:
@@ -287,11 +283,7 @@ class NumberOrTable(Written):
     value: Quantity
 
     def parse(self, value: object) -> float | tuple[Row, ...]:
-        """The number, or the rows.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
+        """The number, or the rows."""
         if isinstance(value, list | tuple):
             return _parse_rows(value, self.argument, self.value)
         try:
@@ -322,11 +314,7 @@ class Rows(NumberOrTable):
     rising: bool = True
 
     def parse(self, value: object) -> tuple[Row, ...]:
-        """The rows.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
+        """The rows."""
         if not isinstance(value, list | tuple):
             pair = f"[{self.argument.name}, {self.value.name}]"
             raise _at((), value, f"must be a table of rows [{pair}, ...]")

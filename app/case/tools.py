@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from tribox.app.case.boundary import Spring
+from tribox.app.case.boundary import AnyDirection, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
 from tribox.app.case.quantities import (
     Quantity,
@@ -27,7 +27,7 @@ from tribox.app.case.quantities import (
     parse_bounded,
     text_schema,
 )
-from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text
+from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text, size_problems
 from tribox.app.case.time_tables import (
     COMPONENTS,
     DRIVEN,
@@ -52,7 +52,7 @@ _SLAB = "in plane strain of the slab of the given thickness"
 NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
 
 
-class _DirectionType(Written):
+class _DirectionType(AnyDirection):
     """Pydantic annotation of a direction: "x", "y", "z", or a list of numbers, not all zero."""
 
     def parse(self, value: object) -> tuple[float, ...]:
@@ -69,16 +69,6 @@ class _DirectionType(Written):
         raise PydanticCustomError(
             "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
         )
-
-    def serialise(self, value: tuple[float, ...]) -> object:
-        """The numbers."""
-        return list(value)
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        numbers = {"type": "array", "minItems": 2, "maxItems": 3, "items": {"type": "number"}}
-        return {"anyOf": [{"enum": list(COMPONENTS)}, numbers]}
 
 
 class _OneOrMany(Written):
@@ -318,19 +308,16 @@ class Tool(Model):
             yield Problem((*place, "shape"), f"is no shape in {where}; {others}", self.shape)
             return
         for key, numbers in self.positions():
-            if len(numbers) != dim:
-                reason = f"must have {dim} components in this mesh"
-                yield Problem((*place, key), reason, list(numbers))
+            yield from size_problems(numbers, dim, (*place, key))
         for component, key in self.components():
             if COMPONENTS.index(component) >= dim:
                 yield Problem((*place, key, component), "there is no z in a mesh in the plane")
             elif section == "axisymmetric" and component != "y":
                 reason = "a tool of revolution moves along the axis, y, only"
                 yield Problem((*place, key, component), reason)
-        direction = None if self.displacement is None else self.displacement.direction
-        if direction is not None and len(direction) != dim:
-            reason = f"must have {dim} components in this mesh"
-            yield Problem((*place, "displacement", "direction"), reason, list(direction))
+        if self.displacement is not None:
+            direction = self.displacement.direction
+            yield from size_problems(direction, dim, (*place, "displacement", "direction"))
         if self.rotation is not None:
             yield from self._rotation_problems(self.rotation, section, (*place, "rotation"))
 
@@ -341,14 +328,12 @@ class Tool(Model):
             yield Problem(place, "does not go with axial symmetry")
             return
         dim = 3 if section == "3D" else 2
-        if rotation.centre is not None and len(rotation.centre) != dim:
-            reason = f"must have {dim} coordinates in this mesh"
-            yield Problem((*place, "centre"), reason, list(rotation.centre))
+        yield from size_problems(rotation.centre, dim, (*place, "centre"), "coordinates")
         axis = rotation.axis
         if dim == 3 and axis is None and not isinstance(self, CylinderTool):
             yield Problem((*place, "axis"), 'missing; give "x", "y", "z" or [x, y, z]')
-        if dim == 3 and axis is not None and len(axis) != 3:
-            yield Problem((*place, "axis"), "must have 3 components in this mesh", list(axis))
+        if dim == 3:
+            yield from size_problems(axis, dim, (*place, "axis"))
         if dim == 2 and axis is not None and axis != NAMED["z"]:
             yield Problem((*place, "axis"), "the axis of a rotation in the plane is z", list(axis))
 
@@ -531,10 +516,7 @@ def tool_problems(
             yield from tool.section_problems(section, place)
         yield from _inertia_problems(tool, explicit, place)
         for key in ("stages", "displacement_stages"):
-            for stage in getattr(tool, key) or ():
-                if stage not in stages:
-                    reason = f"no stage has this name; there are {', '.join(stages)}"
-                    yield Problem((*place, key), reason, stage)
+            yield from named_stage_problems(getattr(tool, key) or (), stages, (*place, key))
         if explicit and tool.hold_force:
             reason = "does not go with explicit stages; give the force"
             yield Problem((*place, "hold_force"), reason, list(tool.hold_force))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity
+from tribox.app.case.table import nearest
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import (
     COLUMNS,
@@ -31,7 +32,7 @@ from tribox.app.fit.prony import (
     Shift,
     fit_prony,
 )
-from tribox.app.fit.setup import hint, parsed, settings
+from tribox.app.fit.setup import parsed, settings
 
 Floats = NDArray[np.float64]
 
@@ -161,7 +162,7 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
     """
     law = options.law
     if law is not None and law not in MATERIAL_LAWS:
-        raise InputError(f"--law {law}: no such law of a material; {hint(law, MATERIAL_LAWS)}")
+        raise InputError(f"--law {law}: no such law of a material; {nearest(law, MATERIAL_LAWS)}")
     if options.body is not None and _NAME.fullmatch(options.body) is None:
         raise InputError(
             f"--body {options.body}: must begin with a letter, then letters, digits, - and _"
@@ -183,7 +184,7 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
     for key in texts:
         if key not in allowed:
             of = f"law {law}" if law else WORDS[data.kind]
-            raise InputError(f"--fix {key}: is no key of {of}; {hint(key, list(allowed))}")
+            raise InputError(f"--fix {key}: is no key of {of}; {nearest(key, list(allowed))}")
     if law is None and texts.keys() - {"E", "nu"} and data.kind == "metal":
         raise InputError(f"--fix {next(iter(texts.keys() - {'E', 'nu'}))}: name its law with --law")
     least, most = (0, MOST_GIVEN) if data.kind == "metal" else (1, MOST_BRANCHES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from tribox.app.case.friction import TABLES, LawTable
 from tribox.app.case.quantities import Quantity, QuantityError
+from tribox.app.case.table import nearest
 from tribox.app.case.toml_files import apply_override
 from tribox.app.errors import InputError
 from tribox.app.fit.data import COLUMNS, CONSTANTS, TribometerData, read_data
@@ -82,7 +82,7 @@ def fit_setup(
 ) -> FitSetup:
     """Read data and options; see :func:`tribox.app.fit.run.run_fit` for them, and for errors."""
     if law not in LAWS:
-        raise InputError(f"--law {law}: no such law; {hint(law, list(LAWS))}")
+        raise InputError(f"--law {law}: no such law; {nearest(law, list(LAWS))}")
     keys = tuple(key for key in TABLES[law].model_fields if key not in NOT_FIXABLE)
     given = settings(fixed, "--fix", (*keys, *CONSTANTS))
     constants = {
@@ -114,15 +114,9 @@ def settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[st
     for item in items:
         key = item.partition("=")[0].strip()
         if "=" in item and key not in known:
-            raise InputError(f"{option} {item}: no such key; {hint(key, known)}")
+            raise InputError(f"{option} {item}: no such key; {nearest(key, known)}")
         apply_override(found, item)
     return found
-
-
-def hint(name: str, known: Sequence[str]) -> str:
-    """What was probably meant by a name, or what there is."""
-    near = difflib.get_close_matches(name, known, n=1)
-    return f'did you mean "{near[0]}"?' if near else f"there are {', '.join(known)}"
 
 
 def parsed(option: str, key: str, value: object, quantity: Quantity) -> float:
@@ -160,7 +154,7 @@ def _names(parameters: str, law: str) -> tuple[str, ...]:
     for name in names:
         if name not in known:
             reason = f'--parameters: no such parameter "{name}" of law {law}'
-            raise InputError(f"{reason}; {hint(name, known)}")
+            raise InputError(f"{reason}; {nearest(name, known)}")
         if names.count(name) > 1:
             raise InputError(f"--parameters: {name} is there twice")
     return names

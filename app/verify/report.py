@@ -7,7 +7,6 @@ code's result); the tests call the same functions.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.table import nearest
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
 from tribox.app.results.claim import claimed
@@ -203,9 +203,7 @@ def chosen_names(names: Sequence[str]) -> list[str]:
     """
     for name in names:
         if name not in CASES:
-            near = difflib.get_close_matches(name, CASES, n=1)
-            hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(CASES)}"
-            raise InputError(f'verify: no case "{name}"; {hint}')
+            raise InputError(f'verify: no case "{name}"; {nearest(name, list(CASES))}')
     return list(dict.fromkeys(names)) or list(CASES)
 
 
