@@ -320,15 +320,13 @@ def facts(comm, directory):
 
 
 def _facts_of(kind, comm):
-    whole = Scene(comm, kind).run(range(1, STEPS))
-    kept = {}
-    for name, ranks in (("one", MPI.COMM_SELF), ("same", comm)):
+    kept, later = {}, {}
+    for name, ranks in (("one", MPI.COMM_SELF), ("same", comm))[comm.size == 1 :]:
         scene = Scene(ranks, kind)
-        scene.run(range(1, 4))
-        layout = _layout(scene)
-        tree, arrays = layout.gather(scene.stepper.snapshot())
+        rows, residuals = scene.run(range(1, 4))
+        tree, arrays = _layout(scene).gather(scene.stepper.snapshot())
         kept[name] = pickle.dumps((tree, arrays))
-    later = {}
+    more = scene.run(range(4, STEPS))
     for name, packed in kept.items():
         scene = Scene(comm, kind)
         scene.top[0].value, scene.top[1].value = 0.02, -0.04
@@ -336,7 +334,8 @@ def _facts_of(kind, comm):
         arrays = arrays if comm.rank == 0 else {}
         scene.stepper.restore(_layout(scene).scatter(tree, arrays))
         later[name] = scene.run(range(4, STEPS))[0]
-    return {"rows": whole[0], "counts": [len(some) for some in whole[1]], "later": later}
+    counts = [len(some) for some in residuals + more[1]]
+    return {"rows": rows + more[0], "counts": counts, "later": later}
 
 
 def _layout(scene):

@@ -50,9 +50,15 @@ def run(sim):
     return seen.results
 
 
-def test_gross_sliding_takes_one_factorisation_a_step():
+@pytest.fixture(scope="module")
+def whole():
+    """A run with all parts of the predictor, and the results of its steps."""
     sim = simulation(steps=12)
-    results = run(sim)
+    return sim, run(sim)
+
+
+def test_gross_sliding_takes_one_factorisation_a_step(whole):
+    sim, results = whole
     pairs = zip(results, sim.rows, strict=True)
     gross = [result for result, row in pairs if row.stick_fraction == 0.0]
     assert len(gross) >= 5
@@ -61,10 +67,9 @@ def test_gross_sliding_takes_one_factorisation_a_step():
 
 
 @pytest.mark.parametrize("without", ["_correct", "_extrapolate", "continue"])
-def test_prediction_saves_iterations_and_changes_no_result(monkeypatch, without):
+def test_prediction_saves_iterations_and_changes_no_result(whole, monkeypatch, without):
     """Each part of the predictor is worth iterations; the forces are the same without it."""
-    whole = simulation(steps=12)
-    run(whole)
+    whole, _ = whole
     if without == "_correct":
         monkeypatch.setattr(Predictor, "_correct", lambda self, trial, norm, times, step: norm)
     elif without == "_extrapolate":

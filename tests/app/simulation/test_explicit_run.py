@@ -186,9 +186,6 @@ def test_relaxation_ends_in_the_implicit_equilibrium():
     assert relaxed.state.inertia[-1].last < 1e-3
     assert mine.damping_dissipation > 0.0
     assert abs(mine.energy_error) < 0.01 * mine.external_work
-    data["solver"] = {"kind": "explicit"}
-    free = solved(data)
-    assert free.rows[-1].kinetic_energy > 10.0 * mine.kinetic_energy
 
 
 # -- files and failures ---------------------------------------------------------------------------
@@ -213,10 +210,17 @@ def test_without_rates_no_viscosity_counts_from_the_first_forces_on():
     assert column(runs[0], "kinetic_energy")[-1] > 0.0
 
 
-def test_files_of_an_explicit_run(tmp_path):
+@pytest.fixture(scope="module")
+def slid(tmp_path_factory) -> tuple[Simulation, Path]:
+    """The small sliding case with its results."""
     case = Case.model_validate(tomllib.loads(SLID.replace("figures = false", "figures = true")))
-    run = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    out = tmp_path_factory.mktemp("slid") / "out"
+    return run_case(case, out, quiet=True, comm=MPI.COMM_SELF), out
+
+
+def test_files_of_an_explicit_run(slid):
+    run, out = slid
+    summary = json.loads((out / "summary.json").read_text())
     explicit = summary["explicit"]
     assert explicit["time_steps"] == sum(row.attempts for row in run.rows[2:])
     assert explicit["limited_by"] and explicit["added_mass"] == 0.0
@@ -224,18 +228,15 @@ def test_files_of_an_explicit_run(tmp_path):
     assert 0.0 < explicit["stable_step"]["shortest"] <= explicit["stable_step"]["longest"]
     assert [load_step["label"] for load_step in summary["load_steps"]] == ["press", "slide"]
     history, surfaces, bodies = (
-        read_table(tmp_path / "out" / f"{name}.csv") for name in ("history", "surfaces", "bodies")
+        read_table(out / f"{name}.csv") for name in ("history", "surfaces", "bodies")
     )
     top = [row for row in surfaces if row["surface"] == "top"]
     assert [row["time"] for row in top] == [row["time"] for row in history]
     assert top[-1]["force_y"] == pytest.approx(-0.3, rel=1e-12)  # 0.5 MPa, downwards
     at = {row["body"]: row["displacement_x"] for row in bodies[-2:]}
     assert abs(at["aluminium"]) < 1e-9 < at["elastomer"] < 4e-6
-    assert (tmp_path / "out" / "figures" / "energy.png").stat().st_size > 1000
-    assert [p.name for p in sorted((tmp_path / "out" / "contact").iterdir())] == [
-        "000002.vtu",
-        "000012.vtu",
-    ]
+    assert (out / "figures" / "energy.png").stat().st_size > 1000
+    assert sorted(p.name for p in (out / "contact").iterdir()) == ["000002.vtu", "000012.vtu"]
 
 
 def assert_momentum(table: Path) -> None:
@@ -263,14 +264,14 @@ def test_pressures_change_the_momentum(tmp_path):
     assert right == pytest.approx(-0.2 * left, rel=0.1)
 
 
-def test_scaled_mass_is_reported(tmp_path):
+def test_scaled_mass_is_reported(slid, tmp_path):
     data = tomllib.loads(SLID)
     data["solver"]["mass_scaling"] = {"kind": "uniform", "factor": 9}
     run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     mass = (1100 * 0.6 * 0.05 + 2700 * 1.0 * 0.2) * 1e-6 * 1e-3
     assert summary["explicit"]["added_mass"] == pytest.approx(8.0 * mass, rel=1e-9)
-    plain = solved(tomllib.loads(SLID))
+    plain, _ = slid
     assert run.explicit.shortest == pytest.approx(3.0 * plain.explicit.shortest, rel=0.01)
     assert run.explicit.steps == pytest.approx(plain.explicit.steps / 3, rel=0.1)
 
@@ -285,6 +286,7 @@ def test_rounding_is_no_energy_that_is_lost(tmp_path):
         "K": "5 MPa",
         "density": 1100.0,
     }
+    data["geometry"]["upper"]["elements"], data["geometry"]["lower"]["elements"] = [4, 2], [5, 2]
     data["stage"][0] |= {"steps": 2, "duration": "100 us"}
     data["boundary"].append({"surface": "top", "displacement": {"x": 0, "y": 0}})
     run_case(Case.model_validate(data), tmp_path / "rest", quiet=True)

@@ -26,7 +26,13 @@ def column(rows: list, name: str) -> np.ndarray:
 
 
 def test_impact(tmp_path):
-    simulation, motion = run("impact.toml", tmp_path)
+    simulation, motion = run(
+        "impact.toml",
+        tmp_path,
+        "geometry.upper.elements=[20, 10]",
+        "geometry.lower.elements=[31, 3]",
+        "output.figures=false",
+    )
     rows = simulation.rows
     energy = column(rows, "kinetic_energy")[0]
     mass = 1100.0 * 20e-3 * 10e-3 * 10e-3

@@ -165,10 +165,9 @@ def on_all_ranks(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
     }
 
 
-@pytest.mark.mpi(on_all_ranks, 2, 3)
-@pytest.mark.parametrize("count", [2, 3])
-def test_ranks_agree(on_ranks, count):
-    one, many = on_ranks(on_all_ranks, 1), on_ranks(on_all_ranks, count)
+@pytest.mark.mpi(on_all_ranks, 3)
+def test_ranks_agree(on_ranks):
+    one, many = on_ranks(on_all_ranks, 1), on_ranks(on_all_ranks, 3)
     expected = np.array(one["forces"])
     scale = np.abs(expected).max()
     np.testing.assert_allclose(many["forces"], expected, rtol=0, atol=1e-9 * scale)

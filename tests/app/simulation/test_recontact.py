@@ -90,7 +90,9 @@ def test_second_contact_is_that_of_a_fresh_run(block, lifted):
 # -- edges of a master ----------------------------------------------------------------------------
 
 
-def over_the_edges(block: str, tmp_path: Path, degrees: float, mu: float) -> tuple[Simulation, int]:
+def over_the_edges(
+    block: str, tmp_path: Path, degrees: float, mu: float, steps: int
+) -> tuple[Simulation, int]:
     """The block pressed, and slid over the edges by more than its length; and how many cuts."""
     ridge(tmp_path / "ridge.msh", degrees)
     data = copy.deepcopy(tomllib.loads(block))
@@ -99,7 +101,7 @@ def over_the_edges(block: str, tmp_path: Path, degrees: float, mu: float) -> tup
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.4 * MM]]
     data["stage"] = [
         {"name": "press", "duration": 1.0, "steps": 4},
-        {"name": "slide", "duration": 1.0, "steps": 28},
+        {"name": "slide", "duration": 1.0, "steps": steps},
     ]
     run, cuts = simulate(data)
     assert run.rows[-1].time == pytest.approx(2.0, rel=1e-12)
@@ -116,9 +118,9 @@ def load_of(run: Simulation) -> float:
 @pytest.mark.parametrize("degrees", [10.0, -2.0])
 def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees):
     """Corners and points pass convex and concave edges with the default settings."""
-    run, cuts = over_the_edges(block, tmp_path, degrees, 0.2)
+    run, cuts = over_the_edges(block, tmp_path, degrees, 0.2, 14)
     rows: list[Row] = run.rows
-    assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 600
+    assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 300
     # All points slide: mu times their loads, whose resultant is less where normals differ.
     load = load_of(run)
     assert rows[-1].tangential_force == pytest.approx(0.2 * load, rel=5e-3)
@@ -129,7 +131,7 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
 
 def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
     """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
-    run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5)
+    run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5, 28)
     assert cuts <= 6 and sum(row.newton_iterations for row in run.rows) <= 400
     # In the end all points slide forwards, and the friction of all has one direction with the
     # load's: T is mu times the load to the last digit.
