@@ -23,10 +23,10 @@ V = U Fᵀ, H = F⁻ᵀ, n = tr V, q = tr V², g = G_k m^(1/3) J^(−2/3), y = t
 
 With r = Δt/τ_k = t/(1 − t) and the stored energy W_k of a branch it dissipates in a step
 
-    D_k = ½ G_k r tr[((C̄ C_k⁻¹)^D)²] + ⟨√W_k,n − √W_k⟩² ≥ 0,
+    D_k = R + √(½ r R) (√W_k,n − √W_k) ≥ 0,   R = ½ G_k r tr[((C̄ C_k⁻¹)^D)²],
 
-the rate at the end times Δt, and what a branch that relaxes within the step loses beside it: of
-second order while steps are short, and all that was stored where the step is endless.
+the rate at the end times Δt, and what the mean stress over the step makes of it, to second order.
+Steps with r ≥ 1 have R + ⟨√W_k,n − √W_k⟩²: all that was stored where the step is endless.
 
 State: of each branch C_k (11, 22, 33, 12; in space 23, 13 too), then what each has dissipated since
 the start, then what each stores, J/m³. Axis letters: n points, p components of F and P, b branches,

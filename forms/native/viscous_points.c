@@ -211,7 +211,13 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         if (!energies)
             continue;
         vec fallen = square_root(state[kept + b]) - square_root(energy[0]);
-        energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
+        if (w->share[b] < 0.5) {
+            const double ratio = w->share[b] / w->rest[b];
+            energy[1] += square_root(0.5 * ratio * energy[1]) * fallen;
+            energy[1] = choose((ivec)(energy[1] > 0.0), energy[1], all(0.0));
+        } else {
+            energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
+        }
         end[lost + b] = state[lost + b] + energy[1];
         end[kept + b] = energy[0];
         energies[0] += energy[0];

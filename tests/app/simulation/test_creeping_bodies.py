@@ -225,6 +225,37 @@ def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
     assert abs(energy.energy_error) < 1e-3 * energy.external_work
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("speed", [0.1, 10.0])
+def test_what_a_drive_does_is_lost_in_the_track(speed):
+    """Two ways of rolling, then a rest: what the longer one takes more is lost, none is stored.
+
+    At zeta/a of 1 and 100. Begin, end and rest are the same but for their place.
+    """
+    data = tomllib.loads((ROOT / "cases" / "rolling.toml").read_text())
+    data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "4 mm"], "elements": [140, 1]}
+    rest = {"name": "rest", "duration": "1 s", "steps": 1, "rate_dependent": False}
+    ends = []
+    for steps in (55, 60):
+        roll = {
+            "velocities": [speed],
+            "slip_step": "0.04 mm",
+            "min_steps": steps,
+            "max_steps": steps,
+        }
+        data["stage"] = [data["stage"][0], data["stage"][1] | roll, rest]
+        ends.append(run(case_of(data, fields_every=0)).rows[-2:])
+
+    def more(name, row=1):
+        return getattr(ends[1][row], name) - getattr(ends[0][row], name)
+
+    # Springs that are relieved within a step lose nothing.
+    assert abs(more("numerical_dissipation", 0)) < 1e-3 * more("external_work", 0)
+    work, lost = more("external_work"), more("viscous_dissipation") - more("numerical_dissipation")
+    assert work > 0.0 and abs(more("strain_energy")) < 1e-6 * work
+    assert lost == pytest.approx(work, rel=1e-3)
+
+
 def linear_slide(V, G, G1, tau, K, height, radius, depth, spacing=20e-6, reach=80e-3):
     """Load, N/m, and hysteretic friction over it of a rigid cylinder in steady sliding.
 
