@@ -20,7 +20,7 @@ from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactMode, ContactTrial
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 _SUMS = (
     *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping"),
@@ -47,12 +47,7 @@ class Work:
     @classmethod
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
         """Forces of the state that was evaluated last; collective."""
-        force = problem.load_forces()
-        moved = [
-            problem.constrained_dofs(),
-            *(platen.dofs for platen in problem.platens if platen.acts),
-        ]
-        given = np.unique(np.concatenate(moved))  # a platen's displacement may be prescribed
+        force, given = problem.load_forces(), _given(problem)
         force[given] += problem.unbalanced[given]
         pairs = zip(problem.contacts, problem.trials, strict=True)
         contacts = [
@@ -71,6 +66,12 @@ class Work:
         for term, before, after in pairs:
             work += fit_work(term, before, after) - kinks(term, before[:2], after[:2])
         return float(problem.comm.allreduce(work))
+
+
+def _given(problem: Equilibrium) -> Ints:
+    """Owned unknowns whose forces are reactions: a platen's displacement may be prescribed."""
+    moved = [problem.constrained_dofs(), *(p.dofs for p in problem.platens if p.acts)]
+    return np.unique(np.concatenate(moved))
 
 
 def gaps_and_pressures(term: ContactTerm, trial: ContactTrial) -> tuple[Floats, Floats]:
@@ -169,7 +170,13 @@ class EnergyBalance:
     """
 
     def __init__(self, problem: Equilibrium, x: PETSc.Vec) -> None:
-        """Begin at the state ``x``; collective."""
+        """Begin at the state ``x``; collective.
+
+        Nothing bears a load that stands in full already. In a motion through equilibria it grows
+        over the first step, as one does that begins with a later stage, from nothing: were it there
+        all along, it would do the work F u on a body that stores F u/2, and the rest would be what
+        the body would be thrown with.
+        """
         self.problem = problem
         residual = x.duplicate()
         # Nothing moves yet: no film, which may be out of balance at the start, is asked to.
@@ -177,6 +184,9 @@ class EnergyBalance:
         problem.residual(None, x, residual, StepMode(modes=still))
         residual.destroy()
         self._last = Work.at(problem, x.array_r)
+        loads = np.ones(len(self._last.force), dtype=bool)
+        loads[_given(problem)] = False
+        self._last.force[loads] = 0.0
         self._start = (problem.strain_energy(), self._interface())
         self.work = self.dissipation = self.numerical = 0.0
         self.strain = self.interface = self.kinetic = self.damping = 0.0

@@ -207,10 +207,11 @@ def _deepest(
     """
     along = pieces[:, 1:] - pieces[:, :1]
     normal = unit_normals(along)
-    size = np.linalg.norm(along[:, 0], axis=1)
     apart = places - pieces[:, 0]
     depth = -np.einsum("ni,ni->n", normal, apart)
     metric = np.einsum("nai,nbi->nab", along, along)
+    # Length of the piece, in space the root of twice its area: whichever corner comes first.
+    size = np.linalg.det(metric) ** (0.5 / metric.shape[1])
     right = np.einsum("nai,ni->na", along, apart)
     # Barycentric coordinates of the foot on the piece, from normal equations: it lies inside where
     # none is negative and their sum is at most 1.

@@ -13,7 +13,9 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-enum { INTERIOR = -1, CORNER = 8, STEPS = 40, HALVINGS = 12 };
+enum { INTERIOR = -1, CORNER = 8, STEPS = 40, HALVINGS = 12, FINE = 12 };
+/* Height over length of a facet's hull from which it may have several points nearest to another. */
+#define WAVED 0.2
 #define SEAM 1e-11
 #define LAST 1e-9
 
@@ -39,6 +41,7 @@ typedef struct {
     int64_t stamp; /* of the call that made it */
     Vector origin, node[16], power[16], sample[25];
     Vector axis[3], low, high; /* box: directions, and how far it goes along each */
+    int64_t waved; /* whether to begin at many places */
 } Facet;
 
 typedef struct {
@@ -280,6 +283,37 @@ static void begin_at_sample(const Vector *places, const double *coordinates, int
     xi[1] = directions == 2 ? coordinates[best * directions + 1] : 0.0;
 }
 
+/* The same as stationary from each place of a lattice that none beside it is nearer than: the nearest in the
+ * domain that is found and nearer than `out`, if that is `found`; whether there is one. */
+static int nearest_of_several(const Vector *c, Vector x, int directions, int triangle, int degree,
+                              int found, Closest *out)
+{
+    enum { N = FINE + 1 };
+    double squared[N * N];
+    const int rows = directions == 2 ? N : 1;
+    Place p;
+    for (int k = 0; k < rows * N; ++k) {
+        double xi[2] = {(double)(k % N) / FINE, (double)(k / N) / FINE};
+        place_at(c, directions, degree, xi, &p);
+        squared[k] = excess(xi, directions, triangle) > SEAM ? INFINITY : squared_between(x, p.y);
+    }
+    found = found && excess(out->xi, directions, triangle) <= SEAM;
+    for (int k = 0; k < rows * N; ++k) {
+        int least = squared[k] < INFINITY, i = k % N, j = k / N;
+        for (int m = j > 0 ? j - 1 : 0; least && m < rows && m <= j + 1; ++m)
+            for (int n = i > 0 ? i - 1 : 0; n < N && n <= i + 1; ++n)
+                least = least && !(squared[m * N + n] < squared[k]);
+        Closest here = {{(double)i / FINE, (double)j / FINE}, 0.0, INTERIOR};
+        if (least && stationary(c, x, directions, triangle, degree, here.xi, &here.squared)
+            && excess(here.xi, directions, triangle) <= SEAM
+            && (!found || here.squared < out->squared)) {
+            *out = here;
+            found = 1;
+        }
+    }
+    return found;
+}
+
 /* out (r) = matrix (r, a) times nodes (a). */
 static void combine(const double *matrix, const Vector *nodes, int64_t rows, int64_t count,
                     Vector *out)
@@ -317,6 +351,8 @@ static void enclose(const Shape *shape, Facet *f)
             f->high.x[d] = fmax(f->high.x[d], reach);
         }
     }
+    double height = f->high.x[1] - f->low.x[1], length = f->high.x[0] - f->low.x[0];
+    f->waved = shape->degree > 1 && height > WAVED * length;
 }
 
 static const Facet *facet_of(const Surface *surface, int64_t number)
@@ -361,12 +397,14 @@ static void on_segment(Vector a, Vector b, Vector x, Closest *out)
     out->squared = dot(apart, apart);
 }
 
-/* The nearer of two ends, where there is no stationary point between them. */
-static void on_ends(Vector a, Vector b, Vector x, Closest *out)
+/* The nearer of two ends, where there is no nearer stationary point `found` between them. */
+static void on_ends(Vector a, Vector b, Vector x, int found, Closest *out)
 {
     double first = squared_between(x, a), second = squared_between(x, b);
     int end = second < first;
-    *out = (Closest){{end, 0.0}, end ? second : first, CORNER + end};
+    double least = end ? second : first;
+    if (!found || least < out->squared)
+        *out = (Closest){{end, 0.0}, least, CORNER + end};
 }
 
 /* The closest point of one side of a face, in the coordinates of the face. */
@@ -388,9 +426,12 @@ static void on_side(const Shape *shape, const Facet *f, int side, Vector x, Clos
         combine(shape->edge_sampled, nodes, shape->edge_samples, n, sample);
         begin_at_sample(sample, shape->edge_sample, shape->edge_samples, x, 1, here.xi);
         here.entity = INTERIOR;
-        if (!stationary(power, x, 1, 0, (int)shape->degree, here.xi, &here.squared)
-            || !(excess(here.xi, 1, 0) <= SEAM))
-            on_ends(a, b, x, &here);
+        int found = stationary(power, x, 1, 0, (int)shape->degree, here.xi, &here.squared);
+        if (f->waved)
+            found = nearest_of_several(power, x, 1, 0, (int)shape->degree, found, &here);
+        found = found && excess(here.xi, 1, 0) <= SEAM;
+        if (!found || f->waved)
+            on_ends(a, b, x, found, &here);
     }
     for (int d = 0; d < 2; ++d)
         out->xi[d] = origin[d] + here.xi[0] * direction[d];
@@ -403,9 +444,16 @@ static int inside(const Shape *shape, const Facet *f, Vector x, Closest *out)
 {
     const int directions = (int)shape->directions, triangle = (int)shape->triangle;
     out->entity = INTERIOR;
+    const int degree = (int)shape->degree;
     begin_at_sample(f->sample, shape->sample, shape->samples, x, directions, out->xi);
-    return stationary(f->power, x, directions, triangle, (int)shape->degree, out->xi,
-                      &out->squared);
+    int found = stationary(f->power, x, directions, triangle, degree, out->xi, &out->squared);
+    if (!f->waved)
+        return found;
+    Closest several = *out;
+    if (!nearest_of_several(f->power, x, directions, triangle, degree, found, &several))
+        return found;
+    *out = several;
+    return 1;
 }
 
 /* The closest point of one facet to x, from its origin. */
@@ -416,14 +464,15 @@ static void closest(const Shape *shape, const Facet *f, Vector x, Closest *out)
         on_segment(f->node[0], f->node[1], x, out);
         return;
     }
-    int found = inside(shape, f, x, out);
-    if (found && excess(out->xi, directions, triangle) <= SEAM)
+    int found = inside(shape, f, x, out) && excess(out->xi, directions, triangle) <= SEAM;
+    if (found && !f->waved)
         return;
     if (directions == 1) {
-        on_ends(f->node[0], f->node[1], x, out);
+        on_ends(f->node[0], f->node[1], x, found, out);
         return;
     }
-    out->squared = INFINITY;
+    if (!found)
+        out->squared = INFINITY;
     for (int side = 0; side < (triangle ? 3 : 4); ++side) {
         Closest there;
         on_side(shape, f, side, x, &there);

@@ -44,6 +44,26 @@ def test_error_falls_with_the_square_of_the_step_and_what_euler_adds_with_the_st
         assert coarse / fine == pytest.approx(2.0, rel=0.15)
 
 
+def test_a_load_that_stands_from_the_first_instant_grows_over_the_first_step():
+    """By hand a column that cannot widen stores p²/2M per volume, and a film loses F w/2."""
+    squeeze = tomllib.loads(Path("cases/film/squeeze.toml").read_text())
+    squeeze["stage"] = squeeze["stage"][:1]
+    squeeze["tools"]["plate"]["force"]["y"] = -3e4
+    column = {key: squeeze[key] for key in ("geometry", "bodies", "stage")} | {
+        "boundary": [
+            {"surface": "pad_bottom", "displacement": {"y": 0}},
+            {"surface": "pad_left", "displacement": {"x": 0}},
+            {"surface": "pad_right", "displacement": {"x": 0}},
+            {"surface": "pad_top", "traction": {"y": -3e6}},
+        ]
+    }
+    for data in (squeeze, column):
+        row = solved(data).rows[0]
+        assert abs(row.energy_error) < 1e-4 * row.external_work
+    M = 70e9 * 0.7 / (1.3 * 0.4)
+    assert row.external_work == pytest.approx(3e6**2 / (2.0 * M) * 1e-2 * 1e-4, rel=1e-3)
+
+
 @pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
 def test_what_closes_and_opens_within_a_step_takes_no_work_on_its_way(pressure):
     """A cylinder is pressed on a flat and lifted in steps in which much of the contact changes.

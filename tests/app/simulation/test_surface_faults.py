@@ -12,6 +12,7 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
 from tribox.app.simulation.surface_ends import ends_text
+from tribox.app.simulation.surface_faults import _deepest
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
@@ -102,3 +103,12 @@ def test_a_pad_that_catches_on_the_strip_it_bends_is_brought_over_its_facets(tmp
     faceted, smooth = begun(tmp_path / "faceted"), begun(tmp_path / "smooth", "30 deg")
     assert faceted.rows[-1].time == smooth.rows[-1].time == pytest.approx(0.15)
     assert faceted.rows[-1].normal_force == pytest.approx(smooth.rows[-1].normal_force, rel=0.05)
+
+
+def test_depth_of_a_sunk_vertex_counts_by_its_piece_whichever_corner_comes_first():
+    """In a triangle of 10 by 1 m and 0.1 m deep: over the root of twice the area."""
+    corners = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    inside, down = np.array([[2.0, 0.3, -0.1]]), np.array([[0.0, 0.0, -1.0]])
+    for first in range(3):
+        found = _deepest(np.roll(corners, first, axis=0)[None], inside, down, inside, 0.0)
+        assert found.share == pytest.approx(0.1 / np.sqrt(10.0))
