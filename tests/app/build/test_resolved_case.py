@@ -15,7 +15,11 @@ from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import load_case
 from tribox.app.run.run import run_case
 
-CASES = {"block": BLOCK, "film": FILM, "explicit": SLID}
+CASES = {
+    "block": BLOCK,
+    "film": FILM.replace('"1e-5 m/s", ', ""),
+    "explicit": SLID.replace('"20 us"\nsteps = 10', '"4 us"\nsteps = 2'),
+}
 STRIBECK = {"law": "stribeck", "mu_s": 0.3, "mu_d": 0.2, "V_s": 1e-3}
 
 
