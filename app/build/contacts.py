@@ -452,6 +452,9 @@ def corners_of(
             surface.shape, master.facets, master.position, STRAIGHT, SHARP
         )
     near = at.on_surface & (at.gap < distance + size[at.facet])
+    # A fine slave facet in the middle of a chord meets none of its corners.
+    inward = -surface.shape.excess(at.xi) * size[at.facet]
+    near &= inward < surface.slave.facet_length
     ratio = np.where(near, spacing[at.facet] / surface.slave.facet_length, 0.0)
     worst = int(np.argmax(ratio)) if len(ratio) else -1
     mine = (float(ratio[worst]), float(angle[at.facet[worst]])) if worst >= 0 else (0.0, 0.0)

@@ -2,16 +2,20 @@
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
 from tribox.app.build.contact_notes import note_on_stick
+from tribox.app.build.contacts import corners_of
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import TABLES
 from tribox.app.case.reading import load_case
+from tribox.geometry.surfaces.facets import facet_shape
 
 CASES = Path(__file__).parents[3] / "cases"
 
@@ -78,6 +82,29 @@ def test_corners_of_a_round_tool_are_noted_where_the_slave_feels_them(tool, bloc
     assert len(notes) == (said is not None)
     for note in notes:
         assert said in note
+
+
+@pytest.mark.parametrize(("fine_at", "ratio"), [(0.5, 1.0), (0.03, 20.0)])
+def test_corners_count_by_the_slave_facets_that_reach_them(fine_at, ratio):
+    """Chords of 1 m at 0.1 rad, slave facets of 1 m, and one of 0.05 m somewhere on a chord."""
+    turned = np.cumsum(0.1 * np.arange(4))
+    nodes = np.concatenate([[[0.0, 0.0]], np.cumsum(np.c_[np.cos(turned), -np.sin(turned)], 0)])
+    facets = np.stack([np.arange(4), np.arange(1, 5)], axis=1).astype(np.int32)
+    master = SimpleNamespace(facets=facets, position=nodes, sizes=lambda: np.ones(4))
+    surface = SimpleNamespace(
+        space=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
+        master=master,
+        shape=facet_shape("interval", 1),
+        slave=SimpleNamespace(facet_length=np.array([1.0, 0.05, 1.0])),
+    )
+    at = SimpleNamespace(
+        facet=np.array([1, 1, 2]),
+        xi=np.array([[0.2], [fine_at], [0.5]]),
+        gap=np.zeros(3),
+        on_surface=np.ones(3, dtype=bool),
+    )
+    found = corners_of(SimpleNamespace(smoothing_angle=None), surface, at, 0.0)
+    assert found.ratio == pytest.approx(ratio)
 
 
 SWAPPED = (
