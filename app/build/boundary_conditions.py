@@ -268,6 +268,7 @@ class Loads:
         if not boundary.stages:
             self._prescribe(boundary.surface, dofs, component, (value, source), acts)
             return
+        # The part is made with its program, and what moves it on is made with the part.
         moved: list[MovedOn] = []
 
         def from_there(time: float, driven: float) -> Floats:
@@ -338,6 +339,7 @@ class Loads:
         direction = np.array(tables.unit_vector(table.direction, mesh.geometry.dim))
         outward = float(mean_normal(mesh, facets) @ direction)
         self._heed_direction(surface, table, outward)
+        # Travel and force of a platen count into the body, whichever way the direction is given.
         inward = -float(np.sign(outward))
         platen = self._as_one(boundary, table.direction, table.mass)
         if table.pressure is not None:

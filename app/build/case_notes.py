@@ -228,6 +228,7 @@ def weakening_slip(law: FrictionMapParameters, speed: float, film: float, pressu
         pressure: Pa; 0 if unknown: then the film is taken to carry nothing beside the asperities.
     """
     p = pressure if pressure > 0.0 else 1.0
+    # The traction is linear in mu: its slope, and the film's drag beside it.
     per_mu = float(
         steady_traction(speed, film, p, 1.0, law) - steady_traction(speed, film, p, 0.0, law)
     )

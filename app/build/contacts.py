@@ -224,6 +224,7 @@ class ContactBuilder:
                 law = friction.friction_law(dim=self.named.mesh.geometry.dim)
             except OwnCodeError as error:
                 problem = f"contact.{index}.friction.{error.key}: {error}"
+        # A file may be missing on one rank alone: all raise, or none.
         problem = next((p for p in self.named.mesh.comm.allgather(problem) if p), None)
         if problem is not None:
             raise InputError(problem)
@@ -325,7 +326,7 @@ def quadrature_degree(dim: int, slave: Material, master: Material | None = None)
 
     In the plane five points serve a slave that is much the softer, or meets a tool (no ``master``).
     The nodes of a master that gives as well feel where the points are: six then
-    (docs/verification.md, patch test).
+    (docs/quadrature.md).
     """
     degree = QUADRATURE_DEGREE[dim]
     rigid = master is None or (
@@ -338,6 +339,7 @@ def contact_modulus(*bodies: Material) -> float:
     """E*, Pa, of two bodies: 1/E* = Σ (1 − ν)/2G, with G/M = (1 − 2ν)/2(1 − ν)."""
     compliance = 0.0
     for body in bodies:
+        # 1 − G/M = 1/2(1 − ν)
         ratio = body.shear_modulus / oedometric_modulus(body)
         compliance += 1.0 / (4.0 * body.shear_modulus * (1.0 - ratio))
     return 1.0 / compliance
@@ -355,6 +357,7 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
         pressure: "averaged" or "pointwise".
     """
     modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
+    # A body that flows: it bears its hardness, of which M says nothing.
     if shear < softer.shear_modulus:
         return 10.0 * shear
     if pressure == "pointwise":
@@ -481,6 +484,7 @@ def lengths_near(surface: ContactSurface, at: Projection, distance: float) -> tu
     )
     if count_near == 0.0:
         return surface.facet_length, np.inf
+    # All facets have as many points: means over these scale the mean over facets.
     share = (fine / count_near) / (whole / count)
     graded = surface.facet_length * share if share < GRADED else surface.facet_length
     return graded, other / count_near
@@ -543,6 +547,8 @@ def faces_away(surface: ContactSurface, at: Projection) -> bool:
     Args:
         at: the slave's points on the master.
     """
+    # Surfaces that face each other have outward normals against one another, a cosine near −1. At
+    # the master's ends the normal is the way to the point, whatever side that is on.
     cosine = np.einsum("qi,qi->q", _outward(surface), at.normal)
     comm, beside = surface.space.mesh.comm, at.on_surface & ~at.clamped
     apart = np.abs(at.gap)

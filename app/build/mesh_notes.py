@@ -142,6 +142,7 @@ def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
     if isinstance(case.geometry, GeneratedGeometry) or case.geometry.says_unit:
         return
     x = named.mesh.geometry.x
+    # The least as the largest of the negative: one reduction for both.
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     extent = float(np.max(ends[:3] + ends[3:]))
@@ -323,12 +324,15 @@ class RigidMotions:
             self.names.append(f"moving in {'xyz'[axis]}")
         for axis in (2,) if dim == 2 else (0, 1, 2):
             across = np.zeros((count, 3))
+            # A turn moves the farthest node by 1, as a displacement does: one bound serves for
+            # both.
             across[:, :dim] = arm / size
             motions.append(np.cross(np.eye(3)[axis], across)[:, :dim])
             self.names.append(f"turning about {'xyz'[axis]}")
         self._motions: Floats = np.stack(motions, axis=-1).reshape(count * dim, -1)
         self._nodes = {s.name: body_nodes(problem, s.cells) for s in problem.solids}
         if problem.solids and problem.solids[0].section == "axisymmetric":
+            # A ring moves as a whole along its axis only.
             self._motions, self.names = self._motions[:, 1:2], self.names[1:2]
 
     def rows(self, dofs: Ints) -> tuple[Ints, Floats]:
@@ -363,6 +367,7 @@ class RigidMotions:
         """Motions of joined bodies that nothing resists, in words; collective."""
         nodes = np.unique(np.concatenate([self._nodes[name] for name in bodies]))
         kinds = len(self.names)
+        # Energy of the motions on unit springs at all that is held: those without any are free.
         gram = np.zeros((kinds, kinds))
         for dofs, moved in held:
             mine = moved[np.isin(dofs // self._problem.dim, nodes)]

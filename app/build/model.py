@@ -117,6 +117,7 @@ class Model:
         """Set the loads that :meth:`snapshot` has seen."""
         if self.loads is not None:
             self.loads.restore(kept["loads"])
+            # Between two stages the loads are still those of the one that they were set in.
             stage, self.loads.stage = self.loads.stage, kept["loaded_in"]
             self.set_loads(*kept["loaded"])
             self.loads.stage = stage
@@ -355,6 +356,7 @@ def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict
             made[name] = body.material_of(runs_code)
         except OwnCodeError as error:
             problem = problem or f"bodies.{name}.{error.key}: {error}"
+    # A file may be missing on one rank alone: all raise, or none.
     problem = next((p for p in comm.allgather(problem) if p), None)
     if problem is not None:
         raise InputError(problem)

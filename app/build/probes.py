@@ -128,6 +128,7 @@ def _line_of(
     every = np.concatenate(comm.allgather(numbers)).astype(np.int64)
     where = np.concatenate(comm.allgather(places)).reshape(-1, dim)
     nodes, first, inverse = np.unique(every, return_index=True, return_inverse=True)
+    # Numbered by place: the line begins at the same end however the mesh is shared out.
     order = order_by_place(where[first])
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))

@@ -119,6 +119,8 @@ class AddedContact:
         if known:
             A.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             return
+        # For another pattern PETSc puts a new matrix in the place of this one, without its
+        # numbering.
         maps = A.getLGMap()
         A.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         A.setLGMap(*maps)

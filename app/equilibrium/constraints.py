@@ -38,6 +38,7 @@ class Constraints:
     ) -> None:
         """Gather the platens' unknowns of all ranks; collective."""
         self.unknowns = unknowns
+        # A block fills whole nodes: components that none of its numbers takes have no equation.
         padding = [Prescribed(block.padding) for block in unknowns.blocks]
         self.prescribed, self.platens = [*prescribed, *padding], list(platens)
         for platen in self.platens:

@@ -1,8 +1,7 @@
 """The discrete equilibrium of all bodies, contacts and loads: residual and tangent.
 
 What is prescribed is in :mod:`tribox.app.equilibrium.constraints`, the matrix in
-:mod:`tribox.app.equilibrium.tangent`, the forces that a solution is judged by in
-:mod:`tribox.app.equilibrium.equilibrium`.
+:mod:`tribox.app.equilibrium.tangent`.
 """
 
 from __future__ import annotations
@@ -339,6 +338,7 @@ class Equilibrium:
 
     def commit(self) -> None:
         """Make what was evaluated last the state that the next step starts from."""
+        # From another state the same displacement has another residual.
         self._known.balanced = None
         for solid in self.solids:
             solid.commit()
@@ -356,6 +356,7 @@ class Equilibrium:
         """Out-of-balance forces at ``x`` (N per unit thickness); the SNES function; collective."""
         if not self.knows(x, step):
             self._evaluate(x, f, step)
+        # Constraining overwrites the reactions, which `unbalanced` keeps.
         f.array[:] = self.unbalanced
         self.constraints.constrain_residual(f.array, x.array_r)
 

@@ -268,6 +268,8 @@ class Tangent:
         extra.assemble()
         A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         extra.destroy()
+        # With another pattern PETSc makes a new matrix inside, without this numbering; and from
+        # here on an entry without room is an error, not an allocation that nobody sees.
         A.setLGMap(*self._plain_map)
         self._mapped, self._fitted = (), None
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
@@ -391,6 +393,7 @@ def widened(window: ContactWindow | None, term: ContactTerm, trial: ContactTrial
     if window is not None:
         touching = _present(touching + window.touching)
         pairs = _present(pairs + window.together)
+    # Master facets that no slave facet may touch couple nothing.
     inside = np.bincount(touching.indices, minlength=facets) > 0
     keep = scipy.sparse.diags(inside.astype(np.int32), dtype=np.int32)
     return ContactWindow(touching, _present(keep @ pairs @ keep), rings)
@@ -565,6 +568,7 @@ def _of_all_ranks(
     mine = _present(patches).tocoo()
     shared = vertices.shared[mine.row]
     gathered = vertices.comm.allgather((mine.row[shared], nodes[mine.col[shared]]))
+    # Of what others say, only that of vertices which lie here too.
     here = np.zeros(vertices.count, dtype=bool)
     here[mine.row] = True
     vertex = np.concatenate([mine.row, *(row for row, _ in gathered)])

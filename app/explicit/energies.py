@@ -42,6 +42,7 @@ def folded(problem: Equilibrium, time: float) -> ExplicitError:
     current = reference + u.reshape(-1, problem.dim)
     with np.errstate(invalid="ignore", over="ignore"):
         ratio = (_corner_jacobians(current[cells]) / _corner_jacobians(reference[cells])).min(0)
+    # What has overflowed is worse than what is turned inside out.
     ratio = np.where(np.isfinite(ratio), ratio, -np.inf)
     mine: tuple[float, tuple[float, ...]] = (np.inf, ())
     if len(cells):
@@ -117,6 +118,7 @@ class EnergyWatch:
         Raises:
             ExplicitError: there is more energy than was supplied.
         """
+        # Only what comes in: where loads take work back the bound stays one, if a looser one.
         self._supplied += max(work - self._work, 0.0)
         self._work = work
         if not np.isfinite(stored):

@@ -100,6 +100,7 @@ class LumpedDynamics:
         self.inverse: Floats = np.zeros_like(self.mass)  # what carries no body has no mass
         np.divide(1.0, self.mass, out=self.inverse, where=self.mass > 0.0)
         self.inverse[constrained] = 0.0
+        # As accelerations are −r/m: one pass over the unknowns in each step.
         self._negative = -self.inverse
 
     def sums(self, values: Floats) -> Floats:
@@ -129,6 +130,7 @@ class LumpedDynamics:
         np.multiply(residual, self._negative, out=out)
         if not self.platens and self.comm.size == 1:
             return self.no_pull, valid
+        # Whether forces are valid travels with the sums: one message, and all ranks judge alike.
         local = np.array([residual[p.dofs].sum() for p in self.platens] + [float(not valid)])
         total = self._summed(local)
         platens: Floats = (pull - total[:-1]) / self.platen_mass
@@ -201,6 +203,7 @@ class LeapFrog:
         self._mean = np.zeros_like(state.v.owned)
         self.constrain(problem.constrained_dofs())
         self.platen_acceleration = dynamics.no_pull
+        # Means weighted by mass keep the momentum of nodes that come with unlike velocities.
         masses = dynamics.platen_mass
         self.platen_velocity: Floats = dynamics.sums(self._mass * state.v.owned) / masses
         self.platen_displacement: Floats = dynamics.sums(self._mass * state.u.owned) / masses
@@ -219,6 +222,8 @@ class LeapFrog:
             dt: s, length of the step.
         """
         state, damped = self._state, 0.0
+        # Velocities go from the middle of the last step to that of this one; after a rest, where
+        # they are those of the whole step, last_dt is 0.
         mean, u = 0.5 * (state.last_dt + dt), state.u.owned
         before = u[self._constrained]
         change: Floats = mean * self.platen_acceleration
@@ -239,6 +244,7 @@ class LeapFrog:
             if part.acts:
                 u[part.dofs] = part.value
         self.travel = u[self._constrained] - before
+        # So that taking a step back, u − v Δt, is right for what follows a program too.
         state.v.owned[self._constrained] = self.travel / dt
         state.u.update_ghosts()
         return damped
@@ -255,6 +261,7 @@ class LeapFrog:
         mean = self._mean
         np.multiply(self._change, 0.5, out=mean)
         mean += v
+        # What follows a program is not slowed: damping takes nothing there.
         mean[self._constrained] = 0.0
         np.multiply(mean, mean, out=mean)
         v += self._change

@@ -161,6 +161,7 @@ def with_tools(mass: Floats, tools: Sequence[RigidTool]) -> Floats:
 def _result(problem: Equilibrium, plain: Floats, mass: Floats, factors: Floats) -> ScaledMass:
     n, dim = problem.owned, problem.dim
     counts = [mass[:n].sum() - plain[:n].sum(), plain[:n].sum()]
+    # A lumped mass stands once for each component of its node.
     total = problem.comm.allreduce(np.array(counts)) / dim
     raised = problem.comm.allreduce(
         np.array([np.count_nonzero(factors > 1.0), len(factors)], dtype=float)

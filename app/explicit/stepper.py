@@ -261,6 +261,8 @@ class ExplicitStepper:
         state, timer, residual = self.state, self.problem.timer, self._residual
         with_film = bool(self._films.contacts) and self.rate_dependent
         with timer("assembly"):
+            # Without rates a step is infinitely long: branches relax, and hardening is that at
+            # rest.
             felt = dt if self.rate_dependent else math.inf
             valid = self.internal.evaluate(state.u.array, residual.array, felt)
             self._press()

@@ -119,6 +119,8 @@ class LineContact:
 
     def dry(self, load: float) -> Point:
         """At rest, on the asperities alone."""
+        # From ten σ apart, where nothing touches, under loads that each begin where the last ended;
+        # w below 0 is a film that is not full, without pressure.
         ten = 10.0 * max(self.rough.sigma, 1e-12)
         shape: Floats = np.asarray(self.place**2 / (2.0 * self.radius), dtype=np.float64)
         start = Point(
@@ -149,14 +151,17 @@ class LineContact:
             film, d_film = self.rough.film(gap)
             dry, d_dry = self.asperities.pressure(gap)
             wet, w, d_wet, passed, filled = self._film(film, speed, oil, w, load)
+            # ∂p_i/∂g_j = ∂p_i/∂h_j dh_j/dg_j: a factor for each column.
             carried, by_gap = dry + wet, np.diag(d_dry) + d_wet * d_film
             error = gap - shape + d - self.compliance @ carried
             missing = area @ carried / load - 1.0
+            # The approach d is an unknown like the gaps; its row is the balance with the load.
             matrix = np.empty((count + 1, count + 1))
             matrix[:-1, :-1] = np.eye(count) - self.compliance @ by_gap
             matrix[:-1, -1], matrix[-1, -1] = 1.0, 0.0
             matrix[-1, :-1] = area @ by_gap / load
             change = np.linalg.solve(matrix, -np.append(error, missing))
+            # Gaps beside the contact may still move while all that presses has settled.
             loaded = carried > 0.01 * carried.max()
             size = max(float(np.max(np.abs(change[:-1] / film)[loaded])), abs(float(missing)))
             if size < TOLERANCE:
@@ -186,10 +191,12 @@ class LineContact:
             none = np.zeros(count)
             return none, w, np.zeros((count, count)), 1.0, none + 1.0
         a = self.half_width(load)
+        # p_s is the peak of H. Hertz's pressure, 2 W/(π a).
         solver = ReynoldsFilm(self._cells(), self.rheology, self.rough, 2.0 * load / (np.pi * a))
         u = np.full(count - 1, 0.5 * speed)
         step = FilmStep(film, u, solver.cells.last(), np.full(count, oil))
         found = solver.solve(step, w)
+        # Brought is what the mean speed carries: the oil, or all of the gap where there is more.
         passed = float(found.supply[0]) / (0.5 * speed * min(oil, float(film[0])))
         slopes = solver.slopes(step, found)
         by_film = slopes.by_pressure[:, None] * slopes.unknown(slopes.by_film.toarray())
@@ -200,6 +207,7 @@ class LineContact:
         area = self._cells().area
         rate: Floats = np.asarray(speed / film, dtype=np.float64)
         eta = self.rheology.viscosity(rate, wet).value
+        # The flow by pressure shears this wall by −(h/2) ∂p/∂x.
         faces = wedge_film(np.stack([film[1:], film[:-1]], axis=1))[0]
         gradient = 0.5 * faces @ np.diff(wet)
         return float(area @ (self.mu * dry + filled * eta * rate) - gradient)
@@ -216,6 +224,7 @@ def graded(low: float, high: float, edge: float, least: float) -> Floats:
         found = np.concatenate([[0.0], np.cumsum(steps)])
         return np.asarray(found * (way / found[-1]), dtype=np.float64)
 
+    # Slices leave out what the part beside has already: both edges, and the middle.
     inner = side(edge)
     parts = [-edge - side(-edge - low)[:0:-1], -edge + inner, edge - inner[-2::-1]]
     return np.concatenate([*parts, edge + side(high - edge)[1:]])
@@ -239,6 +248,7 @@ def half_plane(place: Floats, modulus: float) -> Floats:
     low = place[None, :-1] - place[:, None]
     high = place[None, 1:] - place[:, None]
     length = np.diff(place)
+    # With t = s − x the halves of a hat are (high − t)/l and (t − low)/l.
     plain, turned = first(high) - first(low), second(high) - second(low)
     out = np.zeros((len(place), len(place)))
     out[:, :-1] += (high * plain - turned) / length
@@ -373,6 +383,7 @@ def _modulus(name: str, body: Body) -> float:
             f'bodies.{name}.material = "{body.material}": tribox map of a film that is found takes '
             "an elastic body with moduli of its own: metal that yields bears other pressures"
         )
+    # E* = E/(1 − ν²) = 2 G/(1 − ν)
     poisson = (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
     return float(2.0 * shear / (1.0 - poisson))
 

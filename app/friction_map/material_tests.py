@@ -346,6 +346,7 @@ def compute_map(setup: MapSetup) -> FrictionMapResult:
     films = np.array([*setup.films, *(setup.film for _ in setup.loads)])
     loads = np.array([*(setup.pressure for _ in setup.films), *setup.loads])
     curves = _steady_curves(setup, law, films, loads)
+    # From D_max on all films are plain fluids: one of them shows what they do.
     fluid = [D for D in setup.films if setup.parameters.D_max <= D]
     tested = (*setup.between, *fluid[:1])
     moved = tested or setup.films[:1]
@@ -393,6 +394,7 @@ def _weakening(setup: MapSetup, law: FrictionMap) -> Track:
     p = setup.parameters
     reach = _build_up(setup)
     if not p.friction.constant:
+        # 1/(1 + B s) is a twentieth there.
         reach += p.A_d + 19.0 / p.B
     else:
         reach *= 4.0
@@ -416,6 +418,7 @@ def _build_up(setup: MapSetup) -> float:
 def _distance(setup: MapSetup) -> float:
     """A slip by which friction has built up and mu has fallen."""
     p = setup.parameters
+    # After 4/B beyond A_d four fifths of the fall are done.
     return 3.0 * _build_up(setup) + (0.0 if p.friction.constant else p.A_d + 4.0 / p.B)
 
 

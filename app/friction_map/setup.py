@@ -132,6 +132,7 @@ def _setup(
     film = _thickness(lubricant, load)
     films = swept or _films(parameters, film)
     inside = [D for D in films if parameters.D_min < D < parameters.D_max]
+    # Over loads a film is shown through which asperities rub as well, if there is one.
     if not parameters.D_min < film < parameters.D_max and inside:
         film = inside[0]
     return MapSetup(

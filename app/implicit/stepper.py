@@ -182,7 +182,9 @@ class ImplicitStepper:
         more, reason = self._tried(step.held(springs), True)
         if reason > 0:
             newton.evaluate(step.held(springs))
-        self._trial_floating = tuple(self._weak.floating(largest))
+            self._trial_floating = tuple(self._weak.floating(largest))
+        else:  # where an iteration ended that led nowhere, no contact says what holds a body
+            self._trial_floating = self._floating
         return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
     def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:

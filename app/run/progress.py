@@ -244,45 +244,28 @@ class _Pace:
         return pace
 
 
+def _passed_on(event: str) -> Callable[..., None]:
+    """A method that tells every observer of an event."""
+
+    def tell(self: Together, *about: object) -> None:
+        for observer in self.observers:
+            getattr(observer, event)(*about)
+
+    return tell
+
+
 class Together(Observer):
     """Several observers as one, told in order."""
 
     def __init__(self, *observers: Observer) -> None:
         self.observers = observers
 
-    def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.step(state, row, result)
-
-    def ready(self, state: RunState) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.ready(state)
-
-    def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.within(state, load_step, steps)
-
-    def load_step(
-        self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
-    ) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.load_step(state, load_step, row, steady)
-
-    def attempt(
-        self, state: RunState, load_step: LoadStep, dt: float, result: StepResult | Interval
-    ) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.attempt(state, load_step, dt, result)
-
-    def cut(self, state: RunState, dt: float, result: StepResult) -> None:
-        """Pass on."""
-        for observer in self.observers:
-            observer.cut(state, dt, result)
+    step = _passed_on("step")
+    ready = _passed_on("ready")
+    within = _passed_on("within")
+    load_step = _passed_on("load_step")
+    attempt = _passed_on("attempt")
+    cut = _passed_on("cut")
 
 
 # -- The log of a run: every line is on the disk as soon as it is written --------------------------

@@ -15,7 +15,7 @@ import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import NoReturn, Self
 
 from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line, tell
@@ -102,12 +102,7 @@ class Forwarding:
         self._before |= taken({signal.SIGTSTP: self._pause})
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Give the signals back."""
         give_back(self._before)
 

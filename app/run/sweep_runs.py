@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from tribox.app.case.case import Case
@@ -80,12 +79,7 @@ class SweepLines(AbstractContextManager["SweepLines"]):
     def end(self, label: str, code: int) -> None:
         """A value has ended, with this exit code."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Nothing more will be said."""
 
 
@@ -152,12 +146,7 @@ class SweepScreen(SweepLines):
         said = f"{self._done} of {self._count} values done{failed}, {waiting} waiting"
         return Group(grid, Text(said))
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Take the lines away."""
         self._live.stop()
 

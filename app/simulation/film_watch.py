@@ -11,6 +11,7 @@ points.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import dolfinx
 import numpy as np
@@ -22,6 +23,7 @@ from tribox.app.simulation.history import Row, time_text
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication
+from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -52,6 +54,48 @@ UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady 
 AGAIN = 0.05  # share of the contact's area that may have been in it before
 
 
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A pair's film at a converged step.
+
+    Attributes:
+        place, when: of the pair and the step, in words.
+        faces: (f, 2) vertices of its faces; length: (f,), m, of each; depth: (f,), m, of the cells
+            below.
+        carried: (v,), Pa, by film and asperities together.
+        step, solver, solution: what the film was found from, by what, and what was found.
+    """
+
+    place: str
+    when: str
+    term: LubricatedTerm
+    trial: ContactTrial
+    film: Lubrication
+    faces: Longs
+    length: Floats
+    depth: Floats
+    carried: Floats
+    step: FilmStep
+    solver: ReynoldsFilm
+    solution: FilmSolution
+
+    @property
+    def loaded(self) -> Bools:
+        """Vertices (v,) that bear a load."""
+        loaded: Bools = self.carried > LOADED * self.carried.max(initial=0.0)
+        return loaded
+
+    @property
+    def pressed(self) -> Bools:
+        """Faces (f,) between vertices that count to the width of the contact."""
+        pressed: Bools = (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
+        return pressed
+
+
+Found = Iterator[tuple[str, float, str]]
+"""What is wrong with a film: a word for it, how bad it is, and what is said of it."""
+
+
 class FilmWatch:
     """The worst of each pair whose film is found."""
 
@@ -74,374 +118,67 @@ class FilmWatch:
         for index, term in self._terms:
             trial, history = self._problem.committed[index], term.state.film
             film = trial.normal_contact.lubrication
-            if film is None or film.solution is None or film.step is None or history is None:
+            if film is None or history is None:
                 continue
-            area, place = term.surface.vertices.area, f"contact.{index}"
+            if film.solution is None or film.step is None or film.solver is None:
+                continue
+            area, inside = term.surface.vertices.area, film.part.inside
             carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-            self._look_at_motion(index, term, film, carried, row.dt, when)
-            if area @ np.where(film.members, film.pressure, 0.0) < FELT * (area @ carried):
-                continue
-            inside = film.part.inside
-            faces, length = term.faces[inside], history.length[inside]
-            self._look_at_inlet(place, term, trial, film, faces, length, when)
-            self._look_at_depth(place, term, film, faces, self._depths[index][inside], length, when)
-            self._look_at_roughness(place, term, film, when)
-            self._look_at_facets(place, term, trial, film, when)
-            self._look_at_oil(place, term, film, when)
-            self._look_at_flow(place, film, faces, term.places.per_facet, when)
-            self._look_at_lag(place, term, trial, film, when)
-
-    def _look_at_inlet(
-        self,
-        place: str,
-        term: LubricatedTerm,
-        trial: ContactTrial,
-        film: Lubrication,
-        faces: Longs,
-        length: Floats,
-        when: str,
-    ) -> None:
-        """Hold the facet at the inlet, and the film before it, against what they should be."""
-        assert film.step is not None and film.solver is not None
-        cells = term.places.per_facet
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        loaded = carried > LOADED * carried.max()
-        upstream = np.where(
-            film.step.speed[: cells * len(faces) : cells] >= 0.0, faces[:, 0], faces[:, 1]
-        )
-        downstream = faces.sum(axis=1) - upstream
-        at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
-        if not len(at):
-            return
-        inlet = int(at[np.argmax(length[at])])
-        inside, outside = film.film[downstream[inlet]], film.film[upstream[inlet]]
-        growth = outside / inside - 1.0
-        most = min(COARSE, COARSE_CELL * cells)
-        if growth > 0.0 and growth ** (2.0 / 3.0) > most:
-            size = length[inlet] / growth ** (2.0 / 3.0)
-            self._keep(
-                f"inlet {place}",
-                length[inlet] / size,
-                f"{place}: the inlet of the film is about {size:.2g} m long and the slave's facets "
-                f"there {length[inlet]:.2g} m ({when}): film and asperities do not share the load "
-                "as they should, and friction may be off by a tenth and more; refine the slave at "
-                f"the edges of the contact to {most * size:.2g} m"
-                + (", or give film.cells = 4" if most < COARSE else ""),
+            look = Look(
+                place=f"contact.{index}",
+                when=when,
+                term=term,
+                trial=trial,
+                film=film,
+                faces=term.faces[inside],
+                length=history.length[inside],
+                depth=self._depths[index][inside],
+                carried=carried,
+                step=film.step,
+                solver=film.solver,
+                solution=film.solution,
             )
-        pressed = carried > PRESSED * carried.max()
-        width = 0.5 * float(length[pressed[faces].all(axis=1)].sum())
-        ahead, first = self._ahead(upstream, downstream, length, inlet)
-        ring = not film.solver.cells.last().any()
-        bounded = ring or self._bounded(term, trial, film, first, loaded)
-        if width > 0.0 and ahead < AHEAD * width and not bounded:
-            self._keep(
-                f"ahead {place}",
-                width / max(ahead, 1e-9 * width),
-                f"{place}: the film begins {ahead:.2g} m upstream of the contact, whose half-width "
-                f"is {width:.2g} m ({when}): it comes out too thin; let slave and film reach "
-                f"{AHEAD:g} half-widths, or raise film.h_max",
-            )
+            found = [*self._motion(index, look, row.dt)]
+            if area @ np.where(film.members, film.pressure, 0.0) >= FELT * (area @ carried):
+                found += [one for check in CHECKS for one in check(look)]
+            for word, bad, said in found:
+                name = f"{word} {look.place}"
+                if name not in self._found or float(self._found[name][0]) < bad:
+                    self._found[name] = [bad, f"{look.place}: {said}"]
 
-    @staticmethod
-    def _bounded(
-        term: LubricatedTerm, trial: ContactTrial, film: Lubrication, first: int, loaded: Bools
-    ) -> bool:
-        """Whether there is nothing further out than the vertex that a film begins at.
-
-        A slider or a plate, slave or master, has a narrow gap up to its edge; and what is not full
-        at its beginning begins further in.
-        """
-        at_first = (term.faces == first).any(axis=1)
-        bare: Bools = np.zeros(len(film.members), dtype=bool)  # no master below all of their area
-        bare[term.surface.vertices.of_point[~trial.projection.on_surface]] = True
-        ends = np.count_nonzero(at_first) < 2 or bool(bare[term.faces[at_first]].any())
-        narrow = bool(film.film[first] < BOUNDED * film.film[loaded].min())
-        return (ends and narrow) or bool(film.filled[first] < PASSED)
-
-    @staticmethod
-    def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> tuple[float, int]:
-        """Length of film upstream of a face, m, this included, and the vertex it begins at."""
-        before = {int(vertex): face for face, vertex in enumerate(downstream)}
-        total, face = 0.0, inlet
-        for _ in range(len(length)):
-            total += float(length[face])
-            following = before.get(int(upstream[face]))
-            if following is None:
-                break
-            face = following
-        return total, int(upstream[face])
-
-    def _look_at_depth(
-        self,
-        place: str,
-        term: LubricatedTerm,
-        film: Lubrication,
-        faces: Longs,
-        depth: Floats,
-        length: Floats,
-        when: str,
-    ) -> None:
-        """Hold the slave's cells below the contact against its half-width, where they give way."""
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        pressed = (carried > PRESSED * carried.max())[faces].all(axis=1)
-        if term.modulus is None or not pressed.any():
-            return
-        width, deepest = 0.5 * float(length[pressed].sum()), float(depth[pressed].max())
-        gives = carried.max() * deepest / term.modulus
-        if deepest > DEEP * width and gives > GIVES * float(film.film[faces[pressed]].min()):
-            self._keep(
-                f"depth {place}",
-                deepest / width,
-                f"{place}: the slave's cells below the contact are {deepest:.2g} m deep, and its "
-                f"half-width is {width:.2g} m ({when}): friction where film and asperities "
-                f"share the load comes out too high; cells of {DEEP * width:.2g} m there, by "
-                "grading or a finer mesh",
-            )
-
-    def _look_at_roughness(
-        self, place: str, term: LubricatedTerm, film: Lubrication, when: str
-    ) -> None:
-        """See whether surfaces are closer than their laws of roughness were made for."""
-        sigma = term.model.rough.sigma
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        area = term.surface.vertices.area * (carried > LOADED * carried.max())
-        thin = float(area @ (film.film < THIN * sigma) / max(area.sum(), np.finfo(float).tiny))
-        if thin > 0.5:
-            self._keep(
-                f"thin {place}",
-                thin,
-                f"{place}: the film is thinner than {THIN:g} sigma on {100.0 * thin:.0f} % of the "
-                f"contact ({when}), where the laws of film and asperities are extrapolated",
-            )
-
-    def _look_at_facets(
-        self, place: str, term: LubricatedTerm, trial: ContactTrial, film: Lubrication, when: str
-    ) -> None:
-        """Hold arcs over the chords of a faceted master, and its corners, against the film."""
-        vertices, at = term.surface.vertices, trial.projection
-        carried = vertices.at_points(np.where(film.members, film.asperity + film.pressure, 0.0))
-        loaded = trial.kinematics.closed & (carried > LOADED * carried.max())
-        if trial.nodes is None or not loaded.any():
-            return
-        length, turn, beside = corners(term.surface.target, trial.nodes)
-        least = np.full(len(length), np.inf)
-        np.minimum.at(least, at.facet[loaded], vertices.at_points(film.film)[loaded])
-        flat = np.ones(len(length), dtype=bool)
-        if at.curvature is not None:  # what is round, or was made smooth, has no arc to miss
-            flat[at.facet[loaded]] = np.abs(at.curvature[loaded]).max(axis=(1, 2, 3)) == 0.0
-        # Three corners in a row that turn the same way are those of an arc.
-        arc = (np.prod(turn, axis=1) > 0.0) & (np.abs(turn).max(axis=1) < EDGE) & flat
-        arc &= (arc[beside] & (turn != 0.0)).any(axis=1)
-        sagitta = 0.125 * length * np.where(arc, np.abs(turn).min(axis=1), 0.0)
-        worst = int(np.argmax(sagitta / least))
-        if sagitta[worst] > SAGITTA * least[worst]:
-            fine = length[worst] * np.sqrt(SAGITTA * least[worst] / sagitta[worst])
-            self._keep(
-                f"facets {place}",
-                float(sagitta[worst] / least[worst]),
-                f"{place}: the master's facets are {length[worst]:.2g} m long and lie up to "
-                f"{sagitta[worst]:.2g} m from its arc, "
-                f"{100.0 * sagitta[worst] / least[worst]:.0f} % of the film "
-                f"({when}): film and friction ripple with them; a circle, a plane or fillets as "
-                f"tool, a smoothing_angle, or facets of {fine:.2g} m",
-            )
-        turn = np.where(arc[:, None] | ~np.isfinite(least[beside]), 0.0, turn)
-        self._look_at_corners(place, term, film, turn, least, when)
-
-    def _look_at_corners(
-        self,
-        place: str,
-        term: LubricatedTerm,
-        film: Lubrication,
-        turn: Floats,
-        least: Floats,
-        when: str,
-    ) -> None:
-        """Hold the film under corners that pass over the slave against what flows in a step.
-
-        The film's volume is that of the gaps at the vertices: it swings as a corner of the angle α
-        passes between two of them, by α l²/8.
-        """
-        assert film.step is not None
-        slid = 2.0 * film.step.dt * float(np.abs(film.step.speed).max(initial=0.0))
-        if not np.isfinite(slid) or slid == 0.0:
-            return
-        size = term.surface.facet_length
-        over = size * min(size, slid) / (4.0 * slid)  # what it passes in the step
-        swing = np.abs(turn).max(axis=1) * over / np.maximum(least, 1e-300)
-        worst = int(np.argmax(swing))
-        if swing[worst] > SWING:
-            self._keep(
-                f"corners {place}",
-                float(swing[worst]),
-                f"{place}: a corner of {np.abs(turn[worst]).max():.2g} rad of the master passes "
-                f"over facets of {size:.2g} m, under which the film swings by up to "
-                f"{100.0 * swing[worst]:.2g} % of what flows in a step ({when}): load and friction "
-                "may be off by several times as much, up and down from step to step; the body with "
-                f"the corner as slave, or facets of {size * np.sqrt(SWING / swing[worst]):.2g} m",
-            )
-
-    def _look_at_oil(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
-        """See whether more oil is given than passes."""
-        assert film.step is not None and film.solution is not None and film.solver is not None
-        step, solution, cells = film.step, film.solution, film.solver.cells
-        if not np.isfinite(term.model.oil):
-            return
-        if np.isfinite(step.dt):
-            self._look_at_ends(place, term, film, when)
-            end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
-            if end.any() and solution.pressure.max() > 0.0:
-                self._keep(
-                    f"oil {place}",
-                    1.0,
-                    f"{place}: the oil before the contact fills the film up to its end ({when}): "
-                    f"more is given than passes, and what no longer fits presses on a wall that is "
-                    f'not there; less film.oil, a larger film.h_max, or film.oil = "flooded"',
-                )
-            return
-        a, b = cells.ends.T
-        entering = np.where(step.speed >= 0.0, a, b)
-        first = step.fixed[entering]
-        mean = 0.5 * (step.film[a] + step.film[b])
-        given = np.minimum(step.content[entering], mean)
-        offered = float(np.sum((np.abs(step.speed) * cells.width * given)[first]))
-        passed = float(solution.supply[entering[first]].sum())
-        if offered > 0.0 and passed < PASSED * offered:
-            self._keep(
-                f"oil {place}",
-                offered / max(passed, 1e-3 * offered),
-                f"{place}: {100.0 * passed / offered:.2g} % of the oil that is brought passes the "
-                f"contact ({when}): there is no steady state, the rest piles up before it; the "
-                f'film is the flooded one: film.oil = "flooded", or leave film.steady out',
-            )
-
-    def _look_at_ends(self, place: str, term: LubricatedTerm, film: Lubrication, when: str) -> None:
-        """See whether oil flows to an end of the slave, where nothing lets it out."""
-        assert film.step is not None and film.solution is not None and film.solver is not None
-        step, (a, b) = film.step, film.solver.cells.ends.T
-        count = len(step.film)
-        outwards = np.bincount(b, step.speed > 0.0, count) + np.bincount(a, step.speed < 0.0, count)
-        edge = np.bincount(term.faces.reshape(-1), minlength=len(film.members)) < 2
-        at_edge: Bools = np.zeros(count, dtype=bool)
-        at_edge[: np.count_nonzero(film.members)] = edge[film.members]  # vertices come first
-        piled = float(film.solution.volume[at_edge & (outwards > 0.0)].sum())
-        piled /= term.model.oil * float(term.surface.vertices.area.sum())
-        if piled > PILED:
-            self._keep(
-                f"end {place}",
-                piled,
-                f"{place}: oil flows to the end of the slave and stays there, "
-                f"{100.0 * piled:.2g} % of what was given ({when}): in truth it leaves; "
-                "what it fills and carries there is not to be believed; a longer slave, or a "
-                "smaller film.h_max, so that the film ends before it",
-            )
-
-    def _look_at_flow(
-        self, place: str, film: Lubrication, faces: Longs, cells: int, when: str
-    ) -> None:
-        """See whether a steady film lets as much out as it takes in."""
-        assert film.step is not None and film.solution is not None
-        carried = np.where(film.members, film.asperity + film.pressure, 0.0)
-        loaded = (carried > LOADED * carried.max())[faces].all(axis=1)
-        flow = film.solution.flux[: cells * len(faces)]
-        passing = np.abs(flow[np.repeat(loaded, cells)])
-        if np.isfinite(film.step.dt) or not len(passing) or passing.max() == 0.0:
-            return
-        uneven = float(np.ptp(flow) / passing.max())
-        if uneven > UNEVEN:
-            self._keep(
-                f"flow {place}",
-                uneven,
-                f"{place}: the flow changes by {100.0 * uneven:.2g} % of itself along the film "
-                f"({when}), which is no steady state: rounding of open gaps, most likely; a "
-                "smaller film.h_max",
-            )
-
-    def _look_at_lag(
-        self, place: str, term: LubricatedTerm, trial: ContactTrial, film: Lubrication, when: str
-    ) -> None:
-        """Hold by how much a film changes in a step as its master slides on against the film.
-
-        Its pressure is that of the middle of the step, over the places of the end. Where the film
-        ends by itself, as behind a roll, it lies half a step behind; where it ends with the master
-        it is that of a film thicker or thinner by half the change, and p goes with h^-2.
-        """
-        step, solver, found = film.step, film.solver, film.solution
-        assert step is not None and solver is not None and found is not None
-        if step.before is None or not self._ends_narrow(term, trial, film):
-            return
-        a, b = solver.cells.ends.T
-        slid = 2.0 * step.dt * step.speed * (step.film[b] - step.film[a]) / solver.cells.length
-        change = 0.5 * (step.before - step.film)[solver.cells.ends].sum(axis=1)
-        # What the master brings along; squeezing is taken exactly.
-        lag = np.where(slid * change < 0.0, 0.0, np.sign(change))
-        lag *= np.minimum(np.abs(slid), np.abs(change)) / step.film[solver.cells.ends].mean(axis=1)
-        weight = found.pressure[solver.cells.ends].mean(axis=1) * solver.cells.length
-        off = LAGS * float(np.abs(weight @ lag) / max(weight.sum(), np.finfo(float).tiny))
-        if off > LAG:
-            self._keep(
-                f"lag {place}",
-                off,
-                f"{place}: the master ends within the film, which lags behind it by half a step: "
-                f"the load may be off by {100.0 * off:.2g} % ({when}); steps of "
-                f"{step.dt * LAG / off:.2g} s, or the body that ends as slave, and film.steady",
-            )
-
-    @staticmethod
-    def _ends_narrow(term: LubricatedTerm, trial: ContactTrial, film: Lubrication) -> bool:
-        """Whether the master ends over the slave where the film is narrow."""
-        ends: Bools = np.zeros(len(film.members), dtype=bool)
-        ends[term.surface.vertices.of_point[~trial.projection.on_surface]] = True
-        loaded = film.pressure > LOADED * film.pressure.max()
-        least = film.film[loaded & film.members].min(initial=np.inf)
-        return bool((film.film[ends & film.members] < BOUNDED * least).any())
-
-    def _look_at_motion(
-        self,
-        index: int,
-        term: LubricatedTerm,
-        film: Lubrication,
-        carried: Floats,
-        dt: float,
-        when: str,
-    ) -> None:
+    def _motion(self, index: int, look: Look, dt: float) -> Found:
         """See where the contact goes on the slave, and whether it was there before."""
-        assert film.step is not None
-        vertices, place = term.surface.vertices, f"contact.{index}"
-        loaded = carried > LOADED * carried.max(initial=0.0)
-        weight = vertices.area * carried
+        term, loaded, vertices = look.term, look.loaded, look.term.surface.vertices
+        weight = vertices.area * look.carried
         middle = weight @ vertices.position / max(weight.sum(), np.finfo(float).tiny)
         moved = float(np.linalg.norm(middle - self._first.setdefault(index, middle)))
-        slid = 2.0 * dt * float(np.abs(film.step.speed).max(initial=0.0))
+        slid = 2.0 * dt * float(np.abs(look.step.speed).max(initial=0.0))
         slid = self._slid[index] = self._slid.get(index, 0.0) + slid
         if term.model.steady:
             # Friction that changes shifts the load a little.
             width = term.surface.facet_length * np.count_nonzero(loaded)
             if moved > max(MOVED * slid, 0.25 * width):
-                self._keep(
-                    f"steady {place}",
+                yield (
+                    "steady",
                     moved,
-                    f"{place}: the contact has moved {moved:.2g} m along the slave while it slid "
-                    f"{slid:.2g} m ({when}): film.steady is for a contact that stays where it is "
-                    "on the slave; make the other surface the slave, or leave film.steady out",
+                    f"the contact has moved {moved:.2g} m along the slave while it slid "
+                    f"{slid:.2g} m ({look.when}): film.steady is for a contact that stays where it "
+                    "is on the slave; make the other surface the slave, or leave film.steady out",
                 )
             return
         none: Bools = np.zeros(len(loaded), dtype=bool)
         left: Bools = self._left.get(index, none) | (self._was.get(index, none) & ~loaded)
         self._left[index], self._was[index] = left, loaded
-        share = float(vertices.area @ (left & loaded) / max(vertices.area @ loaded, 1e-300))
+        again, area = vertices.area @ (left & loaded), vertices.area @ loaded
+        share = float(again / max(float(area), 1e-300))
         if np.isfinite(term.model.oil) and share > AGAIN:
-            self._keep(
-                f"again {place}",
+            yield (
+                "again",
                 share,
-                f"{place}: {100.0 * share:.0f} % of the contact's surface has left it before "
-                f"({when}), with all of the oil: what the master carries away at the exit is not "
-                "known, and up to half is its; give the second pass its own film.oil",
+                f"{100.0 * share:.0f} % of the contact's surface has left it before "
+                f"({look.when}), with all of the oil: what the master carries away at the exit is "
+                "not known, and up to half is its; give the second pass its own film.oil",
             )
-
-    def _keep(self, word: str, bad: float, said: str) -> None:
-        if word not in self._found or float(self._found[word][0]) < bad:
-            self._found[word] = [bad, said]
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair and reason."""
@@ -464,6 +201,261 @@ class FilmWatch:
         self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
         self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
         self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}
+
+
+# -- What is looked at, film by film ---------------------------------------------------------------
+
+
+def inlet(look: Look) -> Found:
+    """Hold the facet at the inlet, and the film before it, against what they should be."""
+    film, faces, length, cells = look.film, look.faces, look.length, look.term.places.per_facet
+    loaded, speed = look.loaded, look.step.speed[: cells * len(faces) : cells]
+    upstream = np.where(speed >= 0.0, faces[:, 0], faces[:, 1])
+    downstream = faces.sum(axis=1) - upstream
+    at = np.nonzero(loaded[downstream] & ~loaded[upstream])[0]
+    if not len(at):
+        return
+    first = int(at[np.argmax(length[at])])
+    growth = film.film[upstream[first]] / film.film[downstream[first]] - 1.0
+    most = min(COARSE, COARSE_CELL * cells)
+    if growth > 0.0 and growth ** (2.0 / 3.0) > most:
+        size = length[first] / growth ** (2.0 / 3.0)
+        yield (
+            "inlet",
+            length[first] / size,
+            f"the inlet of the film is about {size:.2g} m long and the slave's facets there "
+            f"{length[first]:.2g} m ({look.when}): film and asperities do not share the load as "
+            "they should, and friction may be off by a tenth and more; refine the slave at the "
+            f"edges of the contact to {most * size:.2g} m"
+            + (", or give film.cells = 4" if most < COARSE else ""),
+        )
+    width = 0.5 * float(length[look.pressed].sum())
+    ahead, begin = _ahead(upstream, downstream, length, first)
+    ring = not look.solver.cells.last().any()
+    if width > 0.0 and ahead < AHEAD * width and not (ring or _bounded(look, begin)):
+        yield (
+            "ahead",
+            width / max(ahead, 1e-9 * width),
+            f"the film begins {ahead:.2g} m upstream of the contact, whose half-width is "
+            f"{width:.2g} m ({look.when}): it comes out too thin; let slave and film reach "
+            f"{AHEAD:g} half-widths, or raise film.h_max",
+        )
+
+
+def _bounded(look: Look, first: int) -> bool:
+    """Whether there is nothing further out than the vertex that a film begins at.
+
+    A slider or a plate, slave or master, has a narrow gap up to its edge; and what is not full
+    at its beginning begins further in.
+    """
+    film, faces = look.film, look.term.faces
+    at_first, bare = (faces == first).any(axis=1), _bare(look)
+    ends = np.count_nonzero(at_first) < 2 or bool(bare[faces[at_first]].any())
+    narrow = bool(film.film[first] < BOUNDED * film.film[look.loaded].min())
+    return (ends and narrow) or bool(film.filled[first] < PASSED)
+
+
+def _bare(look: Look) -> Bools:
+    """Vertices (v,) with no master below all of their area."""
+    bare: Bools = np.zeros(len(look.film.members), dtype=bool)
+    bare[look.term.surface.vertices.of_point[~look.trial.projection.on_surface]] = True
+    return bare
+
+
+def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> tuple[float, int]:
+    """Length of film upstream of a face, m, this included, and the vertex it begins at."""
+    before = {int(vertex): face for face, vertex in enumerate(downstream)}
+    total, face = 0.0, inlet
+    for _ in range(len(length)):
+        total += float(length[face])
+        following = before.get(int(upstream[face]))
+        if following is None:
+            break
+        face = following
+    return total, int(upstream[face])
+
+
+def cells_below(look: Look) -> Found:
+    """Hold the slave's cells below the contact against its half-width, where they give way."""
+    pressed, modulus = look.pressed, look.term.modulus
+    if modulus is None or not pressed.any():
+        return
+    width, deepest = 0.5 * float(look.length[pressed].sum()), float(look.depth[pressed].max())
+    gives = look.carried.max() * deepest / modulus
+    if deepest > DEEP * width and gives > GIVES * float(look.film.film[look.faces[pressed]].min()):
+        yield (
+            "depth",
+            deepest / width,
+            f"the slave's cells below the contact are {deepest:.2g} m deep, and its half-width is "
+            f"{width:.2g} m ({look.when}): friction where film and asperities share the load comes "
+            f"out too high; cells of {DEEP * width:.2g} m there, by grading or a finer mesh",
+        )
+
+
+def roughness(look: Look) -> Found:
+    """See whether surfaces are closer than their laws of roughness were made for."""
+    area = look.term.surface.vertices.area * look.loaded
+    below = look.film.film < THIN * look.term.model.rough.sigma
+    thin = float(area @ below / max(area.sum(), np.finfo(float).tiny))
+    if thin > 0.5:
+        yield (
+            "thin",
+            thin,
+            f"the film is thinner than {THIN:g} sigma on {100.0 * thin:.0f} % of the contact "
+            f"({look.when}), where the laws of film and asperities are extrapolated",
+        )
+
+
+def master_facets(look: Look) -> Found:
+    """Hold arcs over the chords of a faceted master, and its corners, against the film."""
+    vertices, at, nodes = look.term.surface.vertices, look.trial.projection, look.trial.nodes
+    carried = vertices.at_points(look.carried)
+    loaded = look.trial.kinematics.closed & (carried > LOADED * carried.max())
+    if nodes is None or not loaded.any():
+        return
+    length, turn, beside = corners(look.term.surface.target, nodes)
+    least = np.full(len(length), np.inf)
+    np.minimum.at(least, at.facet[loaded], vertices.at_points(look.film.film)[loaded])
+    flat = np.ones(len(length), dtype=bool)
+    if at.curvature is not None:  # what is round, or was made smooth, has no arc to miss
+        flat[at.facet[loaded]] = np.abs(at.curvature[loaded]).max(axis=(1, 2, 3)) == 0.0
+    # Three corners in a row that turn the same way are those of an arc.
+    arc = (np.prod(turn, axis=1) > 0.0) & (np.abs(turn).max(axis=1) < EDGE) & flat
+    arc &= (arc[beside] & (turn != 0.0)).any(axis=1)
+    sagitta = 0.125 * length * np.where(arc, np.abs(turn).min(axis=1), 0.0)
+    worst = int(np.argmax(sagitta / least))
+    if sagitta[worst] > SAGITTA * least[worst]:
+        fine = length[worst] * np.sqrt(SAGITTA * least[worst] / sagitta[worst])
+        yield (
+            "facets",
+            float(sagitta[worst] / least[worst]),
+            f"the master's facets are {length[worst]:.2g} m long and lie up to "
+            f"{sagitta[worst]:.2g} m from its arc, "
+            f"{100.0 * sagitta[worst] / least[worst]:.0f} % of the film ({look.when}): film and "
+            "friction ripple with them; a circle, a plane or fillets as tool, a smoothing_angle, "
+            f"or facets of {fine:.2g} m",
+        )
+    turn = np.where(arc[:, None] | ~np.isfinite(least[beside]), 0.0, turn)
+    # The film's volume is that of the gaps at the vertices: it swings as a corner of the angle α
+    # passes between two of them, by α l²/8, against what flows in the step.
+    slid = 2.0 * look.step.dt * float(np.abs(look.step.speed).max(initial=0.0))
+    if not np.isfinite(slid) or slid == 0.0:
+        return
+    size = look.term.surface.facet_length
+    over = size * min(size, slid) / (4.0 * slid)  # what it passes in the step
+    swing = np.abs(turn).max(axis=1) * over / np.maximum(least, 1e-300)
+    worst = int(np.argmax(swing))
+    if swing[worst] > SWING:
+        yield (
+            "corners",
+            float(swing[worst]),
+            f"a corner of {np.abs(turn[worst]).max():.2g} rad of the master passes over facets of "
+            f"{size:.2g} m, under which the film swings by up to {100.0 * swing[worst]:.2g} % of "
+            f"what flows in a step ({look.when}): load and friction may be off by several times as "
+            "much, up and down from step to step; the body with the corner as slave, or facets of "
+            f"{size * np.sqrt(SWING / swing[worst]):.2g} m",
+        )
+
+
+def oil(look: Look) -> Found:
+    """See whether more oil is given than passes, or flows to an end where nothing lets it out."""
+    step, solution, cells = look.step, look.solution, look.solver.cells
+    if not np.isfinite(look.term.model.oil):
+        return
+    a, b = cells.ends.T
+    if np.isfinite(step.dt):
+        members, count = look.film.members, len(step.film)
+        outwards = np.bincount(b, step.speed > 0.0, count) + np.bincount(a, step.speed < 0.0, count)
+        edge = np.bincount(look.term.faces.reshape(-1), minlength=len(members)) < 2
+        at_edge: Bools = np.zeros(count, dtype=bool)
+        at_edge[: np.count_nonzero(members)] = edge[members]  # vertices come first
+        piled = float(solution.volume[at_edge & (outwards > 0.0)].sum())
+        piled /= look.term.model.oil * float(look.term.surface.vertices.area.sum())
+        if piled > PILED:
+            yield (
+                "end",
+                piled,
+                "oil flows to the end of the slave and stays there, "
+                f"{100.0 * piled:.2g} % of what was given ({look.when}): in truth it leaves; "
+                "what it fills and carries there is not to be believed; a longer slave, or a "
+                "smaller film.h_max, so that the film ends before it",
+            )
+        end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
+        if end.any() and solution.pressure.max() > 0.0:
+            yield (
+                "oil",
+                1.0,
+                f"the oil before the contact fills the film up to its end ({look.when}): "
+                "more is given than passes, and what no longer fits presses on a wall that is "
+                'not there; less film.oil, a larger film.h_max, or film.oil = "flooded"',
+            )
+        return
+    entering = np.where(step.speed >= 0.0, a, b)
+    first = step.fixed[entering]
+    mean = 0.5 * (step.film[a] + step.film[b])
+    given = np.minimum(step.content[entering], mean)
+    offered = float(np.sum((np.abs(step.speed) * cells.width * given)[first]))
+    passed = float(solution.supply[entering[first]].sum())
+    if offered > 0.0 and passed < PASSED * offered:
+        yield (
+            "oil",
+            offered / max(passed, 1e-3 * offered),
+            f"{100.0 * passed / offered:.2g} % of the oil that is brought passes the contact "
+            f"({look.when}): there is no steady state, the rest piles up before it; the film is "
+            'the flooded one: film.oil = "flooded", or leave film.steady out',
+        )
+
+
+def steady_flow(look: Look) -> Found:
+    """See whether a steady film lets as much out as it takes in."""
+    cells = look.term.places.per_facet
+    flow = look.solution.flux[: cells * len(look.faces)]
+    passing = np.abs(flow[np.repeat(look.loaded[look.faces].all(axis=1), cells)])
+    if np.isfinite(look.step.dt) or not len(passing) or passing.max() == 0.0:
+        return
+    uneven = float(np.ptp(flow) / passing.max())
+    if uneven > UNEVEN:
+        yield (
+            "flow",
+            uneven,
+            f"the flow changes by {100.0 * uneven:.2g} % of itself along the film ({look.when}), "
+            "which is no steady state: rounding of open gaps, most likely; a smaller film.h_max",
+        )
+
+
+def lag(look: Look) -> Found:
+    """Hold by how much a film changes in a step as its master slides on against the film.
+
+    Its pressure is that of the middle of the step, over the places of the end. Where the film
+    ends by itself, as behind a roll, it lies half a step behind; where it ends with the master
+    it is that of a film thicker or thinner by half the change, and p goes with h^-2.
+    """
+    step, cells, film = look.step, look.solver.cells, look.film
+    bearing = film.pressure > LOADED * film.pressure.max()
+    least = film.film[bearing & film.members].min(initial=np.inf)
+    narrow = bool((film.film[_bare(look) & film.members] < BOUNDED * least).any())
+    if step.before is None or not narrow:  # the master ends elsewhere than over a narrow film
+        return
+    a, b = cells.ends.T
+    slid = 2.0 * step.dt * step.speed * (step.film[b] - step.film[a]) / cells.length
+    change = 0.5 * (step.before - step.film)[cells.ends].sum(axis=1)
+    # What the master brings along; squeezing is taken exactly.
+    behind = np.where(slid * change < 0.0, 0.0, np.sign(change))
+    behind *= np.minimum(np.abs(slid), np.abs(change)) / step.film[cells.ends].mean(axis=1)
+    weight = look.solution.pressure[cells.ends].mean(axis=1) * cells.length
+    off = LAGS * float(np.abs(weight @ behind) / max(weight.sum(), np.finfo(float).tiny))
+    if off > LAG:
+        yield (
+            "lag",
+            off,
+            "the master ends within the film, which lags behind it by half a step: the load may be "
+            f"off by {100.0 * off:.2g} % ({look.when}); steps of {step.dt * LAG / off:.2g} s, or "
+            "the body that ends as slave, and film.steady",
+        )
+
+
+CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, lag)
+"""All that a film which carries a part of the load is held against."""
 
 
 def corners(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats, Floats, Longs]:

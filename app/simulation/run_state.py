@@ -116,20 +116,14 @@ class RunState:
     def driven_direction(self) -> list[float] | None:
         """Direction of the first driven boundary, spring or tool, None without."""
         axes = COMPONENTS[: self.model.problem.dim]
-        for boundary in self.model.case.boundary:
-            components = boundary.driven_components()
-            if components and boundary.displacement is not None:
-                share = boundary.displacement.driven_share
+        case = self.model.case
+        for table in (*case.boundary, *case.tools.values()):
+            components = table.driven_components()
+            if components and table.displacement is not None:
+                share = table.displacement.driven_share
                 return [share(axis) if axis in components else 0.0 for axis in axes]
-            if boundary.spring is not None and boundary.spring.end == DRIVEN:
-                return [float(axis == boundary.spring.direction) for axis in axes]
-        for tool in self.model.case.tools.values():
-            components = tool.driven_components()
-            if components and tool.displacement is not None:
-                share = tool.displacement.driven_share
-                return [share(axis) if axis in components else 0.0 for axis in axes]
-            if tool.spring is not None and tool.spring.end == DRIVEN:
-                return [float(axis == tool.spring.direction) for axis in axes]
+            if table.spring is not None and table.spring.end == DRIVEN:
+                return [float(axis == table.spring.direction) for axis in axes]
         return None
 
     def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:

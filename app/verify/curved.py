@@ -496,6 +496,7 @@ def disc(rubber: Floats, centre: Floats, radius: float) -> float:
     a, shift = float(np.hypot(*at[touching].T).max()), 0.0
     for _ in range(6):
         unit = 0.5 * a**2 / radius
+        # Facets in the middle of the contact stand off by the height of their chords, too.
         used = (gap > LEAST * unit) & (gap < MOST * unit) & (np.hypot(*at.T) > 0.5 * a)
         if used.sum() < 8:
             raise ValueError("too few nodes lie beside the contact for its end to be found")
@@ -540,6 +541,7 @@ def _end(x: Floats, gap: Floats, a: float, shape: Callable[[Floats], Floats]) ->
     def misfit(end: float) -> float:
         rho = 1.0 + (x - end) / a
         f = shape(rho)
+        # Errors count in proportion to the root of the gap, which spans a factor of 24.
         basis = np.stack([f, f * (rho - 1.0)], axis=1) / np.sqrt(f)[:, None]
         wanted = gap / np.sqrt(f)
         c, *_ = np.linalg.lstsq(basis, wanted, rcond=None)

@@ -139,6 +139,7 @@ class FilmPart:
 
     def widest(self, film: Floats, among: Bools) -> Bools:
         """Places (m,) where ``film`` (m,) is thickest in those parts (r,) ``among`` which it is."""
+        # Part by part, and in each the thickest place first.
         order = np.lexsort((-film, self.ring))
         first = order[np.searchsorted(self.ring[order], np.nonzero(among)[0])]
         out: Bools = np.zeros(len(film), dtype=bool)
@@ -158,6 +159,8 @@ class FilmPart:
             facet, end = self.edges.T
             last = facet * self.per_facet + end * (self.per_facet - 1)
             other = last + (1 - 2 * end) if self.per_facet > 1 else last
+            # Of a width w linear over a length l the hats of both ends have l (w_a/3 + w_b/6) and l
+            # (w_a/6 + w_b/3).
             grows = (width[last] - width[other]) / length[last]
             high = width[last] + grows * (0.5 * length[last] + beyond)
             low = width[last] + grows * 0.5 * length[last]
@@ -213,6 +216,8 @@ class FilmPart:
             beside = np.column_stack([np.arange(len(length)), self.beside])
             by = by / length[beside][:, None]
             start = np.ones_like(by_own)[:, :, None]
+            # 1 for the gap that the cubic starts from; of each secant −1/l and 1/l for its
+            # vertices.
             inner = np.concatenate([start, -by, by], axis=2)
             at = np.column_stack([a, a[beside], b[beside]])[:, None]
             index = np.concatenate([index, np.broadcast_to(at, inner.shape).reshape(-1)])
@@ -227,6 +232,7 @@ class FilmPart:
     def _cubic(self, length: Floats) -> tuple[Floats, Floats]:
         """Weights at the places inside facets: (k − 1,) of the rise, m (f', 2, k − 1) of slopes."""
         t = np.arange(1, self.per_facet) / self.per_facet
+        # Hermite's basis on the unit interval, for slopes times the length.
         bent = np.stack([t * (1.0 - t) ** 2, t**2 * (t - 1.0)])
         return t**2 * (3.0 - 2.0 * t), length[:, None, None] * bent
 
@@ -290,6 +296,7 @@ def _vertex_slopes(
     by_own = (theirs * far**2 + 2.0 * mine * s * (far - slope)) * over
     by_other = (mine * s**2 + 2.0 * theirs * far * (s - slope)) * over
     total = mine + theirs
+    # Two secants that vanish are 0/0: the limit of equal ones.
     by_own = np.where(flat, theirs / total, by_own)
     return slope, by_own, turned * np.where(flat, mine / total, by_other)
 
@@ -312,6 +319,8 @@ def _beside(facets: Longs) -> tuple[Longs, Floats]:
     order = np.argsort(vertex, kind="stable")
     same = np.nonzero(vertex[order[1:]] == vertex[order[:-1]])[0]
     for one, two in ((order[same], order[same + 1]), (order[same + 1], order[same])):
+        # Ends are numbered 2 f + e: two that both begin, or both end, at a vertex run opposite
+        # ways.
         beside.reshape(-1)[one] = two // 2
         turned.reshape(-1)[one] = np.where(one % 2 == two % 2, -1.0, 1.0)
     return beside, turned
@@ -370,9 +379,11 @@ class FilmPlaces:
         number, facets, count = np.cumsum(here) - 1, self.facets[inside], int(here.sum())
         last = number[facets[edges[:, 0], edges[:, 1]]]
         beyond = np.stack([last, count + np.arange(len(edges))], axis=1)
+        # Faces run as their facet does.
         beyond = np.where(edges[:, 1:] == 1, beyond, beyond[:, ::-1])
         ends = np.concatenate([number[self._ends[faces]], beyond])
         shared = self._shares[here]
+        # What presses at an edge of the master is felt by the slave's vertex before it.
         shared = scipy.sparse.vstack([shared, shared[last]]).T.tocsr()
         band = Band(ends, count + len(edges))
         given = members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet
@@ -395,6 +406,7 @@ class FilmPlaces:
         ``counted``, or all.
         """
         k, (a, b) = self.per_facet, parts.T / length
+        # Widths whose shares l (w_a/3 + w_b/6) and l (w_a/6 + w_b/3) are the vertices' areas.
         ends = np.stack([4.0 * a - 2.0 * b, 4.0 * b - 2.0 * a], axis=1)
         at = np.arange(k + 1) / k
         width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at

@@ -278,6 +278,8 @@ class ReynoldsFilm:
         loops = self._loops(step, given, np.where(step.fixed, given.held, start))
         w, made = loops.arrays["unknown"], loops.arrays
         for iteration in range(1, MOST_ITERATIONS + 1):
+            # One step more than the balance asks for: it converges quadratically, and what follows
+            # takes derivatives at the solution.
             balanced = self._balance(loops, given)
             change = loops.solved(-made["residual"])
             if not np.isfinite(change).all():
@@ -299,8 +301,11 @@ class ReynoldsFilm:
         of_film, of_speed = self._given_slopes(step, given, loops)
         free = np.where(step.fixed, 0.0, 1.0)
         plain = of_film.reshape(-1)
+        # What leaves the first end of a face arrives at its second; the diagonal is what is stored.
         data = np.concatenate([plain, -plain, theta * self._per_time(step)])
         data *= free[cells.band.row]
+        # At a reservoir the balance reads w = held, and held follows the films of the faces beside
+        # it.
         held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row[: 4 * len(cells.ends)]]
         data[: len(held)] += held * np.tile(given.d_film.reshape(-1), 2).reshape(-1)
         by_film = cells.band.matrix(data)
@@ -339,6 +344,7 @@ class ReynoldsFilm:
     def _balance(self, loops: _Loops, given: _Given) -> bool:
         """Evaluate everything at the w of the loops; whether all places balance."""
         loops.parts()
+        # The shear rate does not depend on w: unless pressure thickens the oil, once is enough.
         if "viscosity" not in loops.arrays or self.rheology.feels_pressure:
             flow = self.rheology.viscosity(given.rate, loops.arrays["middle"])
             loops.point("viscosity", flow.value)
@@ -362,6 +368,7 @@ class ReynoldsFilm:
         limit += np.bincount(a, moved, len(h)) + np.bincount(b, moved, len(h))
         limit += TOLERANCE * h * self._per_time(step)
         limit = np.where(step.fixed, _ROUNDOFF, limit)
+        # u is half the speed of one surface over the other.
         rate = 2.0 * np.abs(step.speed) / film
         return _Given(cube, d_cube, film, d_film, rate, held, d_held, limit)
 
@@ -380,10 +387,12 @@ class ReynoldsFilm:
             first = step.before
             cube = 2.0 * first**2 * h**2 / (first + h)
             mean = np.cbrt(cube)
+            # d ln m/dh = [2/h − 1/(h₀ + h)]/3
             d_mean = mean * (h + 2.0 * first) / (3.0 * h * (first + h))
         factor, d_factor = self.rough.flow(h)
         first, last = mean[ends].T
         whole = 2.0 * first**2 * last**2 / (first + last)
+        # ∂/∂a of 2a²b²/(a + b) is that times (a + 2b)/(a (a + b)).
         other = mean[ends[:, ::-1]]
         slope = whole[:, None] * (mean[ends] + 2.0 * other)
         slope /= mean[ends] * (first + last)[:, None]
@@ -395,6 +404,7 @@ class ReynoldsFilm:
         """Derivatives of the flow for the film at both ends (f, 2), and for the speed (f,)."""
         cells, (a, b), film, rate = self.cells, self.cells.ends.T, given.film, given.rate
         p, theta = loops.arrays["pressure"], loops.arrays["filled"]
+        # ∂γ̇/∂h̄ = −γ̇/h̄ and ∂γ̇/∂u = 2 sign(u)/h̄ change the viscosity of an oil that thins.
         flow = self.rheology.viscosity(rate, loops.arrays["middle"])
         slope = (p[b] - p[a]) / cells.length
         thinning = given.cube / (12.0 * flow.value) * slope / flow.value
@@ -427,5 +437,6 @@ def _reservoir(step: FilmStep, cells: FilmCells, faces: Floats) -> tuple[Floats,
     film = np.where(film > 0.0, film, step.film)
     short: Bools = step.content < (1.0 - UNFILLED) * film
     content = np.where(short, step.content, film)
+    # Well below 0 the unknown is the oil that is missing, but for ε²: w = θ − 1.
     given = np.where(short, content / film - 1.0, -UNFILLED)
     return given, np.where(short, -content / (film**2 * number), 0.0)

@@ -113,6 +113,7 @@ class GreenwoodTripp:
         """See :class:`Asperities`."""
         z, (at_zero, slope) = gap / self.sigma, self.pressure(np.zeros(1))
         depth, below = np.maximum(4.0 - np.maximum(z, 0.0), 0.0), np.minimum(gap, 0.0)
+        # ∫ (4 − z)^6.804 dz from z to 4, and below 0 that of the straight line.
         far = self.sigma * 4.4086e-5 * self.reference * depth**7.804 / 7.804
         out: Floats = far - at_zero * below - 0.5 * slope * below**2
         return out
@@ -152,6 +153,7 @@ class AsperityTable:
         """See :class:`Asperities`."""
         z, p = np.array(self.rows).T
         parts = 0.5 * (p[1:] + p[:-1]) * np.diff(z)
+        # From each row to the last: trapezia are exact for straight lines.
         beyond = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
         at = gap / self.sigma
         piece = np.clip(np.searchsorted(z, at, side="right") - 1, 0, len(z) - 1)
@@ -205,6 +207,7 @@ class RoughGap:
         thickness = z * share + density
         below = z < _TAIL
         if below.any():
+            # z Φ + φ cancels there: the asymptotic series, φ/z² (1 − 3/z² + 15/z⁴).
             low = z[below] ** -2
             thickness[below] = density[below] * low * (1.0 - 3.0 * low + 15.0 * low**2)
         return self.sigma * (thickness + LEAST_FILM), share

@@ -89,6 +89,7 @@ class FactoredLaw:
         kept = np.divide(before, factor, out=np.ones_like(before), where=before < factor)
         start = replace(state, elastic_slip=kept[:, None] * state.elastic_slip)
         out = self.law.update(slip_increment, dt, pressure, film, start, **options)
+        # φ_n ψ(g_e) − φ ψ(r g_e): of energies quadratic in g_e never negative.
         freed = before * self.law.stored_energy(state) - factor * self.law.stored_energy(start)
         parts = {f.name: factor * getattr(out.dissipation, f.name) for f in fields(Dissipation)}
         parts["switching"] = parts["switching"] + freed

@@ -119,6 +119,7 @@ class FrictionMap:
     def unsettled(self, state: FrictionState, pressure: Floats) -> Floats:
         r"""What asperities have still to lose, :math:`\omega (\mu(d) - \mu_d) t_N`, (q,), Pa."""
         solid = 1.0 - state.alpha
+        # The literal rule has ω = 1 as long as there are asperities at all.
         weight = np.sign(solid) if self.parameters.flow_rule == "literal" else solid
         return weight * self._friction.above_end(state.slip_path) * pressure
 
@@ -205,6 +206,7 @@ class FrictionMap:
             state.slip_path,
             self._friction,
         )
+        # In an infinite step the film is not sheared at any rate: it carries no stress.
         length, felt = np.sqrt(dot(slip, slip)), dt if rate_dependent else math.inf
         flow = film_resistance(parameters, film, length, felt, pressure, *area)
         return _Step(
@@ -264,6 +266,7 @@ class FrictionMap:
         falls = at.solid > solid_before
         if not falls.any():
             return 1.0, None
+        # Where alpha falls its solid share is above that of before, so never 0.
         solid = np.where(falls, at.solid, 1.0)
         kept = np.where(falls, solid_before / solid, 1.0)
         return kept, np.where(falls, kept / solid, 0.0)

@@ -157,6 +157,7 @@ def _taken_over(
 
     end = alpha * _stress(parameters, here, speed, moving=True)
     f_n = alpha_n * _stress(parameters, here, before)
+    # V* goes with D^(−1/2): speeds that follow it change with the film too.
     upper = _stress(parameters, here, v_star * (1.0 + width), follows=True)
     f_c = _where(before > v_star * (1.0 + width), upper, f_n)
     lower = alpha_0 * _stress(parameters, here, v_star * (1.0 - width), follows=True)

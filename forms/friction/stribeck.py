@@ -60,6 +60,7 @@ class StribeckParameters(Declared):
             speed: (q,), m/s, V >= 0.
         """
         moving = speed > 0.0
+        # At rest any ratio will do: the power's slope is infinite there for δ < 1.
         ratio = np.where(moving, speed, self.V_s) / self.V_s
         power = ratio**self.delta
         weakening = np.where(moving, (self.mu_s - self.mu_d) * np.exp(-power), 0.0)

@@ -14,9 +14,11 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit import stepper as stepper_module
 from tribox.app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.simulation.failure_diagnosis import reason_of
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.penalty import ContactTerm
@@ -217,3 +219,26 @@ def test_no_state_of_an_attempt_is_evaluated_twice_in_turn(monkeypatch):
     assert len(asked) > 2 * sum(row.newton_iterations for row in sim.rows) > 0
     pairs = itertools.pairwise(asked[2:])  # the first two are made with the equations
     assert not [one[2] for one, other in pairs if one[0] == other[0] and one[1:] == other[1:]]
+
+
+@pytest.mark.parametrize("floated", [False, True])
+def test_a_failed_attempt_says_only_of_what_floated_before_that_nothing_holds_it(
+    monkeypatch, floated
+):
+    """Where an iteration ended that led away from all contacts is no equilibrium without them."""
+    simulation = Simulation(build_model(Case.model_validate(tomllib.loads(FREE)), MPI.COMM_SELF))
+    simulation.run(Observer())
+    stepper = simulation.stepper
+    if not floated:  # as if something pressed there
+        monkeypatch.setattr(stepper, "_floating", ())
+
+    def lost(attempt):
+        attempt.newton.strayed = True
+        attempt.newton.residual_of(attempt.step)
+        return 1, -6
+
+    monkeypatch.setattr(stepper_module, "solve", lost)
+    tried = stepper.attempt(0.1)
+    assert not tried.converged and stepper._weak.floating(stepper.newton.largest_force) == ["strip"]
+    assert tried.floating == (("strip",) if floated else ())
+    assert ("no contact holds body strip" in reason_of(tried)) is floated
