@@ -315,6 +315,8 @@ class BodyByBody:
         self._kept, self._others = bodies.dofs, bodies.others
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
         self.works = self._stiff.make()
+        if self.works and isinstance(self._stiff, Factor):
+            self._stiff.keep_only_factors()
         self._rows = self._global(self._others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
