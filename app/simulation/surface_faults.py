@@ -131,7 +131,7 @@ class Sunk:
     """How far a vertex of the master is inside a slave facet.
 
     Attributes:
-        share: of the depth beyond the penetration in the length of the facet; depth: m.
+        share: of the depth beyond the penetration in the facet's shortest side; depth: m.
         place: of the vertex, m, undeformed.
     """
 
@@ -210,8 +210,9 @@ def _deepest(
     apart = places - pieces[:, 0]
     depth = -np.einsum("ni,ni->n", normal, apart)
     metric = np.einsum("nai,nbi->nab", along, along)
-    # Length of the piece, in space the root of twice its area: whichever corner comes first.
-    size = np.linalg.det(metric) ** (0.5 / metric.shape[1])
+    # The shortest side: an edge along facets much longer than wide sinks by their width.
+    sides = pieces - np.roll(pieces, 1, axis=1)
+    size = np.linalg.norm(sides, axis=2).min(axis=1)
     right = np.einsum("nai,ni->na", along, apart)
     # Barycentric coordinates of the foot on the piece, from normal equations: it lies inside where
     # none is negative and their sum is at most 1.
