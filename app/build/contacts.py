@@ -453,7 +453,7 @@ def corners_of(
         )
     near = at.on_surface & (at.gap < distance + size[at.facet])
     # A fine slave facet in the middle of a chord meets none of its corners.
-    inward = -surface.shape.excess(at.xi) * size[at.facet]
+    inward = -surface.shape.excess(at.xi) * master.widths()[at.facet]
     near &= inward < surface.slave.facet_length
     ratio = np.where(near, spacing[at.facet] / surface.slave.facet_length, 0.0)
     worst = int(np.argmax(ratio)) if len(ratio) else -1

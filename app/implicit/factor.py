@@ -155,8 +155,8 @@ class Factor:
         empty.assemble()
         self._ksp.getPC().setReusePreconditioner(True)
         self._ksp.setOperators(empty)
-        self._matrix.destroy()
-        self._matrix = empty
+        empty.destroy()
+        self._matrix.destroy()  # to factorise it again is an error of PETSc's
 
     def destroy(self) -> None:
         """Give the memory back; collective."""

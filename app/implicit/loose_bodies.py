@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -20,6 +21,7 @@ from tribox.app.equilibrium.supports import (
     loose_directions,
     sprung_dofs,
 )
+from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats
 
 NEAR = 0.1  # lengths of a slave facet that points are near within
@@ -173,16 +175,20 @@ class WeakHold:
         """
         return any(not pairs for pairs in self.pairs) and not self.is_loaded(largest)
 
-    def floating(self, largest: float) -> list[str]:
-        """The free bodies that no contact presses on, at the last evaluation; collective.
+    def floating(self, largest: float, trials: Sequence[ContactTrial] | None = None) -> list[str]:
+        """The free bodies that no contact presses on; collective.
 
         Args:
             largest: N, force of the run that contact forces are compared with.
+            trials: the contacts; None: at the last evaluation. Without any, all of the bodies.
         """
         problem = self.problem
         if not self.bodies:
             return []
-        pairs = zip(problem.contacts, problem.trials, strict=True)
+        trials = problem.trials if trials is None else trials
+        if not trials:  # nothing was committed yet
+            return [body.name for body in self.bodies]
+        pairs = zip(problem.contacts, trials, strict=True)
         local = [float(term.surface.slave.weight @ trial.pressure) for term, trial in pairs]
         force = problem.comm.allreduce(np.array(local, dtype=float))
         return [

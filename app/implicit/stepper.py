@@ -182,9 +182,10 @@ class ImplicitStepper:
         more, reason = self._tried(step.held(springs), True)
         if reason > 0:
             newton.evaluate(step.held(springs))
-            self._trial_floating = tuple(self._weak.floating(largest))
-        else:  # where an iteration ended that led nowhere, no contact says what holds a body
-            self._trial_floating = self._floating
+        self._trial_floating = tuple(self._weak.floating(largest))
+        if reason <= 0:  # where an iteration that leads nowhere ends is no equilibrium to judge by
+            before = self._weak.floating(largest, problem.committed)
+            self._trial_floating = tuple(b for b in self._trial_floating if b in before)
         return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
     def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:

@@ -432,12 +432,14 @@ def _worst_step(rows: Sequence[Row]) -> str:
     row = rows[at]
     first = at == 0 or rows[at - 1].stage != row.stage
     where = (
-        "the stage's first, in which a load comes on whole that stands there from the start, "
-        "however short the steps: let it grow over the stage (a table over time)"
-        if first
-        else "a load that begins more gently there follows the way that the trapezoidal rule has "
-        "to guess"
+        "a load that begins more gently there follows the way that the trapezoidal rule has to "
+        "guess"
     )
+    if first:
+        where += (
+            "; one that stands in full from the stage's start comes on within its first step, "
+            "however short: let it grow over the stage (a table over time)"
+        )
     return (
         f"; {100.0 * grown[at] / errors[-1]:.0f} % of it is from the step to time "
         f"{time_text(row.time, row.dt)}, stage {row.stage}: {where}"

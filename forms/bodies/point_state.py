@@ -251,7 +251,8 @@ class Evaluation:
         forces at both ends times the change of the displacements. What that leaves beside the
         stored energy is less than the dissipation by the stress at the end of the step. While a
         point flows all through a step that is ½ Δσ_Y Δα; where it begins to flow within it is
-        more, and falls with the step too.
+        more, and falls with the step too. Branches that steps resolve count their mean stress:
+        what is left of them is of second order, of either sign.
 
         Args:
             before: what was committed before; None: an undeformed body without stress.

@@ -1,9 +1,9 @@
 /* Closest points of facets: straight, triangular and quadrilateral ones of degree 1 to 3.
  *
- * The same steps as geometry/surfaces/closest_point.py and the choice among facets of
- * geometry/surfaces/projection.py, one point after another. A facet is a polynomial, made when the
- * first point asks for it: sum c_jk xi^j eta^k from its first node, if of higher degree in xi - 1/2
- * and eta - 1/2. Facets whose box lies further away than a facet already found are left out.
+ * The choice among facets of geometry/surfaces/projection.py, one point after another. A facet is a
+ * polynomial, made when the first point asks for it: sum c_jk xi^j eta^k from its first node, if of
+ * higher degree in xi - 1/2 and eta - 1/2. Facets whose box lies further away than a facet already
+ * found are left out.
  * Vectors have three components, in the plane too.
  */
 
@@ -352,6 +352,8 @@ static void enclose(const Shape *shape, Facet *f)
         }
     }
     double height = f->high.x[1] - f->low.x[1], length = f->high.x[0] - f->low.x[0];
+    if (shape->directions == 2)
+        length = fmin(length, f->high.x[2] - f->low.x[2]);
     f->waved = shape->degree > 1 && height > WAVED * length;
 }
 
@@ -439,21 +441,14 @@ static void on_side(const Shape *shape, const Facet *f, int side, Vector x, Clos
     out->entity = here.entity == INTERIOR ? side : CORNER + node[here.entity - CORNER];
 }
 
-/* The stationary point of a facet, inside or near; whether there is one. */
+/* The stationary point of a facet next to the nearest sample, inside or near; whether there is one. */
 static int inside(const Shape *shape, const Facet *f, Vector x, Closest *out)
 {
     const int directions = (int)shape->directions, triangle = (int)shape->triangle;
     out->entity = INTERIOR;
-    const int degree = (int)shape->degree;
     begin_at_sample(f->sample, shape->sample, shape->samples, x, directions, out->xi);
-    int found = stationary(f->power, x, directions, triangle, degree, out->xi, &out->squared);
-    if (!f->waved)
-        return found;
-    Closest several = *out;
-    if (!nearest_of_several(f->power, x, directions, triangle, degree, found, &several))
-        return found;
-    *out = several;
-    return 1;
+    return stationary(f->power, x, directions, triangle, (int)shape->degree, out->xi,
+                      &out->squared);
 }
 
 /* The closest point of one facet to x, from its origin. */
@@ -464,7 +459,10 @@ static void closest(const Shape *shape, const Facet *f, Vector x, Closest *out)
         on_segment(f->node[0], f->node[1], x, out);
         return;
     }
-    int found = inside(shape, f, x, out) && excess(out->xi, directions, triangle) <= SEAM;
+    int found = inside(shape, f, x, out);
+    if (f->waved)
+        found = nearest_of_several(f->power, x, directions, triangle, (int)shape->degree, found, out);
+    found = found && excess(out->xi, directions, triangle) <= SEAM;
     if (found && !f->waved)
         return;
     if (directions == 1) {

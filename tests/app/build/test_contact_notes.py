@@ -1,6 +1,7 @@
 """What is said of a contact once case and mesh are put together."""
 
 import tomllib
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -90,7 +91,8 @@ def test_corners_count_by_the_slave_facets_that_reach_them(fine_at, ratio):
     turned = np.cumsum(0.1 * np.arange(4))
     nodes = np.concatenate([[[0.0, 0.0]], np.cumsum(np.c_[np.cos(turned), -np.sin(turned)], 0)])
     facets = np.stack([np.arange(4), np.arange(1, 5)], axis=1).astype(np.int32)
-    master = SimpleNamespace(facets=facets, position=nodes, sizes=lambda: np.ones(4))
+    ones = partial(np.ones, 4)
+    master = SimpleNamespace(facets=facets, position=nodes, sizes=ones, widths=ones)
     surface = SimpleNamespace(
         space=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
         master=master,

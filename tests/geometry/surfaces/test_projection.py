@@ -174,6 +174,18 @@ def test_points_beside_steep_waves_find_the_nearest_of_several_minima(seed, face
     assert np.all(found <= sampled + 1e-9)
 
 
+def test_a_point_past_the_end_of_a_valley_stays_or_goes_as_its_own_wall_says():
+    """Not to the opposite wall, where the facet has another nearest point, inside."""
+    nodes = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, -1.0]])
+    line = FacetSurface(facet_shape("interval", 2), np.array([[0, 1, 2]], dtype=np.int32), nodes)
+    along, off = np.array([1.0, -4.0]) / np.sqrt(17.0), np.array([4.0, 1.0]) / np.sqrt(17.0)
+    for past in (1e-5, 2e-3, 2e-2):
+        point = (nodes[0] + 0.1 * off - past * along)[None]
+        at = line.project(point, nodes, np.zeros(1, dtype=np.int32))
+        assert np.linalg.norm(point - at.foot) == pytest.approx(0.1, rel=0.05)
+        assert abs(at.xi[0, 0]) < 0.02
+
+
 def found_and_sampled(seed, facets, height, spacing=(0.7, 1.3)):
     """Distances of points from a waved smooth line: projected, and from 1001 places a facet."""
     rng = np.random.default_rng(seed)
