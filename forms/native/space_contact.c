@@ -1,5 +1,5 @@
 /* The geometry of a contact pair in space, point by point: closest points on plane triangles and
- * bilinear quadrilaterals, as geometry/surfaces/projection.py has it. The rest is in contact_pair.h.
+ * bilinear quadrilaterals, as geometry/surfaces/projection.py has it. The rest: contact_pair.h.
  *
  * Newton's method for a point starts from where the last step has left it, on the facet that it was
  * on; candidates whose bounding boxes are further away than the best facet so far are passed over.

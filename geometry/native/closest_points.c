@@ -283,8 +283,8 @@ static void begin_at_sample(const Vector *places, const double *coordinates, int
     xi[1] = directions == 2 ? coordinates[best * directions + 1] : 0.0;
 }
 
-/* The same as stationary from each place of a lattice that none beside it is nearer than: the nearest in the
- * domain that is found and nearer than `out`, if that is `found`; whether there is one. */
+/* The nearest stationary point in the domain: of searches that begin at each local minimum of the
+ * distance on a lattice, and of `out` where it is `found`; whether there is one. */
 static int nearest_of_several(const Vector *c, Vector x, int directions, int triangle, int degree,
                               int found, Closest *out)
 {
@@ -441,7 +441,7 @@ static void on_side(const Shape *shape, const Facet *f, int side, Vector x, Clos
     out->entity = here.entity == INTERIOR ? side : CORNER + node[here.entity - CORNER];
 }
 
-/* The stationary point of a facet next to the nearest sample, inside or near; whether there is one. */
+/* The stationary point of a facet by the nearest sample, inside or near; whether there is one. */
 static int inside(const Shape *shape, const Facet *f, Vector x, Closest *out)
 {
     const int directions = (int)shape->directions, triangle = (int)shape->triangle;
@@ -461,7 +461,8 @@ static void closest(const Shape *shape, const Facet *f, Vector x, Closest *out)
     }
     int found = inside(shape, f, x, out);
     if (f->waved)
-        found = nearest_of_several(f->power, x, directions, triangle, (int)shape->degree, found, out);
+        found = nearest_of_several(f->power, x, directions, triangle, (int)shape->degree, found,
+                                   out);
     found = found && excess(out->xi, directions, triangle) <= SEAM;
     if (found && !f->waved)
         return;
