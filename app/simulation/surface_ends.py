@@ -247,6 +247,11 @@ class PressedEnds:
                 if end.share > most.share:
                     self._found[index, side] = end, since
 
+    @property
+    def short_slaves(self) -> set[int]:
+        """Pairs whose contact has reached the end of the slave."""
+        return {index for index, side in self._found if side == 0}
+
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
         found = self._found.items()

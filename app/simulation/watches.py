@@ -20,6 +20,7 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
+from tribox.app.simulation.folded_sides import FoldedSides
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval
 from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
@@ -323,11 +324,13 @@ class Watches:
         self._thickness = model.thickness
         self.roundoff = RoundOffWatch(problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(problem, None if kept is None else kept["contacts"])
-        # Points that run past the end of their master, films of points that come under pressure in
-        # too long a step, bodies that nothing holds, how far bodies flow, films that are found.
+        # Points that run past the end of their master, sides that fold into it, films of points
+        # that come under pressure in too long a step, bodies that nothing holds, how far bodies
+        # flow, films that are found.
         self._of_rows: dict[str, Any] = {
             "left": LeftMaster(model),
             "ends": PressedEnds(model),
+            "folds": FoldedSides(model),
             "flow": FlowWatch(problem),
             "films": FilmWatch(problem),
         }
@@ -357,6 +360,7 @@ class Watches:
         """What there is to say at the end, in stage ``stage``; collective."""
         for name in ("left", "ends", "late"):
             yield from self._named[name].warnings()
+        yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()
         for name in ("floating", "flow", "films"):
             yield from self._named[name].warnings()

@@ -104,10 +104,15 @@ class OuterFacets:
         corners = local[:, : shape.corners]
         glob = space.dofmap.index_map.local_to_global(corners.reshape(-1).astype(np.int32))
         self._corners: Longs = glob.reshape(corners.shape).astype(np.int64)
+        self._local = np.unique(corners)
         middle = np.mean(shape.points[: shape.corners], axis=0)
         tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], position)
         self._normal: Floats = unit_normals(tangents)
         self._shape, self._comm = shape, mesh.comm
+
+    def nodes(self) -> Longs:
+        """Local nodes (n,), sorted, at the corners of this rank's facets."""
+        return self._local.astype(np.int64)
 
     def smooth_ends(self, surface: Longs, others: Longs) -> Longs:
         """Ends (e, k) of a surface behind which its body's boundary goes on smoothly; collective.
