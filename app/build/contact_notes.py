@@ -15,6 +15,7 @@ from tribox.app.case.friction import MAP, Friction
 from tribox.app.case.time_tables import TimeTable
 from tribox.forms.bodies.materials import Material, contact_shear_modulus
 from tribox.forms.contact.pressure import PressureKind
+from tribox.geometry.surfaces.body_facets import outward_facets
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
@@ -75,23 +76,62 @@ def stiffer_slave(
 
 
 def notes_on_surfaces(
-    place: str, contact: Contact, lengths: tuple[float, float], distance: float
+    place: str,
+    contact: Contact,
+    surface: ContactSurface,
+    at: Projection,
+    lengths: tuple[float, float],
+    distance: float,
 ) -> Iterator[str]:
-    """A line on surfaces that are far apart, and on a slave too coarse to see its master.
+    """A line on surfaces far apart, and on a slave too coarse to see its master; collective.
 
     Args:
-        lengths: m, mean lengths of slave and master facets.
+        at: the slave's points on the master.
+        lengths: m, mean lengths of slave and master facets where they are near.
         distance: m, between the surfaces at the start.
     """
-    slave, master = lengths
-    if distance > APART * slave:
+    if distance > APART * lengths[0]:
         where = f"{distance:.3g} m apart" if np.isfinite(distance) else "beside each other"
         yield f"{place}: {contact.slave} and {contact.master} start {where}"
-    if slave > COARSE * master:
+    ratio = coarseness(surface, at, lengths)
+    if ratio > COARSE:
         yield (
-            f"{place}: the facets of the slave {contact.slave} are {slave / master:.2g} times as "
-            f"long as those of {contact.master}, whose shape they cannot follow; refine the slave"
+            f"{place}: the facets of the slave {contact.slave} are {ratio:.2g} times as long as "
+            f"those of {contact.master}{'' if surface.dim == 2 else ' in one direction'}, whose "
+            "shape they cannot follow; refine the slave"
         )
+
+
+def coarseness(surface: ContactSurface, at: Projection, lengths: tuple[float, float]) -> float:
+    """Length of slave facets over that of master facets where it is largest; collective.
+
+    In space long facets may lie across those of the master: of each slave facet the direction
+    counts in which it reaches over the most master facets; the mean of all over the master.
+
+    Args:
+        at: the slave's points on the master.
+        lengths: m, of slave and master where they are near.
+    """
+    master, mean = surface.master, lengths[0] / lengths[1]
+    if surface.dim == 2 or isinstance(master, RigidMaster):
+        return mean
+    over = np.flatnonzero(at.on_surface)
+    facet, first = np.unique(surface.slave.facet[over], return_index=True)
+    _, slave = outward_facets(surface.space, surface.shape, surface.slave.mesh_facet[over[first]])
+    below = master.position[master.facets[at.facet[over[first]]]]
+    # Of the affine pieces {x: xᵀ M⁻¹ x ≤ 1}; where the facets are not parallel, along the master's.
+    across = _moments(surface, slave) @ np.linalg.pinv(_moments(surface, below), rcond=1e-9)
+    ratio = np.sqrt(np.linalg.eigvals(across).real.max(axis=1))
+    total, count = surface.space.mesh.comm.allreduce(np.array([ratio.sum(), len(facet)]))
+    return max(mean, float(total / count)) if count else mean
+
+
+def _moments(surface: ContactSurface, position: Floats) -> Floats:
+    """Second moments (f, i, i), m², of the corners of facets (f, a, i) about their middles."""
+    corners = position[:, : surface.shape.corners]
+    arm = corners - corners.mean(axis=1, keepdims=True)
+    moments: Floats = np.einsum("fai,faj->fij", arm, arm)
+    return moments
 
 
 def note_on_overlap(

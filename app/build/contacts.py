@@ -129,7 +129,7 @@ class ContactBuilder:
         ratio = modulus / oedometric_modulus(softer)
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
-            *notes_on_surfaces(f"contact.{index}", asked, lengths, distance),
+            *notes_on_surfaces(f"contact.{index}", asked, surface, at, lengths, distance),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_fit(f"contact.{index}", asked, surface, at),
             *self._note_on_overlap(index, asked, surface, at),

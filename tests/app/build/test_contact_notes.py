@@ -203,3 +203,21 @@ def test_a_graded_slave_counts_by_its_facets_beside_the_master():
     assert not [note for note in model.notes if "times as long as" in note]
     stick = model.case.contact[0].friction.K_T
     assert stick == pytest.approx(10.0 * 5e6 / (2.0 * 1.45) / 1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("elements", "said"), [([1, 1, 8], "are 8 times as long"), ([8, 1, 1], None), ([4, 1, 1], None)]
+)
+def test_long_facets_across_those_of_the_master_are_noted(elements, said):
+    """Strips on crossed strips, whose areas are alike, and on parallel ones; in space."""
+    sizes = {"x": [0, 1], "z": [0, 1]}
+    data = crossed(1.0)
+    data["geometry"]["blocks"] = {
+        "aluminium": sizes | {"y": [0, 1], "elements": elements},
+        "pad": sizes | {"y": [1, 2], "elements": [8, 1, 1]},
+    }
+    notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
+    notes = [note for note in notes if "whose shape they cannot follow" in note]
+    assert len(notes) == (said is not None)
+    for note in notes:
+        assert said in note and "in one direction" in note
