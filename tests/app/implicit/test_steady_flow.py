@@ -17,16 +17,16 @@ CASE = Path(__file__).parents[3] / "cases" / "forming" / "ironing.toml"
 def ironing():
     """A coarse strip that has been drawn through the gap for some steps, and goes on."""
     data = tomllib.loads(CASE.read_text())
-    data["geometry"]["blocks"]["strip"]["x"] = ["-4 mm", "2 mm"]
-    data["geometry"]["blocks"]["strip"]["elements"] = [24, 3]
+    data["geometry"]["blocks"]["strip"]["x"] = ["-4 mm", "3 mm"]
+    data["geometry"]["blocks"]["strip"]["elements"] = [70, 5]
     close, _, draw, _ = data["stage"]
-    data["stage"] = [close, draw | {"duration": "2.4 s", "steps": 24}]
+    data["stage"] = [close, draw | {"duration": "1.8 s", "steps": 30}]
     return data
 
 
 @pytest.fixture(scope="module")
 def flow():
-    found = steady_flows(built(ironing()).model.equilibrium)
+    found = steady_flows(built(ironing()).stepper.problem)
     assert len(found) == 1
     return found[0]
 
