@@ -23,6 +23,7 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
+from tribox.app.implicit.steady_flow import steady_flows
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
@@ -60,6 +61,7 @@ class Predictor:
         self._residual = problem.new_vector()
         self._kept = problem.new_vector()
         self._increment = problem.new_vector()
+        self._flows = steady_flows(problem)
 
     def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
@@ -103,7 +105,7 @@ class Predictor:
         Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
         while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
         """
-        extrapolated = self._extrapolate(trial, ratio, step)
+        extrapolated = self._flow_on(trial, ratio, step, self._extrapolate(trial, ratio, step))
         norm = self._correct(trial, extrapolated, 1, step)
         if norm <= WORTHWHILE * extrapolated:
             return
@@ -247,6 +249,27 @@ class Predictor:
                 break
             best, norm = trial.array_r.copy(), now
             self._keep_residual()
+        trial.array[:] = best
+        return norm
+
+    def _flow_on(self, trial: PETSc.Vec, ratio: float, step: StepMode, norm: float) -> float:
+        """Put metal that rubs where a steady flow takes it, if that leaves less than ``norm``.
+
+        Returns the norm of the residual that is left.
+        """
+        if not self._flows or not self.rubbing():
+            return norm
+        best, dim = trial.array_r.copy(), self.problem.dim
+        path = [(at, values.reshape(-1, dim)) for at, values in reversed(self._path)]
+        start = best.copy()
+        for flow in self._flows:
+            start.reshape(-1, dim)[flow.nodes] = flow.onwards(path, self._ahead(ratio))
+        trial.array[:] = start
+        trial.array[:] = self.problem.constrained_values(trial)
+        now = self._residual_norm(trial, step)
+        if now < norm:
+            self._keep_residual()
+            return now
         trial.array[:] = best
         return norm
 
