@@ -28,6 +28,7 @@ MOST_TOLD = 20
 """Faults of a file that are told; of more only the number."""
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
+_POINT, _COMMA = (re.compile(rf"\s*[+-]?\d*{mark}\d*(?:[eE][+-]?\d+)?\s*") for mark in (r"\.", ","))
 _HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 
@@ -59,7 +60,8 @@ def read_table(
     """Read a file.
 
     Lines that begin with "#" are comments. The header names columns with their unit, as in
-    "velocity [mm/s]".
+    "velocity [mm/s]". Where semicolons or tabs stand between columns, decimals may stand behind
+    commas.
 
     Args:
         known: Columns that it may have.
@@ -110,14 +112,16 @@ def _columns(
     strange = {
         place: _name(text)
         for place, text in enumerate(header)
-        if place not in unread and _is_strange(text, standard[place], known)
+        if place not in unread and _is_strange(standard[place], known)
     }
     if strange:
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
+        cure = f'leave them unread with --ignore-columns "{",".join(strange.values())}"'
+        if len(strange) + len(unread) == len(header):
+            cure = 'begin lines before that of the names with "#"'
         wrong.append(
             f"{path}:{number}: no such column{'s' * (len(strange) > 1)} {words}; there are "
-            f"{', '.join(known)}; take other columns out, or leave them unread with "
-            f'--ignore-columns "{",".join(strange.values())}"'
+            f"{', '.join(known)}; take other columns out, or {cure}"
         )
     for place, text in enumerate(header):
         if place not in unread and place not in strange:
@@ -142,8 +146,9 @@ def _name(text: str) -> str:
 
 
 def _is_named(text: str, names: Sequence[str]) -> bool:
-    """Whether a heading is one of some names, its unit written or not."""
-    return text.strip() in names or _name(text) in names
+    """Whether a heading is one of some names, in capitals or not, its unit written or not."""
+    lower = {name.lower() for name in names}
+    return text.strip().lower() in lower or _name(text).lower() in lower
 
 
 def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str:
@@ -154,10 +159,9 @@ def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str
     return next((column for column, names in aliases.items() if plain in names), name)
 
 
-def _is_strange(text: str, name: str, known: Mapping[str, Quantity]) -> bool:
-    """Whether a heading is far from the name of every column, and not several in one."""
-    near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
-    return not near and ";" not in text and "\t" not in text
+def _is_strange(name: str, known: Mapping[str, Quantity]) -> bool:
+    """Whether a heading is far from the name of every column."""
+    return not difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
 
 
 def _values(
@@ -198,13 +202,24 @@ def refuse(wrong: Sequence[str]) -> None:
 
 def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each line that is neither empty nor a comment."""
-    text = read_text(path)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                yield number, next(csv.reader([line]))
-            except csv.Error as error:  # a cell of more than 131072 letters
-                raise InputError(f"{path}:{number}: no line of a table ({error})") from None
+    separator, points, commas = "", 0, 0
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        separator = separator or next((mark for mark in ";\t" if mark in line), ",")
+        try:
+            cells = next(csv.reader([line], delimiter=separator))
+        except csv.Error as error:  # a cell of more than 131072 letters
+            raise InputError(f"{path}:{number}: no line of a table ({error})") from None
+        if separator != ",":
+            points = points or number * any(map(_POINT.fullmatch, cells))
+            commas = commas or number * any(map(_COMMA.fullmatch, cells))
+            if points and commas:
+                reason = f"decimals behind a point in line {points}, and behind a comma in line"
+                raise InputError(f"{path}:{number}: {reason} {commas}; write all behind points")
+            cells = [c.replace(",", ".") if _COMMA.fullmatch(c) else c for c in cells]
+        if any(cell.strip() for cell in cells):
+            yield number, cells
 
 
 def _column(
@@ -213,12 +228,6 @@ def _column(
     """Name of a column and its unit as written, from a heading that stands for it."""
     match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
     if match is None or name not in known:
-        if ";" in text or "\t" in text:
-            found = "semicolons" if ";" in text else "tabs"
-            raise InputError(
-                f"{path}:{line}: columns separated by {found}; write commas between them, and a "
-                "point before decimals"
-            )
         near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)[0]
         unit = known[near].unit
         in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""
