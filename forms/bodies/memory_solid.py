@@ -88,6 +88,7 @@ class MemorySolid(Solid):
         self.points = PointState(law.start(cells.count))
         self._forces: Floats = np.zeros_like(self._u.x.array)
         self._dissipated: Floats = np.zeros(2)
+        self._last_kernel: tuple[MaterialPoints, float, Kernel | None] | None = None
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
@@ -96,8 +97,7 @@ class MemorySolid(Solid):
         if not reduced:
             return []
         k = centre_kinematics(self._u, self.section)
-        volumetric = self.material.energy(k, self._constants)[1]
-        return [self._compiled(k, volumetric, self._dx(CENTRE_DEGREE))]
+        return [self._compiled(k, self._volumetric(k), self._dx(CENTRE_DEGREE))]
 
     @property
     def elastic(self) -> Material | None:
@@ -135,6 +135,9 @@ class MemorySolid(Solid):
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
             return
+        moduli.end = None
+        if not self.flows:  # the end has a closed form, quicker than to read it
+            return
         # The loop differentiates the return mapping where it ended. If an evaluation went from this
         # origin to this displacement, its end is known and the local Newton iterations are not made
         # again.
@@ -170,7 +173,11 @@ class MemorySolid(Solid):
 
     def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
         """What the loop updates the points with; None: they are updated in Python."""
-        return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
+        last = self._last_kernel
+        if last is None or last[0] is not law or last[1] != dt:
+            kernel = law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
+            self._last_kernel = last = law, dt, kernel
+        return last[2]
 
     def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
         """The points at the present displacement, from ``origin``, with their forces."""

@@ -173,7 +173,8 @@ class Solid:
         self._roundoff = self._roundoff_forms()
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
-        reduced = formulation == "q1-sri"
+        # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
+        reduced = formulation == "q1-sri" and not _vanishes(self._pressure())
         self.forms = self._energy_forms(reduced)
         self.carried = self._carried() if reduced else None
 
@@ -211,20 +212,22 @@ class Solid:
         if not reduced:
             return [self._compiled(k, distortional + volumetric, full)]
         centre = centre_kinematics(u, self.section)
-        volumetric = self.material.energy(centre, self._constants)[1]
         return [
             self._compiled(k, distortional, full),
-            self._compiled(centre, volumetric, self._dx(CENTRE_DEGREE)),
+            self._compiled(centre, self._volumetric(centre), self._dx(CENTRE_DEGREE)),
         ]
 
+    def _volumetric(self, k: Kinematics) -> Any:
+        """The volumetric part of the strain energy, J/m³."""
+        return self.material.energy(k, self._constants)[1]
+
+    def _pressure(self) -> Any:
+        """Its slope over J at the centre, Pa."""
+        return _derivatives(self._u, self.section, self._volumetric)[1]
+
     def _carried(self) -> CarriedPressure:
-        return CarriedPressure(
-            self._u,
-            self.cells,
-            self.section,
-            lambda k: self.material.energy(k, self._constants)[1],
-            self._dx(CENTRE_DEGREE),
-        )
+        dx = self._dx(CENTRE_DEGREE)
+        return CarriedPressure(self._u, self.cells, self.section, self._volumetric, dx)
 
     def _compiled(self, k: Kinematics, density: Any, dx: Any) -> CompiledForms:
         if self.section == "3D":

@@ -416,3 +416,29 @@ def test_what_does_not_go_together_is_refused():
     with pytest.raises(ValueError, match="a mesh in 3D cannot be taken for axisymmetric"):
         section_of(3, "axisymmetric")
     assert section_of(2, None) == "plane-strain" and section_of(3, None) == "3D"
+
+
+class WholeSaintVenant:
+    """E = (C − I)/2: G |E|² + Λ/2 (tr E)², in one part, and nothing of J alone."""
+
+    shear_modulus, bulk_modulus = 1.0, 5.0
+
+    def parameters(self):
+        return {}
+
+    def energy(self, k, c):
+        square = 0.25 * (k.I1**2 - 2.0 * k.I2 - 2.0 * k.I1 + 3.0)
+        whole = square + 0.125 * (5.0 - 2.0 / 3.0) * (k.I1 - 3.0) ** 2
+        return whole, ufl.as_ufl(0)
+
+
+def test_an_energy_without_a_part_of_the_volume_is_integrated_in_full():
+    u = box("quadrilateral", counts=1)
+    solid = solid_on(u, WholeSaintVenant(), "q1-sri")
+    u.interpolate(lambda x: (0.1 * x[0], 0.0 * x[0]))
+    strain = 0.5 * (1.1**2 - 1.0)
+    energy = (1.0 + 0.5 * (5.0 - 2.0 / 3.0)) * strain**2
+    assert not solid.reduced
+    assert solid.strain_energy() == pytest.approx(energy, rel=1e-12)
+    pull = forces(solid.forms)[points(u).repeat(2, axis=0)[:, 0] > 0.5][::2].sum()
+    assert pull == pytest.approx(2.0 * energy / strain * 1.1, rel=1e-12)
