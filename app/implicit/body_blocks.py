@@ -272,7 +272,7 @@ class _Preconditioner:
 # until little is left (Saad, Iterative methods for sparse linear systems, 2nd ed., 4.1.1).
 # :math:`A_{ss}`, with the stiffness of its contacts, is factorised for each tangent, or solved with
 # by iterations that leave a little; K, the stiff bodies undeformed and without contacts, is
-# factorised once, or its multigrid made once where the others have one. Each solve leaves of the
+# factorised once, or its multigrid made once where it is large. Each solve leaves of the
 # one before it about the stiffness of the others over that of the stiff bodies: where these are a
 # thousand times stiffer two to four solves do. As contacts that move on couple other nodes of two
 # bodies, the pattern of :math:`A_{ss}`, and with it the analysis of its factorisation, stays what
@@ -288,6 +288,9 @@ slipped than by a factorisation of the whole: 651 Newton iterations instead of 1
 unknowns."""
 HALF = 0.5  # of the forces of two solves before, that must not be left
 MARGIN = 0.5  # of the forces that may be left: what a solve by iterations leaves
+KEPT_LIMIT = 30_000
+"""Unknowns of stiff bodies up to which they are factorised in any case. At 34 680 both ways take
+the same time where cells are even; graded ones take many more iterations."""
 
 
 class BodyByBody:
@@ -334,7 +337,7 @@ class BodyByBody:
 
     def _solver_of_kept(self, K: PETSc.Mat) -> Factor | MultigridSolver:
         """Their solver, for good."""
-        if self._count is None:
+        if self._count is None or K.size[0] <= KEPT_LIMIT:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
         return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)

@@ -19,7 +19,7 @@ from tests.solved import built, solved
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks
-from tribox.app.implicit.body_blocks import MOST, BodyBlocks, BodyByBody
+from tribox.app.implicit.body_blocks import KEPT_LIMIT, MOST, BodyBlocks, BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
@@ -243,12 +243,14 @@ def forces_of(sim):
     return [[row.normal_force, row.tangential_force] for row in sim.rows]
 
 
-def by_iterations(comm, directory):
+def by_iterations(comm, directory, limit=0):
     """Forces, and iterations of Newton's method and of linear solves; collective."""
-    sim = boxes(comm, "krylov")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(body_blocks, "KEPT_LIMIT", limit)
+        sim = boxes(comm, "krylov")
     way = sim.stepper.solver.way
-    solvers = way._bodies.own, way._bodies._stiff
-    assert all(isinstance(one, MultigridSolver) for one in solvers) and way._whole is None
+    assert isinstance(way._bodies.own, MultigridSolver) and way._whole is None
+    assert isinstance(way._bodies._stiff, Factor if limit else MultigridSolver)
     return forces_of(sim), *(
         sum(getattr(row, name) for row in sim.rows)
         for name in ("newton_iterations", "linear_iterations")
@@ -263,11 +265,11 @@ def boxes_by_factors():
 
 
 @pytest.mark.mpi(by_iterations, 2)
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_bodies_solved_for_by_iterations(on_ranks, boxes_by_factors, ranks):
-    """The soft one, and the stiff one, each with a multigrid of its own."""
+@pytest.mark.parametrize(("ranks", "limit"), [(1, KEPT_LIMIT), (1, 0), (2, 0)])
+def test_bodies_solved_for_by_iterations(on_ranks, boxes_by_factors, ranks, limit):
+    """The soft one, and the stiff one where it is too large to factorise."""
     found, newton, linear = (
-        on_ranks(by_iterations, 2) if ranks == 2 else by_iterations(MPI.COMM_SELF, None)
+        on_ranks(by_iterations, 2) if ranks == 2 else by_iterations(MPI.COMM_SELF, None, limit)
     )
     wanted, exactly = boxes_by_factors
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
