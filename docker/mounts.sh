@@ -90,7 +90,7 @@ add_named() {
 }
 
 # Add the files that case file $1 names relative to itself: of a mesh that file alone, of a law in
-# Python and of a drawing the directory too, as it matters who may write there and what lies beside.
+# Python and of a drawing the directory too, as what lies beside may be read.
 add_files_of_case() {
     parent_of "$1"
     beside=$parent

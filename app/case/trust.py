@@ -33,10 +33,13 @@ def trusted_directories() -> list[Path]:
     """
     found = []
     for name in filter(None, os.environ.get(TRUSTED, "").split(os.pathsep)):
-        directory = Path(name)
-        if not directory.is_absolute() or directory.resolve() == Path(directory.anchor):
+        try:
+            real = Path(name).resolve()
+        except (OSError, RuntimeError):  # links that lead round in a circle
+            raise InputError(f'{TRUSTED}: "{name}" leads nowhere') from None
+        if not Path(name).is_absolute() or real == real.parent:
             raise InputError(f'{TRUSTED}: "{name}" is no directory of your own in full')
-        found.append(directory.resolve())
+        found.append(real)
     return found
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,10 @@ MOST_TOLD = 20
 """Faults of a file that are told; of more only the number."""
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
-_POINT, _COMMA = (re.compile(rf"\s*[+-]?\d*{mark}\d*(?:[eE][+-]?\d+)?\s*") for mark in (r"\.", ","))
+_POINT, _COMMA = (
+    re.compile(rf"\s*[+-]?(?:\d+{mark}\d*|{mark}\d+)(?:[eE][+-]?\d+)?\s*") for mark in (r"\.", ",")
+)
+_QUOTED = re.compile(r'"[^"]*"')
 _HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 
@@ -73,7 +76,7 @@ def read_table(
     Raises:
         InputError: Columns, units or values are wrong; its lines name all of them.
     """
-    lines = list(_records(path))
+    separator, lines = _records(path)
     if not lines:
         raise InputError(f"{path}: is empty; the first line names the columns")
     (number, header), rows = lines[0], lines[1:]
@@ -83,6 +86,8 @@ def read_table(
     if len(rows) > MOST_ROWS:
         reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
         raise InputError(f"{path}: {reason}: average those that repeat a measurement")
+    if separator != ",":
+        rows = _with_points(path, columns, rows)
     table = _values(path, columns, rows, len(header), known, may_be_empty)
     for name, value in (constants or {}).items():
         if name in table:
@@ -101,7 +106,7 @@ def _columns(
     aliases: Aliases,
 ) -> dict[int, tuple[str, str]]:
     """Name and unit as written of each column that is read, by its place."""
-    unread = {place for place, text in enumerate(header) if _is_named(text, ignored)}
+    unread = {k for k, text in enumerate(header) if not text.strip() or _is_named(text, ignored)}
     for name in ignored:
         if not any(_is_named(text, [name]) for text in header):
             there = ", ".join(text.strip()[:_SHOWN] for text in header)
@@ -164,6 +169,31 @@ def _is_strange(name: str, known: Mapping[str, Quantity]) -> bool:
     return not difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
 
 
+def _with_points(
+    path: Path, columns: Collection[int], rows: Sequence[tuple[int, list[str]]]
+) -> Sequence[tuple[int, list[str]]]:
+    """The rows with decimals behind points in the columns that are read.
+
+    Raises:
+        InputError: some stand behind points and some behind commas, which may part thousands.
+    """
+    points = commas = 0
+    for number, row in rows:
+        cells = [row[place] for place in columns if place < len(row)]
+        points = points or number * any(map(_POINT.fullmatch, cells))
+        commas = commas or number * any(map(_COMMA.fullmatch, cells))
+        if points and commas:
+            reason = f"decimals behind a point in line {points}, and behind a comma in line"
+            raise InputError(f"{path}:{number}: {reason} {commas}; write all behind points")
+    if not commas:
+        return rows
+
+    def pointed(place: int, cell: str) -> str:
+        return cell.replace(",", ".") if place in columns and _COMMA.fullmatch(cell) else cell
+
+    return [(number, [pointed(k, cell) for k, cell in enumerate(row)]) for number, row in rows]
+
+
 def _values(
     path: Path,
     columns: Mapping[int, tuple[str, str]],
@@ -200,26 +230,20 @@ def refuse(wrong: Sequence[str]) -> None:
         raise InputError(wrong[0], more, told=True)
 
 
-def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is neither empty nor a comment."""
-    separator, points, commas = "", 0, 0
+def _records(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
+    """What parts columns; number and cells of each line that is neither empty nor a comment."""
+    separator, found = "", list[tuple[int, list[str]]]()
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        separator = separator or next((mark for mark in ";\t" if mark in line), ",")
+        separator = separator or max(",;\t", key=_QUOTED.sub("", line).count)
         try:
             cells = next(csv.reader([line], delimiter=separator))
         except csv.Error as error:  # a cell of more than 131072 letters
             raise InputError(f"{path}:{number}: no line of a table ({error})") from None
-        if separator != ",":
-            points = points or number * any(map(_POINT.fullmatch, cells))
-            commas = commas or number * any(map(_COMMA.fullmatch, cells))
-            if points and commas:
-                reason = f"decimals behind a point in line {points}, and behind a comma in line"
-                raise InputError(f"{path}:{number}: {reason} {commas}; write all behind points")
-            cells = [c.replace(",", ".") if _COMMA.fullmatch(c) else c for c in cells]
         if any(cell.strip() for cell in cells):
-            yield number, cells
+            found.append((number, cells))
+    return separator, found
 
 
 def _column(

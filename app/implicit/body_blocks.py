@@ -467,7 +467,8 @@ class BodyByBody:
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self.own, self._stiff, self._source, self._block, self._coupling):
+        K = self._stiff.matrix
+        for part in (self.own, self._stiff, K, self._source, self._block, self._coupling):
             if part is not None:
                 part.destroy()
 

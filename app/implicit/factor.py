@@ -148,6 +148,11 @@ class Factor:
         self._ksp.solve(self._rhs, self.solution)
         return self.solution.array_r
 
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The matrix, which :meth:`destroy` leaves to its owner."""
+        return self._matrix
+
     def destroy(self) -> None:
         """Give the memory back; collective."""
         self._ksp.destroy()

@@ -237,6 +237,11 @@ class MultigridSolver:
         self._ksp.getOperators()[0].mult(self.solution, self._image)
         return self._image
 
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The matrix, which :meth:`destroy` leaves to its owner."""
+        return self._matrix
+
     def destroy(self) -> None:
         """Give the memory back; collective."""
         for part in (self._ksp, self.multigrid.pc, self._cycle, self._blocks):

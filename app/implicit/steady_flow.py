@@ -97,7 +97,7 @@ class SteadyFlow:
 
 
 def steady_flows(problem: Equilibrium) -> list[SteadyFlow]:
-    """Of the bodies that flow; none on several ranks, each of which knows its part only."""
-    if problem.comm.size > 1:
+    """Of the bodies that flow in the plane; none on several ranks, each of which knows a part."""
+    if problem.comm.size > 1 or problem.dim == 3:
         return []
     return [SteadyFlow(problem, solid) for solid in problem.solids if solid.flows]

@@ -61,8 +61,7 @@ class _Beside:
         dim = term.surface.dim
         self._reference: Floats = model.problem.space.tabulate_dof_coordinates()[nodes, :dim]
         self._outside: Bools = np.zeros(len(nodes), dtype=bool)
-        self._start = self._look(term.surface.master.position, self._reference)[0]
-        self._outside = self._start
+        self._outside = self._look(term.surface.master.position, self._reference)[0]
 
     def _look(self, master: Floats, places: Floats) -> tuple[Bools, Floats]:
         """Which nodes are in front of the master or have gone through it; depths, m, of the latter.
@@ -99,9 +98,9 @@ class _Beside:
         most = max(count, key=lambda name: count[name], default="")
         return most if count.get(most) else ""
 
-    def forget(self, from_start: bool = False) -> None:
+    def forget(self) -> None:
         """See anew which nodes are in front of the master."""
-        self._outside = self._start if from_start else np.zeros_like(self._start)
+        self._outside = np.zeros_like(self._outside)
 
 
 class FoldedSides:
@@ -139,7 +138,7 @@ class FoldedSides:
             for i, depth, place, side, since in kept["found"]
         }
         for beside in self._beside.values():
-            beside.forget(from_start=True)
+            beside.forget()  # what is in front of the master is seen at the next step
 
     def warnings(self, told: Collection[int]) -> Iterator[str]:
         """One line for each pair, but for those of which it is told that their slave is short."""

@@ -438,6 +438,14 @@ def test_tables_of_spreadsheets_are_read(tmp_path, mark):
     assert read.traction == pytest.approx(same.traction, rel=1e-15)
 
 
+def test_marks_within_quotes_and_columns_that_are_not_read_decide_nothing(tmp_path):
+    """Nor do empty headings, nor tabs beside commas."""
+    first, *rows = GOOD.splitlines()
+    more = [f'{first}\t,"remark; operator",', *(f'{row},"3;4","5,1"' for row in rows)]
+    read = read_data(write(tmp_path, "\n".join(more)), ignored=["remark; operator"])
+    assert read.velocity == pytest.approx(read_data(write(tmp_path, GOOD)).velocity, rel=1e-15)
+
+
 def test_columns_that_are_told_are_not_read(tmp_path):
     text = "".join(f"now,{line}\n" for line in GOOD.splitlines()).replace("now", "time [h]", 1)
     path = write(tmp_path, text)
