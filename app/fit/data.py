@@ -170,8 +170,8 @@ def _is_strange(name: str, known: Mapping[str, Quantity]) -> bool:
 
 
 def _with_points(
-    path: Path, columns: Collection[int], rows: Sequence[tuple[int, list[str]]]
-) -> Sequence[tuple[int, list[str]]]:
+    path: Path, columns: Collection[int], rows: list[tuple[int, list[str]]]
+) -> list[tuple[int, list[str]]]:
     """The rows with decimals behind points in the columns that are read.
 
     Raises:
