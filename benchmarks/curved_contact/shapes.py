@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from tribox.geometry.generators.sphere_on_block import Body, SphereOnBlock, Drawing
+from tribox.geometry.generators.sphere_on_block import Body, Drawing, SphereOnBlock
 from tribox.geometry.meshes.gmsh_model import Shape, write_msh
 from tribox.geometry.surfaces.facets import Floats
 

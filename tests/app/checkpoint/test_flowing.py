@@ -117,15 +117,7 @@ def _apart(rows: Any, others: Any, names: Any) -> dict[str, float]:
 
 @pytest.mark.mpi(on_two, 2)
 def test_ranks_do_not_matter_to_what_flows_and_creeps(on_ranks):
-    found = on_ranks(on_two, 2)
-    assert [*found] == ["two", "back", "on"]
-    assert {name for apart in found.values() for name in apart} <= {"numerical_dissipation"}
-
-
-@pytest.mark.mpi(on_two, 2)
-@pytest.mark.xfail(reason="the numerical part with a backstress depends on the partition by 4e-6")
-def test_ranks_do_not_matter_to_the_numerical_dissipation(on_ranks):
-    assert not any("numerical_dissipation" in apart for apart in on_ranks(on_two, 2).values())
+    assert on_ranks(on_two, 2) == {"two": {}, "back": {}, "on": {}}
 
 
 # -- Runs with rigid tools that go on from a checkpoint, on the same ranks and on others -----------
