@@ -246,7 +246,7 @@ class Evaluation:
         return same and np.array_equal(self.u, u)
 
     def dissipation(self, before: Evaluation | None, comm: MPI.Comm) -> Floats:
-        """Energy (2,), J, lost on this rank since the origin, and the step's part of it; collective.
+        """Energy (2,), J, this rank lost since the origin, and the step's part of it; collective.
 
         External forces do work by the trapezoidal rule, so that of the stress is the mean of the
         forces at both ends times the change of the displacements. What that leaves beside the

@@ -150,6 +150,15 @@ def excess(cell: str, xi: Floats) -> Floats:
     return out
 
 
+def clipped(cell: str, xi: Floats) -> Floats:
+    """Reference coordinates (k, α) moved into a cell, those inside as they are."""
+    inner = np.clip(xi, 0.0, 1.0)
+    if cell in _SIMPLICES:
+        inner /= np.maximum(inner.sum(axis=1, keepdims=True), 1.0)
+    out: Floats = inner
+    return out
+
+
 def _inside(cell: str, xi: Floats) -> Bools:
     """Whether reference coordinates (k, α) lie in a cell."""
     inside: Bools = excess(cell, xi) <= INSIDE

@@ -92,7 +92,11 @@ def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str
 
 
 class OuterFacets:
-    """This rank's facets of the boundary of all bodies, and where named surfaces end on it."""
+    """This rank's facets of the boundary of all bodies, and where named surfaces end on it.
+
+    Attributes:
+        nodes: (n,) local ones, sorted, of these facets.
+    """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
         """Collect them; collective."""
@@ -104,15 +108,11 @@ class OuterFacets:
         corners = local[:, : shape.corners]
         glob = space.dofmap.index_map.local_to_global(corners.reshape(-1).astype(np.int32))
         self._corners: Longs = glob.reshape(corners.shape).astype(np.int64)
-        self._local = np.unique(corners)
+        self.nodes: Longs = np.unique(local).astype(np.int64)
         middle = np.mean(shape.points[: shape.corners], axis=0)
         tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], position)
         self._normal: Floats = unit_normals(tangents)
         self._shape, self._comm = shape, mesh.comm
-
-    def nodes(self) -> Longs:
-        """Local nodes (n,), sorted, at the corners of this rank's facets."""
-        return self._local.astype(np.int64)
 
     def smooth_ends(self, surface: Longs, others: Longs) -> Longs:
         """Ends (e, k) of a surface behind which its body's boundary goes on smoothly; collective.

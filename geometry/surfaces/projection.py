@@ -8,6 +8,7 @@ facet's nodes.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -164,6 +165,14 @@ class FacetSurface:
         )
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
+
+    def for_others(self) -> FacetSurface:
+        """The same for other points than those whose search goes on from the last one."""
+        other = copy.copy(self)
+        other._code = CompiledFacets(self.shape, len(self.facets))
+        controls = self._controls(self._undeformed)
+        other.search = FacetSearch(self.shape, controls, other._code)
+        return other
 
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""

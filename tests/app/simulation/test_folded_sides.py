@@ -12,7 +12,7 @@ from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.run.run import run_case
-from tribox.app.simulation.folded_sides import FoldedSides
+from tribox.app.simulation.surface_ends import FoldedSides
 
 # A billet that sticks to the die and rolls over onto it with its side.
 BILLET = """
@@ -41,14 +41,20 @@ SIDE = {"slave": "billet_right", "master": "die", "friction": {"law": "frictionl
 TOLD = r"(\w+) goes through die beyond the end of billet_top, (\S+) m deep at \(0.01, (\S+)\) m"
 
 
-@pytest.mark.parametrize("more", [{}, SIDE], ids=["unfelt", "felt"])
+# In a stage before, and not any more.
+BEFORE = SIDE | {"stages": ["before"]}
+
+
+@pytest.mark.parametrize("more", [{}, SIDE, BEFORE], ids=["unfelt", "felt", "felt before"])
 def test_a_side_that_folds_onto_a_die_is_told_unless_a_contact_keeps_it_out(tmp_path, more):
     data = tomllib.loads(BILLET)
     data["contact"] += [more] if more else []
+    if more is BEFORE:
+        data["stage"].insert(0, {"name": "before", "duration": "0.01 s", "steps": 1})
     case = Case.model_validate(data)
     run = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     found = re.findall(TOLD, read_log(tmp_path / "out"))
-    assert len(found) == (not more)
+    assert len(found) == (more is not SIDE)
     problem = run.model.problem
     moved = problem.space.tabulate_dof_coordinates()[:, :2]
     moved = moved + problem.u.x.array.reshape(-1, 2)[: len(moved)]
@@ -59,6 +65,14 @@ def test_a_side_that_folds_onto_a_die_is_told_unless_a_contact_keeps_it_out(tmp_
 
 
 OPEN = {"shape": "polyline", "points": [["20 mm", "5 mm"], ["-20 mm", "5 mm"]]}
+
+
+def look(watch, problem):
+    """At a converged step whose contacts have sunk nowhere."""
+    open_ = SimpleNamespace(closed=np.zeros(1, dtype=bool), gap=np.ones(1))
+    trial = SimpleNamespace(normal_contact=SimpleNamespace(gap=None), kinematics=open_)
+    problem.committed = [trial for _ in problem.contacts]
+    watch.step(SimpleNamespace(time=1.0, dt=0.1, stage="upset"))
 
 
 @pytest.mark.parametrize(
@@ -79,14 +93,15 @@ def test_what_goes_round_the_end_of_a_tool_has_not_gone_through_it(way, deep):
     billet = np.unique(problem.space.dofmap.list[problem.solids[0].cells])  # not the tool's block
     for x, y in way:
         problem.u.x.array.reshape(-1, 2)[billet] = np.array([x, y]) * 1e-3
-        watch.step(SimpleNamespace(time=1.0, dt=0.1, stage="upset", max_penetration=0.0))
-    said = list(watch.warnings(()))
+        look(watch, problem)
+    said = list(watch.warnings())
     assert len(said) == (deep > 0.0)
     for line in said:
         assert (
             f"billet_top goes through die beyond the end of billet_right, {deep / 1e3:.3g}" in line
         )
-    assert not list(watch.warnings({0}))  # where the slave is told to be too short
+    # Where the slave is told to be too short, what goes on behind it under a name is told too.
+    assert list(watch.warnings({0})) == said
 
 
 def test_what_was_seen_is_kept():
@@ -96,7 +111,12 @@ def test_what_was_seen_is_kept():
     problem = models[0].problem
     billet = np.unique(problem.space.dofmap.list[problem.solids[0].cells])
     problem.u.x.array.reshape(-1, 2)[billet, 1] = 1e-3
-    watch.step(SimpleNamespace(time=1.0, dt=0.1, stage="upset", max_penetration=0.0))
+    look(watch, problem)
     later.restore(watch.snapshot())
-    said = list(watch.warnings(()))
-    assert len(said) == 1 and list(later.warnings(())) == said
+    said = list(watch.warnings())
+    assert len(said) == 1 and list(later.warnings()) == said
+    # It has been seen before, at no time since: a node that is inside now may have gone round.
+    problem = models[1].problem
+    problem.u.x.array.reshape(-1, 2)[billet, 1] = 2e-3
+    look(later, problem)
+    assert list(later.warnings()) == said
