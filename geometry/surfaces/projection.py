@@ -170,9 +170,13 @@ class FacetSurface:
         """The same for other points than those whose search goes on from the last one."""
         other = copy.copy(self)
         other._code = CompiledFacets(self.shape, len(self.facets))
-        controls = self._controls(self._undeformed)
-        other.search = FacetSearch(self.shape, controls, other._code)
+        other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
         return other
+
+    def is_smooth_end(self, facet: Ints) -> Bools:
+        """Which facets (q,) are smooth patches at an open end, with tangents of one side there."""
+        smooth: Bools = self._open[self.facets[facet]].any(axis=1)
+        return smooth & (self._extraction is not None)
 
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""
