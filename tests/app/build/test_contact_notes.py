@@ -228,7 +228,6 @@ def test_long_facets_across_those_of_the_master_are_noted(elements, said):
 )
 def test_a_smooth_master_that_ends_below_the_slave_is_noted(angle, width, said):
     """Its last patch fails the patch test; one that goes on does not."""
-    metal = {"material": "hencky", "E": 1e6, "nu": 0.3}
     data = {
         "geometry": {"kind": "two-blocks", "upper": {"width": 1, "height": 1, "elements": [5, 2]}},
         "contact": [{"slave": "elastomer_contact", "master": "aluminium_contact"}],
