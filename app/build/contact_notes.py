@@ -17,7 +17,7 @@ from tribox.forms.bodies.materials import Material, contact_shear_modulus
 from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.body_facets import outward_facets
 from tribox.geometry.surfaces.facets import Floats
-from tribox.geometry.surfaces.projection import FacetSurface, Projection
+from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
@@ -204,32 +204,6 @@ def note_on_radius(
             f"{place}: the facets of the slave {contact.slave} are up to {length / radius:.2g} "
             f"times as long as the smallest radius of {contact.master}, {radius:.3g} m, which they "
             "cannot follow; refine the slave where it bends round"
-        )
-
-
-def note_on_smooth_ends(
-    place: str, contact: Contact, surface: ContactSurface, at: Projection, distance: float
-) -> Iterator[str]:
-    """A line on a contact that begins at an end of a smooth master; collective.
-
-    A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
-    node instead of a half, 7/6 to the next.
-
-    Args:
-        at: the slave's points on the master.
-        distance: m, of the surfaces.
-    """
-    target = surface.target
-    if not isinstance(target, FacetSurface):
-        return
-    over = at.on_surface & (at.gap < distance + surface.slave.facet_length)
-    over[over] = target.is_smooth_end(at.facet[over])
-    if surface.space.mesh.comm.allreduce(bool(over.any()), op=MPI.LOR):
-        yield (
-            f"{place}: {contact.slave} lies over an end of {contact.master}, as at a plane of "
-            "symmetry or an axis, and that is made smooth (smoothing_angle), from one side only "
-            "there: on any mesh the last vertex has 10 to 25 % too much pressure, the next too "
-            "little; forces are right. A mesh of second order, or of both sides, has no such end"
         )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
@@ -27,6 +28,7 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import OuterFacets, facet_nodes
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
 from tribox.geometry.surfaces.master import MasterFacets
+from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.surface import ContactSurface
 from tribox.geometry.surfaces.target import Projection
@@ -266,6 +268,49 @@ class PressedEnds:
             name = names_of(self._contacts, index)[side]
             of_tool = side == 1 and index in self._tools
             yield f"{end.text(index, name, of_tool, since)}; let {name} reach further"
+
+
+class OneSidedEnds:
+    """Watches for contact at the ends of smooth masters, as at planes of symmetry and axes.
+
+    A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
+    node instead of a half, 7/6 to the next.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._found: dict[int, str] = {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        for index, term, trial in self._problem.sliding(self._problem.committed):
+            target, at = term.surface.target, trial.projection
+            if index in self._found or not isinstance(target, FacetSurface):
+                continue
+            pressed = (trial.pressure > 0.0) & at.on_surface
+            there = bool(target.is_smooth_end(at.facet[pressed]).any())
+            if self._problem.comm.allreduce(there, op=MPI.LOR):
+                when = f"from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
+                self._found[index] = when
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {"found": list(self._found.items())}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._found = {int(pair): when for pair, when in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair."""
+        for index, when in sorted(self._found.items()):
+            slave, master = names_of(self._contacts, index)
+            yield (
+                f"contact.{index}: {slave} presses on an end of {master}, as at a plane of "
+                f"symmetry or an axis ({when}), which is made smooth from one side only there: on any "
+                "mesh the last vertex has 10 to 25 % too much pressure, the next too little; forces are "
+                "right. A mesh of second order, or of both sides, has no such end"
+            )
 
 
 def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:

@@ -22,7 +22,7 @@ from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval
-from tribox.app.simulation.surface_ends import FoldedSides, LeftMaster, PressedEnds
+from tribox.app.simulation.surface_ends import FoldedSides, LeftMaster, OneSidedEnds, PressedEnds
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.bodies.memory_solid import MemorySolid
@@ -396,12 +396,13 @@ class Watches:
         self._thickness = model.thickness
         self.roundoff = RoundOffWatch(problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(problem, None if kept is None else kept["contacts"])
-        # Points that run past the end of their master, sides that fold into it, films of points
-        # that come under pressure in too long a step, bodies that nothing holds, how far bodies
-        # flow, films that are found.
+        # Points that run past the end of their master, contact at ends, sides that fold, films of
+        # points that come under pressure in too long a step, bodies that nothing holds, how far
+        # bodies flow, films that are found.
         self._of_rows: dict[str, Any] = {
             "left": LeftMaster(model),
             "ends": PressedEnds(model),
+            "one_sided": OneSidedEnds(model),
             "folds": FoldedSides(model),
             "flow": FlowWatch(problem),
             "films": FilmWatch(problem),
@@ -430,7 +431,7 @@ class Watches:
 
     def warnings(self, stage: str) -> Iterator[str]:
         """What there is to say at the end, in stage ``stage``; collective."""
-        for name in ("left", "ends", "late"):
+        for name in ("left", "ends", "one_sided", "late"):
             yield from self._named[name].warnings()
         yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()

@@ -221,24 +221,3 @@ def test_long_facets_across_those_of_the_master_are_noted(elements, said):
     assert len(notes) == (said is not None)
     for note in notes:
         assert said in note and "in one direction" in note
-
-
-@pytest.mark.parametrize(
-    ("angle", "width", "said"), [("30 deg", 1, 1), (None, 1, 0), ("30 deg", 3, 0)]
-)
-def test_a_smooth_master_that_ends_below_the_slave_is_noted(angle, width, said):
-    """Its last patch fails the patch test; one that goes on does not."""
-    data = {
-        "geometry": {"kind": "two-blocks", "upper": {"width": 1, "height": 1, "elements": [5, 2]}},
-        "contact": [{"slave": "elastomer_contact", "master": "aluminium_contact"}],
-        "boundary": [{"surface": "bottom", "symmetry": True}],
-        "bodies": {
-            name: {"material": "hencky", "E": 1e6, "nu": 0.3} for name in ("elastomer", "aluminium")
-        },
-        "stage": [{"name": "press", "duration": 1, "steps": 1}],
-    }
-    data["geometry"]["lower"] = {"width": width, "height": 1, "elements": [5 * width, 2]}
-    data["contact"][0] |= {"friction": {"law": "frictionless"}}
-    data["contact"][0] |= {"smoothing_angle": angle} if angle else {}
-    notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
-    assert sum("from one side only there" in note for note in notes) == said
