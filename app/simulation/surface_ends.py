@@ -307,9 +307,9 @@ class OneSidedEnds:
             slave, master = names_of(self._contacts, index)
             yield (
                 f"contact.{index}: {slave} presses on an end of {master}, as at a plane of "
-                f"symmetry or an axis ({when}), which is made smooth from one side only there: on any "
-                "mesh the last vertex has 10 to 25 % too much pressure, the next too little; forces are "
-                "right. A mesh of second order, or of both sides, has no such end"
+                f"symmetry or an axis ({when}), which is made smooth from one side only there: on "
+                "any mesh the last vertex has 10 to 25 % too much pressure, the next too little; "
+                "forces are right. A mesh of second order, or of both sides, has no such end"
             )
 
 
