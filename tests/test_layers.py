@@ -19,7 +19,6 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("tribox.geometry.native",),
     ("tribox.geometry.generators", "tribox.geometry.surfaces"),
     ("tribox.geometry.meshes",),
-    ("tribox.geometry.pictures",),
     ("tribox.forms", "tribox.forms.parameters"),
     ("tribox.forms.native", "tribox.forms.friction"),
     (

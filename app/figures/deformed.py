@@ -36,6 +36,7 @@ from tribox.app.figures.plane_bodies import (
 )
 from tribox.app.figures.scenes import (
     View,
+    area_vectors,
     draw_space,
     draw_tools,
     facets_seen,
@@ -336,7 +337,7 @@ def seen_along_normal(nodes: Grid, pair: int) -> Plan:
     x = np.asarray(nodes.points, dtype=np.float64)
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     share = pressure[facets].mean(axis=1)
-    areas = _area_vectors(x[facets])
+    areas = area_vectors(x[facets])
     normal = (areas * share[:, None]).sum(axis=0) if share.any() else areas.sum(axis=0)
     length = float(np.linalg.norm(normal))
     normal = normal / length if length > 0.0 else np.array([0.0, 1.0, 0.0])
@@ -349,14 +350,6 @@ def seen_along_normal(nodes: Grid, pair: int) -> Plan:
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(normal, right)])
     return Plan(x @ axes.T, axes, (_direction(axes[0]), _direction(axes[1])), facets)
-
-
-def _area_vectors(corners: Floats) -> Floats:
-    """Area vectors (f, i) of facets with corners (f, a, i)."""
-    first = corners[:, 1] - corners[:, 0]
-    if corners.shape[1] == 3:
-        return 0.5 * np.cross(first, corners[:, 2] - corners[:, 0])
-    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
 
 
 def _direction(vector: Floats) -> str:

@@ -25,14 +25,10 @@ if TYPE_CHECKING:
     from tribox.app.results import Results
 
 
-# Towards the eye: from the front (z), from the right (x), and from above (y).
-EYE = np.array([0.435, 0.375, 0.819]) / np.linalg.norm([0.435, 0.375, 0.819])
-RIGHT = np.cross([0.0, 1.0, 0.0], EYE) / np.linalg.norm(np.cross([0.0, 1.0, 0.0], EYE))
-UP = np.cross(EYE, RIGHT)
-LIGHT = np.array([0.25, 0.85, 0.45]) / np.linalg.norm([0.25, 0.85, 0.45])
+OBLIQUE = (0.435, 0.819, 0.375)  # towards an eye on the right, in front and above
+LIGHT = (0.010, 0.599, 0.801)  # unit vector to it, along the camera's right, up and eye
 PIXELS = 900  # of the longer side of a picture
 MARGIN = 0.03  # round the frame, of its longer side
-AMBIENT = 0.62  # brightness of a facet that is turned away from the light
 EDGE, OUTLINE = 0.72, 0.35  # brightness of the lines between facets, and round bodies
 EDGES_SHOWN = 20_000  # facets beyond which the lines between them are left out
 CHUNK = 4_000_000  # pixels of facets at a time
@@ -40,13 +36,41 @@ SHARED = 1e-6  # pixels, by which triangles are wider: a common side is of both
 
 
 @dataclass(frozen=True, slots=True)
+class Camera:
+    """Unit vectors (3,) along which the picture is drawn, and towards the eye."""
+
+    right: Floats
+    up: Floats
+    eye: Floats
+
+    @property
+    def plane(self) -> Floats:
+        """(3, 2), to take places in space to the picture."""
+        return np.stack([self.right, self.up], axis=1)
+
+
+def camera_at(eye: tuple[float, float, float], upwards: int = 1) -> Camera:
+    """A camera that looks from ``eye``: to the right (x), to the front, and upwards (y 1, z 2)."""
+    x, up = np.eye(3)[[0, upwards]]
+    towards = np.array(eye) @ np.stack([x, np.cross(x, up), up])
+    right = np.cross(up, towards)
+    right = right if right.any() else x  # seen from above or below
+    towards, right = towards / np.linalg.norm(towards), right / np.linalg.norm(right)
+    return Camera(right, np.cross(towards, right), towards)
+
+
+STANDARD = camera_at(OBLIQUE)
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """A state to render, in parallel projection: all of it in one scale.
 
     Attributes:
-        position: (n, 3), m. polygons: (f, a), a = 3 or 4.
+        position: (n, 3), m. polygons: (f, a), a ≥ 3, convex or nearly so.
         colours: (f, 3), of each polygon, 0 to 1. body: (f,) number of its body.
         low, high: (3,), m, corners of the frame: scenes of one frame are seen from one place.
+        ambient: brightness of a facet that is turned away from the light.
     """
 
     position: Floats
@@ -55,12 +79,14 @@ class Scene:
     body: NDArray[np.int64]
     low: Floats
     high: Floats
+    camera: Camera = STANDARD
+    ambient: float = 0.62
 
     @property
     def window(self) -> tuple[Floats, Floats]:
-        """Corners of what is seen, m, along RIGHT and UP."""
+        """Corners of what is seen, m, in the camera's plane."""
         box = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), axis=-1)
-        seen = box.reshape(-1, 3) @ np.stack([RIGHT, UP]).T
+        seen = box.reshape(-1, 3) @ self.camera.plane
         low, high = seen.min(axis=0), seen.max(axis=0)
         margin = MARGIN * float((high - low).max() or 1.0)
         return low - margin, high + margin
@@ -87,11 +113,11 @@ def facets_seen(scene: Scene) -> NDArray[np.int64]:
     width, height = scene.size
     low, _ = scene.window
     corners = scene.position[scene.polygons]
-    flat = (corners @ np.stack([RIGHT, UP]).T - low) / scene.pixel
+    flat: Floats = np.asarray((corners @ scene.camera.plane - low) / scene.pixel)
     parts = [[0, k, k + 1] for k in range(1, corners.shape[1] - 1)]  # triangles of a facet
     places = flat[:, parts].reshape(-1, 3, 2)
     facet = np.repeat(np.arange(len(flat)), len(parts))
-    origin, slopes = _depths(places, (corners @ EYE)[:, parts].reshape(-1, 3))
+    origin, slopes = _depths(places, (corners @ scene.camera.eye)[:, parts].reshape(-1, 3))
     triangle, row, first, count = _spans(places, width, height)
     image = np.full(width * height, -1, dtype=np.int64)
     nearest = np.full(width * height, -np.inf)
@@ -169,12 +195,21 @@ def rendered(scene: Scene, seen: NDArray[np.int64]) -> NDArray[np.uint8]:
 
 def brightness(scene: Scene) -> Floats:
     """Brightness of each facet (f,), by the angle between its normal and the light."""
-    corners = scene.position[scene.polygons]
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+    normal, camera = area_vectors(scene.position[scene.polygons]), scene.camera
     length = np.linalg.norm(normal, axis=1)
+    light = np.array(LIGHT) @ np.stack([camera.right, camera.up, camera.eye])
     # Sides may be numbered either way round; the one that is seen is turned towards the eye.
-    towards = np.sign(normal @ EYE) * (normal @ LIGHT) / np.where(length > 0.0, length, 1.0)
-    return AMBIENT + (1.0 - AMBIENT) * np.clip(towards, 0.0, 1.0)
+    towards = np.sign(normal @ camera.eye) * (normal @ light) / np.where(length > 0.0, length, 1.0)
+    return scene.ambient + (1.0 - scene.ambient) * np.clip(towards, 0.0, 1.0)
+
+
+def area_vectors(corners: Floats) -> Floats:
+    """Area vectors (f, i) of triangles and quadrilaterals (f, a, i), by their diagonals.
+
+    Of facets with nodes at the middle of their sides only the directions are right.
+    """
+    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    return np.asarray(0.5 * np.cross(*diagonals))
 
 
 def changes(values: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -222,45 +257,55 @@ def polygon_colours(bodies: Bodies, scale: ColourScale) -> Floats:
     return np.asarray(shade, dtype=np.float64)
 
 
+def show(axes: Axes, view: View) -> None:
+    """Draw a rendered scene and its tools, in m along the camera's right and up."""
+    scene = view.scene
+    low, _ = scene.window
+    left, foot = (float(v) for v in low)
+    right, top = (float(v) for v in low + np.array(scene.size) * scene.pixel)
+    for picture in (rendered(scene, view.seen), view.veil):
+        if picture is not None:
+            axes.imshow(picture, extent=(left, right, foot, top), interpolation="bilinear")
+
+
 def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
     """Draw a rendered scene with the names of the bodies, a scale and the three directions."""
     scene = view.scene
-    height, width = view.seen.shape
-    frame = (0.0, float(width), 0.0, float(height))
-    axes.imshow(rendered(scene, view.seen), extent=frame, interpolation="bilinear")
-    if view.veil is not None:
-        axes.imshow(view.veil, extent=frame, interpolation="bilinear")
+    show(axes, view)
     axes.set_axis_off()
     body = np.where(view.seen >= 0, scene.body[view.seen], -1)
+    low, _ = scene.window
     for number, name in enumerate(names):
         rows, columns = np.nonzero(body == number)
         if not len(rows):
             continue
+        # At a pixel of the body, which the middle of its pixels need not be.
         middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
-        place = (float(columns[middle]), float(height - rows[middle]))
+        right, up = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
         halo = withStroke(linewidth=2.2, foreground="w", alpha=0.8)
-        axes.annotate(name, place, ha="center", va="center", fontsize=8, path_effects=[halo])
-    _draw_scale(axes, width, height, scene.pixel)
+        axes.annotate(name, (right, up), ha="center", va="center", fontsize=8, path_effects=[halo])
+    _draw_scale(axes, scene)
 
 
-def _draw_scale(axes: Axes, width: int, height: int, pixel: float) -> None:
+def _draw_scale(axes: Axes, scene: Scene) -> None:
     """A bar of a round length, and arrows along the axes, below the picture."""
-    room = 0.25 * width * pixel
-    decade = 10.0 ** float(np.floor(np.log10(room)))
-    length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= room)
-    foot, left = -0.06 * width, width - length / pixel
-    axes.plot([left, width], [foot, foot], color="0.15", lw=2.5, clip_on=False)
-    axes.annotate(fitting([length], "m").text(length), (0.5 * (left + width), foot),
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    width = right - left
+    decade = 10.0 ** float(np.floor(np.log10(0.25 * width)))
+    length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= 0.25 * width)
+    foot = low - 0.06 * width
+    axes.plot([right - length, right], [foot, foot], color="0.15", lw=2.5, clip_on=False)
+    axes.annotate(fitting([length], "m").text(length), (right - 0.5 * length, foot),
                   xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
-    x, y, reach = 0.06 * width, foot - 0.02 * width, 0.11 * width
+    x, y, reach = left + 0.06 * width, foot - 0.02 * width, 0.11 * width
     for axis, name in enumerate("xyz"):
-        right, up = float(RIGHT[axis]) * reach, float(UP[axis]) * reach
-        axes.annotate("", (x + right, y + up), (x, y), arrowprops={"arrowstyle": "-|>", "lw": 1.0,
-                      "color": "0.25", "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-        axes.annotate(name, (x + 1.25 * right, y + 1.25 * up), ha="center", va="center",
+        along, up = (float(v) * reach for v in scene.camera.plane[axis])
+        axes.annotate("", (x + along, y + up), (x, y), annotation_clip=False, arrowprops={
+            "arrowstyle": "-|>", "lw": 1.0, "color": "0.25", "shrinkA": 0, "shrinkB": 0,
+        })  # fmt: skip
+        axes.annotate(name, (x + 1.25 * along, y + 1.25 * up), ha="center", va="center",
                       fontsize=8, annotation_clip=False)  # fmt: skip
-    axes.set_xlim(0.0, width)
-    axes.set_ylim(foot - 0.12 * width, height)
+    axes.set(xlim=(left, right), ylim=(foot - 0.12 * width, high))
 
 
 # -- Rigid tools in pictures of space: translucent before what they hide, hidden by what is nearer -
@@ -303,7 +348,7 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
         return None
     # What may be seen (c, a, i) of triangles, in parts that are small beside the picture.
     low, high = scene.window
-    plane, most = np.stack([RIGHT, UP]).T, float((high - low).max()) / PARTS
+    plane, most = scene.camera.plane, float((high - low).max()) / PARTS
     done, left = [], triangles
     while len(left):
         flat = left @ plane
@@ -315,10 +360,10 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         left = np.concatenate([np.stack(part, axis=1) for part in parts])
     near = np.concatenate(done) if done else triangles
-    near = near + NEARER * float((scene.high - scene.low).max()) * EYE
+    near = near + NEARER * float((scene.high - scene.low).max()) * scene.camera.eye
     corners = scene.polygons.shape[1]
     numbers = len(scene.position) + np.arange(near[..., 0].size).reshape(-1, 3)
-    added = numbers[:, [0, 1, 2, 2][:corners]]  # a triangle as a quadrilateral of no fourth side
+    added = numbers[:, [0, 1, *[2] * (corners - 2)]]  # all polygons have as many corners
     both = replace(
         scene,
         position=np.concatenate([scene.position, near.reshape(-1, 3)]),
@@ -327,16 +372,16 @@ def veil_of(scene: Scene, triangles: Floats | None) -> Floats | None:
     seen = facets_seen(both)
     tool = seen >= len(scene.polygons)
     out = np.zeros((*seen.shape, 4))
-    out[tool, :3] = np.array(to_rgb(COLOUR)) * brightness(both)[seen[tool], None]
+    out[tool, :3] = np.array(to_rgb(TOOL)) * brightness(both)[seen[tool], None]
     out[tool, 3] = VEIL
-    out[changes(tool.astype(np.int64)), :] = (*to_rgb(COLOUR), LINE)
+    out[changes(tool.astype(np.int64)), :] = (*to_rgb(TOOL), LINE)
     return out
 
 
 # -- Rigid tools in pictures of the plane: their outlines, and room for them in the frame ----------
 
 ROOM = 0.12  # of the largest extent, that a tool is shown of beside the bodies at most
-COLOUR = "#2b4c7e"
+TOOL = "#2b4c7e"
 
 
 def tool_lines(results: Results, step: int) -> Floats | None:
@@ -358,4 +403,4 @@ def draw_tools(axes: Axes, lines: Floats | None, frame: Frame) -> None:
     if lines is None:
         return
     scaled = list(lines * frame.unit.factor)
-    axes.add_collection(LineCollection(scaled, colors=COLOUR, linewidths=1.6, zorder=3))
+    axes.add_collection(LineCollection(scaled, colors=TOOL, linewidths=1.6, zorder=3))

@@ -21,6 +21,8 @@ from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.tools import AnyTool
 from tribox.app.case.trust import require_drawing, require_trust
 from tribox.app.errors import InputError, tell
+from tribox.app.figures.mesh_picture import Arrow, Marks, save_picture
+from tribox.app.figures.style import fitting
 from tribox.app.results.directory import default_directory
 from tribox.app.results.inputs import INPUTS, sha256_of
 from tribox.app.results.saving import on_first
@@ -28,7 +30,6 @@ from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
 from tribox.geometry.meshes.gmsh_model import MeshError, write_msh
 from tribox.geometry.meshes.mesh import NamedMesh, read
-from tribox.geometry.pictures import Arrow, Marks, length_unit, save_picture
 
 
 def write_case_mesh(
@@ -62,7 +63,7 @@ def write_case_mesh(
             print(f"wrote {msh}")
     for note in named.notes:
         tell(f"note: {note}")
-    save_picture(named, picture, case.title, marks=marks_of(case, named))
+    save_picture(named, picture, case.title, marks_of(case, named))
     print(f"wrote {picture}")
 
 
@@ -91,8 +92,8 @@ def marks_of(case: Case, named: NamedMesh) -> Marks:
         + (", bonded" if contact.friction is None else f", {law_of(contact)}")
         for contact in case.contact
     ]
-    return Marks({name: ", ".join(dict.fromkeys(w)) for name, w in words.items()},
-                 arrows, tools, pairs)  # fmt: skip
+    said = {name: ", ".join(dict.fromkeys(w)) for name, w in words.items()}
+    return Marks(said, arrows, tools, pairs, [contact.slave for contact in case.contact])
 
 
 def law_of(contact: Contact) -> str:
@@ -179,14 +180,16 @@ def _parts(named: NamedMesh) -> Iterator[str]:
     """Where each body and surface of a mesh on one process lies."""
     mesh = named.mesh
     x, dim = mesh.geometry.x, mesh.topology.dim
-    factor, unit = length_unit(float(np.ptp(x, axis=0).max()))
+    unit = fitting(np.ptp(x, axis=0), "m")
     nodes = {name: cell_nodes(mesh)[named.cells(name)] for name in named.bodies}
     nodes |= {name: entity_nodes(mesh, dim - 1, named.facets(name)) for name in named.surfaces}
     for name, rows in nodes.items():
-        places = factor * x[np.unique(rows), :dim]
+        places = unit.factor * x[np.unique(rows), :dim]
         low, high = places.min(axis=0), places.max(axis=0)
         ends = zip("xyz", low, high, strict=False)
-        yield f"{name}: " + ", ".join(f"{i} {a:.4g} to {b:.4g}" for i, a, b in ends) + f" {unit}"
+        yield (
+            f"{name}: " + ", ".join(f"{i} {a:.4g} to {b:.4g}" for i, a, b in ends) + f" {unit.name}"
+        )
 
 
 def _see_free(paths: Sequence[Path], force: bool) -> None:

@@ -94,7 +94,8 @@ def test_picture_in_space(box, tmp_path, monkeypatch):
     assert {"von Mises stress (MPa)", "contact pressure t_N (kPa)"} <= labels
     # The bar and the bodies are in one scale: the plate is 1 mm wide along x.
     [bar] = bodies.lines
-    drawn = float(np.ptp(bar.get_xdata()))
+    left, right, _, _ = bodies.images[0].get_extent()
+    drawn = float(np.ptp(bar.get_xdata())) / (right - left) * picture.shape[1]
     length = next(
         t.get_text() for t in bodies.texts if "µm" in t.get_text() or "mm" in t.get_text()
     )

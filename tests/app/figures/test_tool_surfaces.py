@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.app.figures.test_scenes import SQUARE, scene
-from tribox.app.figures.scenes import EYE, VEIL, veil_of
+from tribox.app.figures.scenes import STANDARD, VEIL, veil_of
 
 SMALL = (SQUARE - 0.5) * [0.4, 0.0, 0.4] + [0.5, 0.0, 0.5]
 
@@ -22,8 +22,8 @@ def veiled(veil):
 @pytest.mark.parametrize("corners", [3, 4])
 def test_a_tool_veils_what_is_behind_it_and_is_hidden_by_what_is_before(corners):
     made = scene(SQUARE[:corners])
-    before, behind = (veil_of(made, halves(SMALL + up * EYE)) for up in (0.3, -0.3))
-    area = 0.16 * EYE[1] / made.pixel**2
+    before, behind = (veil_of(made, halves(SMALL + up * STANDARD.eye)) for up in (0.3, -0.3))
+    area = 0.16 * STANDARD.eye[1] / made.pixel**2
     # The line round it covers a pixel on each side.
     assert veiled(before) == pytest.approx(area, rel=0.03)
     hidden = 1.0 if corners == 4 else 0.5

@@ -16,11 +16,11 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.errors import Interrupted
 from tribox.app.figures import run_figures
+from tribox.app.figures.mesh_picture import draw
 from tribox.app.results import Results
 from tribox.app.run.mesh_files import marks_of
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
-from tribox.geometry.pictures import draw
 
 
 def small(block: str) -> Case:

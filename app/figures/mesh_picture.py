@@ -3,49 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import dolfinx
 import numpy as np
 import numpy.typing as npt
-from matplotlib import color_sequences
+from matplotlib import color_sequences, rc_context
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from mpi4py import MPI
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from tribox.app.figures.scenes import (
+    OBLIQUE,
+    TOOL,
+    VEIL,
+    Camera,
+    Scene,
+    View,
+    area_vectors,
+    camera_at,
+    draw_space,
+    facets_seen,
+    room_for,
+    show,
+    veil_of,
+)
+from tribox.app.figures.style import Unit, fitting, save
 from tribox.geometry.compat import cell_nodes, cell_order, entity_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
-
-MAX_FACETS_OUTLINED = 20_000
-"""Facets beyond which their edges are left out: they would only blacken the picture."""
 
 CYCLIC = {3: [0, 1, 2], 4: [0, 1, 3, 2], 6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
 """Nodes round a polygon, by their number: DOLFINx numbers corners row by row, then the edges."""
 
 OTHERS = "other facets"
 
-ELEVATION, AZIMUTH = 22.0, -62.0
-"""Where the picture is seen from, degrees."""
-
 Points = npt.NDArray[np.float64]
 
 KINDS = {"held": "0.2", "moved": "#1b6ca8", "loaded": "#c2571a"}
 """What is done to a surface, and the colour that it is drawn in."""
-TOOL = "#2b4c7e"
-VEIL = 0.35  # opacity of tools in space
-VIEWS = (
-    ("", ELEVATION, AZIMUTH, ""),
-    ("from behind and below", -22.0, 118.0, ""),
-    ("from the front", 0.0, -90.0, "y"),
-    ("from above", 90.0, -90.0, "z"),
-)
-"""Words, elevation and azimuth (degrees), and the axis of matplotlib that is looked along."""
+BACK = (-OBLIQUE[0], -OBLIQUE[1], -OBLIQUE[2])
+VIEWS = {
+    "": OBLIQUE,
+    "from behind and below": BACK,
+    "from the front": (0.0, 1.0, 0.0),
+    "from above": (0.0, 0.0, 1.0),
+}
+"""Where bodies in space are seen from, as of :func:`camera_at`; along an axis with a ruler."""
+DARKEST = 0.8  # brightness of facets turned away: colours are told apart by the legend
+FLAT = 2.0  # area seen along z over that along y, from which on z points upwards
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +79,14 @@ class Marks:
     Attributes:
         words: of surfaces and tools, behind their names; arrows: likewise.
         tools: outlines by name: points (n, i), m, and lines (c, 2) or triangles (c, 3).
-        pairs: lines of text.
+        pairs: lines of text; slaves: their surfaces.
     """
 
     words: Mapping[str, str] = field(default_factory=dict)
     arrows: Mapping[str, Sequence[Arrow]] = field(default_factory=dict)
     tools: Mapping[str, tuple[Points, npt.NDArray[Any]]] = field(default_factory=dict)
     pairs: Sequence[str] = ()
+    slaves: Sequence[str] = ()
 
     def label(self, name: str) -> str:
         """A name with its words."""
@@ -89,139 +101,80 @@ class Marks:
             if kind in found
         ]
 
+    def outlines(self, factor: float = 1.0) -> dict[str, Points]:
+        """Lines or triangles (c, a, i) of the tools, from m by a factor."""
+        return {name: factor * points[cells] for name, (points, cells) in self.tools.items()}
+
 
 NO_MARKS = Marks()
 
 
-def outer_facets(named: NamedMesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Facets (f,) of one cell only that this process owns, and the body's tag (f,) of each."""
+@dataclass(frozen=True, slots=True)
+class _Hull:
+    """The outer facets of bodies in space.
+
+    Attributes:
+        corners: (f, a, 3), m, nodes round them.
+        surface: (f,) number of the surface of each, the last of all: of none. body: (f,) likewise.
+    """
+
+    corners: Points
+    surface: npt.NDArray[np.int64]
+    body: npt.NDArray[np.int64]
+
+
+def _hull(named: NamedMesh) -> _Hull:
     mesh = named.mesh
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
+    mesh.topology.create_connectivity(2, 3)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
-    owned = mesh.topology.index_map(tdim - 1).size_local
-    facets = np.asarray(facets[facets < owned], dtype=np.int32)
-    to_cells = mesh.topology.connectivity(tdim - 1, tdim)
+    to_cells = mesh.topology.connectivity(2, 3)
     cells = to_cells.array[to_cells.offsets[facets]]
-    tags = np.zeros(int(named.cell_tags.indices.max(initial=-1)) + 1, dtype=np.int32)
-    tags[named.cell_tags.indices] = named.cell_tags.values
-    return facets, tags[cells]
-
-
-def facet_polygons(mesh: dolfinx.mesh.Mesh, facets: npt.NDArray[np.int32], x: Points) -> Points:
-    """Nodes (f, a, 3) round facets, on nodes at ``x`` (n, 3).
-
-    Args:
-        mesh: The mesh, in space.
-        facets: Local facets (f,).
-        x: Position of each node of the geometry, for instance the current one.
-    """
-    around = (4 if mesh.topology.cell_name() == "hexahedron" else 3) * cell_order(mesh)
-    if not len(facets):
-        return np.empty((0, around, 3))
+    surface, body = np.full(len(facets), len(named.surfaces)), np.zeros(len(facets), np.int64)
+    for number, name in enumerate(named.surfaces):
+        surface[np.isin(facets, named.facets(name))] = number
+    for number, name in enumerate(named.bodies):
+        body[np.isin(cells, named.cells(name))] = number
     nodes = entity_nodes(mesh, 2, facets)
-    return np.asarray(x[nodes][:, CYCLIC[nodes.shape[1]]], dtype=np.float64)
+    return _Hull(mesh.geometry.x[nodes][:, CYCLIC[nodes.shape[1]]], surface, body)
 
 
-def add_facets(axes: Any, groups: Sequence[tuple[Points, str | tuple[float, ...]]]) -> None:
-    """Draw groups of facets, y upwards, in axes of matplotlib's 3D kind.
-
-    Args:
-        groups: Corners (f, a, 3) in cyclic order, in the unit of the axes, and their colour.
-    """
-    polygons = np.concatenate([corners for corners, _ in groups])
-    colours = np.concatenate([np.tile(to_rgba(c), (len(corners), 1)) for corners, c in groups])
-    total = len(polygons)
-    width = 0.0 if total > MAX_FACETS_OUTLINED else float(np.clip(12.0 / total**0.5, 0.05, 0.5))
-    # One collection: facets are sorted by their distance within a collection only.
-    axes.add_collection3d(
-        Poly3DCollection(
-            turned(polygons),
-            facecolors=colours,
-            edgecolors="0.35",
-            linewidths=width,
-        )
-    )
-
-
-def turned(x: Points) -> Points:
-    """Positions (…, 3) with y in the place of z, which points upwards in matplotlib's axes."""
-    return np.stack([x[..., 0], -x[..., 2], x[..., 1]], axis=-1)
-
-
-def frame(axes: Any, x: Points, unit: str) -> None:
-    """Equal scales, limits around the points (n, 3), and the axes' own names."""
-    seen = turned(x)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    for letter, a, b in zip("xyz", low, high, strict=True):
-        getattr(axes, f"set_{letter}lim")(a, b)
-    axes.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()), zoom=0.8)
-    axes.set(xlabel=f"x ({unit})", ylabel=f"−z ({unit})", zlabel=f"y ({unit})")
-    axes.view_init(ELEVATION, AZIMUTH)
-    axes.locator_params(nbins=5)
-
-
-def draw_space(
-    named: NamedMesh, title: str, factor: float, unit: str, marks: Marks = NO_MARKS
-) -> Figure | None:
-    """Draw the named surfaces and all other outer facets; collective.
-
-    Args:
-        named: A mesh in space.
-        factor: From m to the unit of the axes.
-        unit: Its name.
-        marks: What is shown beside the mesh.
-
-    Returns:
-        The figure on the first process, None on the others.
-    """
-    mesh = named.mesh
-    facets, _ = outer_facets(named)
-    groups = {}
-    for name in named.surfaces:
-        groups[name] = np.intersect1d(named.facets(name), facets)
-    rest = np.setdiff1d(facets, np.concatenate([*groups.values(), np.empty(0, np.int32)]))
-    mine = {
-        name: facet_polygons(mesh, found, mesh.geometry.x)
-        for name, found in [*groups.items(), (OTHERS, rest.astype(np.int32))]
-    }
-    parts = mesh.comm.gather(mine)
-    if parts is None:
-        return None
-    drawn = {name: factor * np.concatenate([part[name] for part in parts]) for name in mine}
-    shown = {name: p for name, p in drawn.items() if len(p)}
-    tools = {name: factor * points[cells] for name, (points, cells) in marks.tools.items()}
-    return _figure(shown, tools, title, unit, marks)
-
-
-def _figure(
-    drawn: dict[str, Points], tools: dict[str, Points], title: str, unit: str, marks: Marks
-) -> Figure:
+def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Figure:
     """Four views of the same, and the names with what is done to them."""
     figure = Figure(figsize=(13, 10), layout="constrained")
     colours = color_sequences["tab20"]
-    shown = {
-        name: "0.85" if name == OTHERS else colours[k % len(colours)]
-        for k, name in enumerate(drawn)
-    }
-    whole = np.concatenate([p.reshape(-1, 3) for p in drawn.values()])
-    groups: list[tuple[Points, str | tuple[float, ...]]] = []
-    groups += [(drawn[name], shown[name]) for name in drawn]
-    corners = next(iter(drawn.values())).shape[1]
-    for triangles in tools.values():  # in one collection all polygons have as many corners
-        groups.append((triangles[:, [*range(3), *[2] * (corners - 3)]], (*to_rgb(TOOL), VEIL)))
-    every = np.concatenate([p.reshape(-1, 3) for p, _ in groups])
-    for number, (words, elevation, azimuth, across) in enumerate(VIEWS, start=1):
-        axes: Any = figure.add_subplot(2, 2, number, projection="3d", proj_type="ortho")
-        add_facets(axes, groups)
-        frame(axes, every, unit)
-        axes.view_init(elevation, azimuth)
+    names = (*named.surfaces, OTHERS)
+    shown = {name: colours[k % len(colours)] for k, name in enumerate(named.surfaces)}
+    shown[OTHERS] = to_rgb("0.85")
+    places = {name: hull.corners[hull.surface == k] for k, name in enumerate(names)}
+    tools = marks.outlines()
+    every = np.concatenate(list(tools.values())) if tools else None
+    nodes = hull.corners.reshape(-1, 3)
+    scene = Scene(
+        nodes,
+        np.arange(len(nodes)).reshape(hull.corners.shape[:2]),
+        np.array([shown[name] for name in names])[hull.surface],
+        hull.body,
+        *room_for(nodes.min(axis=0), nodes.max(axis=0), every),
+        ambient=DARKEST,
+    )
+    unit = fitting(np.ptp(nodes, axis=0), "m")
+    upwards = _upwards(hull, [k for k, name in enumerate(names) if name in marks.slaves])
+    for number, (words, eye) in enumerate(VIEWS.items(), start=1):
+        seen = replace(scene, camera=camera_at(eye, upwards))
+        view = View(seen, facets_seen(seen), veil_of(seen, every))
+        axes = figure.add_subplot(2, 2, number)
+        if 1.0 in eye:
+            show(axes, view)
+            _rule(axes, seen.camera, unit)
+        else:
+            draw_space(axes, view, tuple(named.bodies))
         axes.set_title(words, fontsize=9)
-        if across:  # the axis that is looked along is a point
-            axes.set(**{f"{across}ticks": [], f"{across}label": ""})
-        _arrows(axes, {**drawn, **tools}, marks, 0.2 * float(np.ptp(whole, axis=0).max()))
+        _space_arrows(axes, seen, {**places, **tools}, marks)
+        axes.autoscale_view()
     handles: list[Any] = [
-        Patch(color=shown[name], label=_counted(name, len(drawn[name]), marks)) for name in drawn
+        Patch(color=shown[name], label=_counted(name, len(facets), marks))
+        for name, facets in places.items()
+        if len(facets)
     ]
     handles += [Patch(color=TOOL, alpha=VEIL, label=f"tool {marks.label(name)}") for name in tools]
     handles += marks.handles()
@@ -230,35 +183,58 @@ def _figure(
     return figure
 
 
+def _upwards(hull: _Hull, slaves: Sequence[int]) -> int:
+    """The axis that points upwards in the picture: 1 (y), or 2 where contacts or bodies lie flat.
+
+    Drawings have z upwards as often as not, and a sheet across it would be seen as a wall.
+    """
+    flat = np.isin(hull.surface, slaves)
+    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
+    _, along_y, along_z = np.abs(normals).sum(axis=0)
+    return 2 if along_z > FLAT * along_y else 1
+
+
+def _rule(axes: Axes, camera: Camera, unit: Unit) -> None:
+    """Ticks along a picture that is seen along an axis, with the names of the other two."""
+    for axis, along in ((axes.xaxis, camera.right), (axes.yaxis, camera.up)):
+        letter = int(np.argmax(np.abs(along)))
+        sign = float(np.sign(along[letter]))  # seen from above z points downwards
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+        axis.set_major_formatter(FuncFormatter(lambda v, _, sign=sign: unit.number(sign * v)))
+        axis.set_label_text(f"{'xyz'[letter]} ({unit.name})")
+
+
 def _counted(name: str, facets: int, marks: Marks) -> str:
     """A surface with the number of its facets, and what is done to it."""
     words = marks.words.get(name)
     return f"{name}: {facets}; {words}" if words else f"{name}: {facets}"
 
 
-def _arrows(axes: Any, places: Mapping[str, Points], marks: Marks, length: float) -> None:
+def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks: Marks) -> None:
     """An arrow from the middle of each surface or tool, for each thing that is done to it."""
-    centre = np.concatenate([p.reshape(-1, 3) for p in places.values()]).mean(axis=0)
+    length = 0.2 * float(np.ptp(scene.position, axis=0).max())
+    centre = scene.position.mean(axis=0)
     for name, arrows in marks.arrows.items():
-        if name not in places:
+        if not len(places.get(name, ())):
             continue
-        middle = places[name].reshape(-1, 3).mean(axis=0)
+        middle, inside = places[name].mean(axis=(0, 1)), _inwards(places[name], centre)
         for arrow in arrows:
-            inside = _inwards(places[name], centre)
-            way = inside if arrow.direction is None else np.array(arrow.direction)
-            tail = middle - length * way if arrow.direction is None else middle
-            start, along = turned(tail), turned(length * way)
-            colour = KINDS[arrow.kind]
+            along = length * (inside if arrow.direction is None else np.array(arrow.direction))
+            start = (middle - along if arrow.direction is None else middle) @ scene.camera.plane
+            across, colour = along @ scene.camera.plane, KINDS[arrow.kind]
             if arrow.kind == "held":
-                ends = np.stack([start - 0.25 * along, start + 0.25 * along])
+                ends = np.stack([start - 0.25 * across, start + 0.25 * across])
                 axes.plot(*ends.T, color=colour, lw=2.5, zorder=9)
-            else:
-                axes.quiver(*start, *along, color=colour, lw=2.0, zorder=9)
+            elif np.linalg.norm(across) > 0.05 * length:  # else towards the eye or away from it
+                axes.update_datalim([start, start + across])
+                axes.annotate("", tuple(start + across), tuple(start), zorder=9, arrowprops={
+                    "arrowstyle": "-|>", "lw": 2.0, "color": colour, "shrinkA": 0, "shrinkB": 0,
+                })  # fmt: skip
 
 
 def _inwards(polygons: Points, centre: Points) -> Points:
     """Mean direction across polygons (f, a, 3), to the side of a point."""
-    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 1])
+    normals = area_vectors(polygons)
     away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
     mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
     return np.asarray(mean / (np.linalg.norm(mean) or 1.0))
@@ -270,7 +246,6 @@ def _inwards(polygons: Points, centre: Points) -> Points:
 MAX_CELLS_OUTLINED = 200_000
 """Cells beyond which their edges are left out: they would only blacken the picture."""
 
-ROOM = 0.15  # of the largest extent, that a tool is shown of beside the bodies at most
 WORDS = 0.07  # inches that a letter of what is said behind a name takes
 
 ARROWS = 5  # on a surface
@@ -295,74 +270,30 @@ class _Outline:
     inwards: dict[str, Points]
 
 
-def save_picture(
-    named: NamedMesh, path: Path, title: str = "", dpi: int = 150, marks: Marks = NO_MARKS
-) -> None:
-    """Write a picture of the mesh; collective, the first process writes.
-
-    The file appears under its name only when it is complete. Its format follows from the name
-    (``.png``, ``.pdf``, ``.svg``). Surfaces are drawn a little inside their own body, so that two
-    that touch can be distinguished.
-
-    Raises:
-        FileNotFoundError: If the directory does not exist.
-    """
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path.parent}: no such directory")
-    figure = draw(named, title, marks)
-    if figure is None:
-        return
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
-    try:
-        figure.savefig(partial, dpi=dpi)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+def save_picture(named: NamedMesh, path: Path, title: str, marks: Marks = NO_MARKS) -> None:
+    """Write a picture (PNG) of a mesh on one process, complete or not at all."""
+    with rc_context({"figure.dpi": 150, "text.parse_math": False}):
+        save(draw(named, title, marks), path)
 
 
-def draw(named: NamedMesh, title: str = "", marks: Marks = NO_MARKS) -> Figure | None:
-    """Draw the mesh; collective.
-
-    Returns:
-        The figure on the first process, None on the others.
-    """
+def draw(named: NamedMesh, title: str = "", marks: Marks = NO_MARKS) -> Figure:
+    """Draw a mesh on one process."""
     if named.mesh.geometry.dim == 3:
-        x = named.mesh.geometry.x
-        low = named.mesh.comm.allreduce(x.min(axis=0, initial=np.inf), op=MPI.MIN)
-        high = named.mesh.comm.allreduce(x.max(axis=0, initial=-np.inf), op=MPI.MAX)
-        return draw_space(named, title, *length_unit(float((high - low).max())), marks)
-    parts = named.mesh.comm.gather(_local_outline(named), root=0)
-    if parts is None:
-        return None
-    whole = _Outline(
-        *(
-            {name: np.concatenate([getattr(part, field)[name] for part in parts]) for name in names}
-            for field, names in (
-                ("cells", named.bodies),
-                ("segments", named.surfaces),
-                ("inwards", named.surfaces),
-            )
-        )
-    )
-    return _plane_figure(whole, title, marks)
+        return _space_figure(named, _hull(named), title, marks)
+    return _plane_figure(_outline(named), title, marks)
 
 
-def _local_outline(named: NamedMesh) -> _Outline:
-    """The part of the picture that this process owns."""
+def _outline(named: NamedMesh) -> _Outline:
     mesh = named.mesh
     mesh.topology.create_connectivity(1, 2)
     to_cells = mesh.topology.connectivity(1, 2)
     x, nodes = mesh.geometry.x[:, :2], cell_nodes(mesh)
     along = [0, 2, 1] if cell_order(mesh) == 2 else [0, 1]
-    owned_cells, owned_facets = (mesh.topology.index_map(dim).size_local for dim in (2, 1))
     cells, segments, inwards = {}, {}, {}
     for name in named.bodies:
-        own = named.cells(name)
-        cells[name] = x[nodes[own[own < owned_cells]][:, CYCLIC[nodes.shape[1]]]]
+        cells[name] = x[nodes[named.cells(name)][:, CYCLIC[nodes.shape[1]]]]
     for name in named.surfaces:
         facets = named.facets(name)
-        facets = facets[facets < owned_facets]
         ends = entity_nodes(mesh, 1, facets)
         first = to_cells.array[to_cells.offsets[facets]]
         segments[name] = x[ends[:, along]]
@@ -382,8 +313,11 @@ def _inward(segments: Points, centres: Points) -> Points:
 def _plane_figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     """The whole picture, at a scale that leaves room for the labels beside the bodies."""
     corners = np.concatenate([c.reshape(-1, 2) for c in outline.cells.values()])
-    low, high = _with_tools(corners.min(axis=0), corners.max(axis=0), marks)
-    factor, unit = length_unit(float((high - low).max()))
+    tools = list(marks.outlines().values())
+    every = np.concatenate(tools)[..., :2] if tools else None
+    low, high = room_for(corners.min(axis=0), corners.max(axis=0), every)
+    unit = fitting(high - low, "m")
+    factor = unit.factor
     centre, span = 0.5 * (low + high) * factor, (high - low) * factor
     per_inch = max(span[0] / BODY_WIDTH, span[1] / BODY_HEIGHT)
     labels = len(outline.segments) + len(marks.tools)
@@ -396,22 +330,11 @@ def _plane_figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     axes.set_xlim(centre[0] + np.array([-0.5, 0.5]) * width * per_inch)
     axes.set_ylim(centre[1] + np.array([-0.5, 0.5]) * height * per_inch)
     axes.set_aspect("equal")
-    axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set(xlabel=f"x ({unit.name})", ylabel=f"y ({unit.name})")
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11 if marks.pairs else None)
     _draw_bodies(axes, outline, factor, marks)
     _draw_surfaces(axes, outline, factor, per_inch, marks)
     return figure
-
-
-def _with_tools(low: Points, high: Points, marks: Marks) -> tuple[Points, Points]:
-    """Corners (i,), m, of a frame round the bodies, with some room where there are tools."""
-    room = ROOM * float((high - low).max())
-    for points, _ in marks.tools.values():
-        low, high = (
-            np.minimum(low, np.maximum(points.min(axis=0), low - room)),
-            np.maximum(high, np.minimum(points.max(axis=0), high + room)),
-        )
-    return low, high
 
 
 def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> None:
@@ -474,8 +397,7 @@ def _draw_tools(axes: Any, factor: float, per_inch: float, marks: Marks) -> dict
     """Outlines of the tools; the lines (f, 2, 2) of each that are in the frame."""
     low, high = (np.array(pair) for pair in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     seen = {}
-    for name, (points, cells) in marks.tools.items():
-        segments = factor * points[cells]
+    for name, segments in marks.outlines(factor).items():
         axes.add_collection(LineCollection(list(segments), color=TOOL, linewidth=2.0, zorder=3))
         middle = segments.mean(axis=1)
         inside = segments[((middle >= low) & (middle <= high)).all(axis=1)]
@@ -535,11 +457,3 @@ def _label_point(drawn: Points, side: int) -> Points:
     low, high = drawn[..., 0].min(), drawn[..., 0].max()
     target = np.array([0.5 * (low + high) + side * 0.35 * (high - low), middles[:, 1].mean()])
     return np.asarray(middles[np.argmin(((middles - target) ** 2).sum(axis=1))])
-
-
-def length_unit(size: float) -> tuple[float, str]:
-    """The factor from m to a unit in which ``size`` has a few digits, and its name."""
-    for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if size * factor >= 1.0:
-            return factor, unit
-    return 1e9, "nm"
