@@ -151,13 +151,11 @@ def _materials() -> tuple[Material, ...]:
 
 def _shape(cell: str) -> Shape:
     """Two small blocks or boxes of these cells."""
-    from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+    from tribox.geometry.generators.two_blocks import CELLS, Block, Box, TwoBlocks
 
-    if cell in ("quadrilateral", "triangle"):
-        block = Block(width=1.0, height=1.0, elements=(2, 2))
-        return TwoBlocks(block, block, cell=cell)
-    box = Box(1.0, 1.0, 1.0, elements=(2, 2, 2))
-    return TwoBoxes(box, box, cell=cell)
+    plane = cell in CELLS[2]
+    block = Block(1.0, 1.0, (2, 2)) if plane else Box(1.0, 1.0, 1.0, (2, 2, 2))
+    return TwoBlocks(block, block, cell=cell)
 
 
 if __name__ == "__main__":

@@ -22,25 +22,34 @@ if TYPE_CHECKING:
     from tribox.geometry.generators.blocks import Blocks, PlacedBlock
     from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
     from tribox.geometry.generators.sphere_on_block import SphereOnBlock
-    from tribox.geometry.generators.two_blocks import TwoBlocks, TwoBoxes
+    from tribox.geometry.generators.two_blocks import TwoBlocks
 
 
-class BlockSize(Model):
-    """One block of the two-block generator."""
+_Length = Annotated[float, Quantity("m", gt=0.0)]
 
-    width: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in x")
-    height: Annotated[float, Quantity("m", gt=0.0)] = Field(description="extent in y")
-    elements: tuple[Elements, Elements] | None = Field(
-        default=None, description="number of elements along x and y (this or size)"
-    )
-    size: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+
+class _Graded(Model):
+    """What a block and a box of two have."""
+
+    width: _Length = Field(description="extent in x")
+    height: _Length = Field(description="extent in y, upwards")
+    size: _Length | None = Field(
         default=None,
-        description="largest element width, and height at the contact side (or elements)",
+        description="largest element width (and depth), and height where elements are lowest (or "
+        "elements)",
     )
     grading: Annotated[float, Quantity(gt=0.0)] = Field(
         default=1.0,
         description="element height at the far side over that at the contact side; "
         "above 1 refines towards the contact",
+    )
+
+
+class BlockSize(_Graded):
+    """One block of the two-block generator."""
+
+    elements: tuple[Elements, Elements] | None = Field(
+        default=None, description="number of elements along x and y (this or size)"
     )
 
 
@@ -122,16 +131,13 @@ def _centred(data: dict[str, Any]) -> float:
     return 0.5 * (lower.width - upper.width)
 
 
-_Width = Annotated[float, Quantity("m", gt=0.0)]
-
-
 class _ZoneSize(Model):
     """How finely one body of a line contact is meshed, where it differs from the other."""
 
-    contact_width: _Width | None = Field(
+    contact_width: _Length | None = Field(
         default=None, description="width of this body's contact zone; default: geometry's"
     )
-    contact_size: _Width | None = Field(
+    contact_size: _Length | None = Field(
         default=None, description="element width in this body's contact zone; default: geometry's"
     )
 
@@ -139,24 +145,24 @@ class _ZoneSize(Model):
 class CylinderSize(_ZoneSize):
     """A cylinder, cut in half, of the line-contact generators."""
 
-    radius: _Width = Field(description="radius; the flat side of the half is the far side")
+    radius: _Length = Field(description="radius; the flat side of the half is the far side")
 
 
 class FlatSize(_ZoneSize):
     """The block under a cylinder."""
 
-    width: _Width = Field(description="extent in x")
-    height: _Width = Field(description="extent in y")
+    width: _Length = Field(description="extent in x")
+    height: _Length = Field(description="extent in y")
 
 
 class _LineGeometry(PlaneGeometry):
     """What the two line-contact generators share."""
 
-    contact_width: _Width = Field(
+    contact_width: _Length = Field(
         description="width of the finely meshed contact zone around the first line of contact, "
         "which is the contact surface: the contact must stay within it"
     )
-    contact_size: _Width = Field(
+    contact_size: _Length = Field(
         description="largest element width in the contact zone, and height on its surface"
     )
     growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = Field(
@@ -234,27 +240,15 @@ class TwoCylindersGeometry(_LineGeometry):
 # -- The `[geometry]` tables of the generators of bodies in space ----------------------------------
 
 SpaceCell = Literal["hexahedron", "tetrahedron"]
-_Length = Annotated[float, Quantity("m", gt=0.0)]
 _Position = Annotated[float, Quantity("m")]
 
 
-class BoxSize(Model):
+class BoxSize(_Graded):
     """One box of the two-box generator."""
 
-    width: _Length = Field(description="extent in x")
-    height: _Length = Field(description="extent in y, upwards")
     depth: _Length = Field(description="extent in z")
     elements: tuple[Elements, Elements, Elements] | None = Field(
         default=None, description="number of elements along x, y and z (this or size)"
-    )
-    size: _Length | None = Field(
-        default=None,
-        description="largest element extent in x and z, and in y at the contact side (or elements)",
-    )
-    grading: Annotated[float, Quantity(gt=0.0)] = Field(
-        default=1.0,
-        description="element height at the far side over that at the contact side; "
-        "above 1 refines towards the contact",
     )
 
 
@@ -293,15 +287,15 @@ class BoxesGeometry(GeneratedGeometry):
         """Largest width or depth, m."""
         return max(max(box.width, box.depth) for box in (self.lower, self.upper))
 
-    def shape(self) -> TwoBoxes:
+    def shape(self) -> TwoBlocks:
         """See :class:`GeneratedGeometry`."""
-        from tribox.geometry.generators.two_blocks import Box, TwoBoxes
+        from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 
         upper, lower = (
             Box(b.width, b.height, b.depth, b.elements, b.size, b.grading)
             for b in (self.upper, self.lower)
         )
-        return TwoBoxes(upper, lower, self.offset, self.gap, self.cell, *self.bodies)
+        return TwoBlocks(upper, lower, self.offset, self.gap, self.cell, *self.bodies)
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the boxes; `place` is where this table stands in the case."""
@@ -420,7 +414,7 @@ class PlacedBlockSize(Model):
     elements: tuple[Elements, ...] | None = Field(
         default=None, description="number of elements along x and y (and z), this or size"
     )
-    size: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
+    size: _Length | None = Field(
         default=None, description="largest extent of the smallest elements (or elements)"
     )
     grading: tuple[_Grading, ...] | None = Field(

@@ -88,6 +88,7 @@ class MemorySolid(Solid):
         self.points = PointState(law.start(cells.count))
         self._forces: Floats = np.zeros_like(self._u.x.array)
         self._dissipated: Floats = np.zeros(2)
+        self._last_kernel: tuple[MaterialPoints, float, Kernel | None] | None = None
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
@@ -134,6 +135,9 @@ class MemorySolid(Solid):
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
             return
+        moduli.end = None
+        if not self.flows:  # the end has a closed form, quicker than to read it
+            return
         # The loop differentiates the return mapping where it ended. If an evaluation went from this
         # origin to this displacement, its end is known and the local Newton iterations are not made
         # again.
@@ -169,7 +173,11 @@ class MemorySolid(Solid):
 
     def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
         """What the loop updates the points with; None: they are updated in Python."""
-        return law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
+        last = self._last_kernel
+        if last is None or last[0] is not law or last[1] != dt:
+            kernel = law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
+            self._last_kernel = last = law, dt, kernel
+        return last[2]
 
     def _evaluated(self, origin: Origin, spare: Evaluation | None = None) -> Evaluation:
         """The points at the present displacement, from ``origin``, with their forces."""

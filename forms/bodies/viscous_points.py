@@ -21,6 +21,18 @@ V = U Fᵀ, H = F⁻ᵀ, n = tr V, q = tr V², g = G_k m^(1/3) J^(−2/3), y = t
              + H_iJ Z_kL + Z_iJ H_kL + c H_iJ H_kL,
     Z = −(⅔ g + 2/9 y n) U + ⅔ y V U,   c = 2/9 g n + y (2/27 n² − 2/9 q).
 
+**In the plane** m is a sum of products of powers of the area's ratio S = J/λ and of λ = F_33, so
+that moduli need neither N nor V, and of all branches together only sums but for one dyad each.
+With s = 1 − t, L and d the cofactors and the determinant of the in-plane part of C_k,n, c its 33,
+I = F_iJ L_JK F_iK, j = J^(−2/3), w = ½ G_k m^(−2/3) and m = s³ d c + t³ + (t/w) ΣT,
+
+    T_1 = a I, a = w s² j c,   T_2 = b I, b = w s t j² λ²,
+    T_3 = w s² j λ² d,   T_4 = w s t j² S² c,
+    P = 2 (a + b) F L + T_S F⁻ᵀ,   P_33 = T_λ/λ,   A = Σ T″ − (4 t/3 G_k) m^(−1/3) P⊗P.
+
+T_S and T_λ are derivatives by ln S and ln λ, T″ the second ones by F of what m is made from: the
+exponents of S and λ are −⅔ and −⅔, −4/3 and ⅔, −⅔ and 4/3, ⅔ and −4/3.
+
 With r = Δt/τ_k = t/(1 − t) and the stored energy W_k of a branch it dissipates in a step
 
     D_k = R + √(½ r R) (√W_k,n − √W_k) ≥ 0,   R = ½ G_k r tr[((C̄ C_k⁻¹)^D)²],

@@ -526,8 +526,8 @@ INLINE void strain_and_flow(int space, const Material *m, const vec *F, const ve
 }
 
 /* See Update of point_lanes.h. */
-INLINE void update(int space, const Material *m, const vec *F, const vec *state, vec *P,
-                   vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update(int space, const Material *m, const vec *F, const vec *frame, const vec *state,
+                   vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
 {
     const int count = space ? 9 : 5, alpha = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
@@ -1099,8 +1099,8 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
 }
 
 /* `update` where the material hardens kinematically. */
-INLINE void update_turning(int space, const Material *m, const vec *F, const vec *state,
-                           vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update_turning(int space, const Material *m, const vec *F, const vec *frame,
+                           const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
 {
     const int count = space ? 9 : 5;
     const int alpha = (space ? 6 : 4) * (int)(1 + m->branches);

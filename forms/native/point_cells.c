@@ -113,7 +113,7 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
         load(row, 0, values, f);
         find_rows(state, width, number, row);
         load(row, 0, (int)width, s);
-        update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
+        update(material, f, 0, s, stress, next, A ? moduli : 0, energy, &good);
         spoil(values, good, stress);
         spoil(ENERGIES, good, energy);
         find_rows(P, count, number, row);
@@ -320,7 +320,7 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
             load(of_state, q * width, width, s);
             if (known)
                 load(of_end, q * width, width, next);
-            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
+            w->update(w->material, F, 0, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
                       &good);
             bad |= ~good;
             weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
@@ -345,57 +345,33 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
     return bad;
 }
 
-/* See `moduli` of Beside: A_iJkL T_aJ T_bL, T = d xi/dX. The end of the step is found anew, which is
- * quicker than to read it. */
+/* See `moduli` of Beside. */
 INLINE void add_moduli(enum section section, const Work *w, int64_t n, int64_t q, double scale,
                        const vec *g, vec *out)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5, all_of = dim * dim;
     const int width = (int)w->width, size = all_of + 2;
     const double *table = w->table + (n * w->points + q) * size * LANES;
-    vec T[11], F[9], P[9], A[81], half[81], s[width + 1];
+    vec T[11], F[9], P[9], A[81], s[width + 1];
     double *row[LANES];
     int64_t number[LANES];
     ivec good;
     fetch_next(w, 0, n, q, size);
     __builtin_memcpy(T, table, size * sizeof(vec));
-    for (int p = 0; p < count; ++p)
-        F[p] = all(p == 4);
-    for (int p = 0; p < all_of; ++p) {
-        F[p] = g[p / dim] * T[p % dim];
-        for (int a = 1; a < dim; ++a)
-            F[p] += g[dim * a + p / dim] * T[dim * a + p % dim];
-        F[p] *= scale;
-    }
+    F[4] = all(1.0);
+    for (int p = 0; p < all_of; ++p)
+        F[p] = scale * g[dim * (p % dim) + p / dim];
     for (int l = 0; l < LANES; ++l)
         number[l] = w->cell[n * LANES + l] * w->points + q;
     find_rows(w->state, width, number, row);
     load(row, 0, width, s);
-    w->update(w->material, F, s, P, 0, A, 0, &good);
+    w->update(w->material, F, T, s, P, 0, A, 0, &good);
     vec weight = (vec)((ivec)(scale * scale * T[all_of]) | ~good); /* all bits set: not a number */
 #pragma GCC unroll 1
-    for (int i = 0; i < dim; ++i)
-#pragma GCC unroll 1
-        for (int r = 0; r < all_of; ++r) {
-            const vec *of = A + count * dim * i + r, first = of[0], second = of[count];
-            const vec third = dim == 3 ? of[2 * count] : first;
-            for (int a = 0; a < dim; ++a) {
-                vec sum = first * T[dim * a] + second * T[dim * a + 1];
-                half[all_of * (dim * a + i) + r] = dim == 3 ? sum + third * T[3 * a + 2] : sum;
-            }
-        }
-#pragma GCC unroll 1
     for (int p = 0; p < all_of; ++p)
-#pragma GCC unroll 1
-        for (int k = 0; k < dim; ++k) {
-            const vec *of = half + all_of * p + dim * k;
-            const vec first = weight * of[0], second = weight * of[1];
-            const vec third = dim == 3 ? weight * of[2] : first;
-            for (int b = 0; b < dim; ++b) {
-                vec sum = first * T[dim * b] + second * T[dim * b + 1];
-                out[all_of * p + dim * b + k] += dim == 3 ? sum + third * T[3 * b + 2] : sum;
-            }
-        }
+#pragma GCC unroll 9
+        for (int r = 0; r < all_of; ++r)
+            out[all_of * (dim * (p % dim) + p / dim) + dim * (r % dim) + r / dim] += weight * A[count * p + r];
 }
 
 /* All cells of one body; returns whether a point could not be evaluated. */

@@ -25,17 +25,28 @@ INLINE vec distance(int space, const tensor B, const tensor N)
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
-/* What a point has of F alone: H = F^-T, C, j = J^(-2/3). */
+/* What a point has of F alone: H = F^-T, C, j = J^(-2/3). Of a frame F is only F T^-1, and `turn` is
+ * T^-1 in space, for all that stands by its columns. */
 typedef struct {
-    tensor F, H, C;
-    vec j;
+    tensor F, H, C, turn;
+    vec j, inverse, turned; /* j, 1/j and det T squared */
     ivec good;
 } Deformation;
 
-INLINE void deformation(int space, const vec *F, Deformation *at)
+INLINE void deformation(int space, const vec *F, const vec *frame, Deformation *at)
 {
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    vec J;
+    vec J, det = all(1.0);
+    if (frame && !space)
+        det = frame[0] * frame[3] - frame[1] * frame[2];
+    if (frame && space) {
+        tensor cofactor;
+        for (int i = 0; i < 3; ++i)
+            cross(frame + 3 * ((i + 1) % 3), frame + 3 * ((i + 2) % 3), cofactor[i]);
+        det = dot(frame, cofactor[0]);
+        vec inverse = 1.0 / det;
+        EACH(1, i, j) at->turn[j][i] = cofactor[i][j] * inverse;
+    }
     for (int p = 0; p < (space ? 9 : 5); ++p)
         at->F[place[p][0]][place[p][1]] = F[p];
     if (space) {
@@ -50,10 +61,14 @@ INLINE void deformation(int space, const vec *F, Deformation *at)
         at->H[2][2] = F[0] * F[3] - F[1] * F[2];
         J = at->H[2][2] * F[4];
     }
+    J *= det;
     at->good = (ivec)(J > 0.0) & is_finite(J);
     vec root = inverse_cube_root(choose(at->good, J, all(1.0)));
     at->j = root * root;
-    EACH(space, i, j) at->H[i][j] *= at->j * root;
+    at->inverse = J * root;
+    at->turned = det * det;
+    vec scale = at->j * root * det;
+    EACH(space, i, j) at->H[i][j] *= scale;
     UPPER(space, i, j)
     {
         at->C[i][j] = all(0.0);
@@ -70,61 +85,65 @@ typedef struct {
     vec pressure, c;
 } Sum;
 
-/* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL, upper half; W = g I - y V. */
-INLINE void add_branch(enum section section, vec g, vec y, const tensor U, const tensor V, const tensor N,
-                       vec *A)
+/* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL in space, upper half; W = g I - y V. */
+INLINE void add_branch(vec g, vec y, const tensor U, const tensor V, const tensor N, vec *A)
 {
-    const int space = section == SPACE, count = space ? 9 : 5, rows = section == STRAIN ? 4 : count;
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     tensor W, yU;
-    EACH(space, i, k)
+    EACH(1, i, k)
     {
         W[i][k] = (i == k ? g : all(0.0)) - y * V[i][k];
         yU[i][k] = y * U[i][k];
     }
 #pragma GCC unroll 9
-    for (int p = 0; p < rows; ++p) {
-        const int i = place[p][0], J = place[p][1];
+    for (int p = 0; p < 9; ++p) {
+        const int i = p / 3, J = p % 3;
         vec twice = (2.0 / 3.0) * yU[i][J];
 #pragma GCC unroll 9
-        for (int q = p; q < rows; ++q) {
-            const int k = place[q][0], L = place[q][1];
-            vec sum = twice * U[k][L];
-            if (COUPLED(space, i, k) && COUPLED(space, J, L))
-                sum += W[i][k] * N[J][L];
-            if (COUPLED(space, i, L) && COUPLED(space, k, J))
-                sum -= yU[i][L] * U[k][J];
-            A[p * count + q] += sum;
+        for (int q = p; q < 9; ++q) {
+            const int k = q / 3, L = q % 3;
+            A[p * 9 + q] += twice * U[k][L] + W[i][k] * N[J][L] - yU[i][L] * U[k][J];
         }
     }
 }
 
+/* What a branch adds to the moduli in space, and to Z and c. */
+INLINE void branch_moduli(const Deformation *at, vec g, vec y, vec n, const tensor N, vec *moduli, Sum *sum)
+{
+    tensor U, V, VU;
+    multiply(1, at->F, N, U);
+    UPPER(1, i, k) V[i][k] = dot(U[i], at->F[k]);
+    mirror(1, V);
+    vec q = contract(1, V, V), second = (2.0 / 3.0) * y;
+    add_branch(g, y, U, V, N, moduli);
+    multiply(1, V, U, VU);
+    vec first = -(2.0 / 3.0) * g - (1.0 / 3.0) * second * n;
+    EACH(1, i, j) sum->Z[i][j] += first * U[i][j] + second * VU[i][j];
+    sum->c += (2.0 / 9.0) * g * n + y * ((2.0 / 27.0) * n * n - (2.0 / 9.0) * q);
+}
+
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them. Without it a C_k that is given is read: then
- * N is its cofactors over m^(1/3) = tr M/tr C_k. */
+ * the rate at the end, where there is a place for them; moduli in space only. */
 INLINE void branch(enum section section, double G, double t, double s, const Deformation *at,
-                   const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
+                   const vec *frame, const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
 {
     const int space = section == SPACE;
     tensor old, M, N;
-    vec share = t * at->j, cube, root, scale_of_N;
-    if (to && !energies) {
-        vec size = s * (from[0] + from[1] + from[2]) + share * trace(at->C), whole = to[0] + to[1] + to[2];
-        symmetric_of(space, to, M);
-        scale_of_N = whole / size;
-        cube = size / whole;
-        cofactors(space, M, N);
-    } else {
-        symmetric_of(space, from, old);
-        UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
-        mirror(space, M);
-        vec m = cofactors(space, M, N), square;
-        root = inverse_cube_root(m);
-        square = root * root;
-        scale_of_N = square * root;
-        cube = m * square;
+    vec share = t * at->j;
+    symmetric_of(space, from, old);
+    if (frame) {
+        tensor half, transposed;
+        EACH(space, i, j) transposed[j][i] = at->turn[i][j];
+        multiply(space, old, at->turn, half);
+        multiply(space, transposed, half, old);
     }
-    EACH(space, i, j) N[i][j] *= scale_of_N;
+    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
+    mirror(space, M);
+    vec m = cofactors(space, M, N), size = frame ? m * at->turned : m;
+    vec root = inverse_cube_root(size), square = root * root, inverse = square * root;
+    vec cube = size * square;
+    if (frame)
+        inverse *= at->turned;
+    EACH(space, i, j) N[i][j] *= inverse;
     vec scale = G * cube, g = scale * at->j, n = contract(space, N, at->C);
     EACH(space, i, j) sum->N[i][j] += g * N[i][j];
     sum->pressure += g * ((1.0 / 3.0) * n);
@@ -138,57 +157,125 @@ INLINE void branch(enum section section, double G, double t, double s, const Def
         else
             energies[1] = 0.5 * (s / t) * scale * cube * distance(space, old, N);
     }
-    if (!moduli)
-        return;
-    tensor U, V, VU;
-    vec y = t * at->j * g;
-    multiply(space, at->F, N, U);
-    UPPER(space, i, k)
-    {
-        V[i][k] = all(0.0);
-        for (int j = 0; j < 3; ++j)
-            if (COUPLED(space, i, j))
-                V[i][k] += U[i][j] * at->F[k][j];
-    }
-    mirror(space, V);
-    vec q = contract(space, V, V), second = (2.0 / 3.0) * y;
-    add_branch(section, g, y, U, V, N, moduli);
-    multiply(space, V, U, VU);
-    vec first = -(2.0 / 3.0) * g - (1.0 / 3.0) * second * n;
-    EACH(space, i, j) sum->Z[i][j] += first * U[i][j] + second * VU[i][j];
-    sum->c += (2.0 / 9.0) * g * n + y * ((2.0 / 27.0) * n * n - (2.0 / 9.0) * q);
+    if (moduli)
+        branch_moduli(at, g, share * g, n, N, moduli, sum);
 }
 
-/* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ, upper half and then the lower one. */
-INLINE void add_shared(enum section section, const tensor H, const Sum *of, vec *A)
+/* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ in space, upper half and then the lower one. */
+INLINE void add_shared(const tensor H, const Sum *of, vec *A)
 {
-    const int space = section == SPACE, count = space ? 9 : 5, rows = section == STRAIN ? 4 : count;
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     tensor Y, dH;
-    EACH(space, i, j)
+    EACH(1, i, j)
     {
         Y[i][j] = of->Z[i][j] + of->c * H[i][j];
         dH[i][j] = of->pressure * H[i][j];
     }
 #pragma GCC unroll 9
-    for (int p = 0; p < rows; ++p) {
-        const int i = place[p][0], J = place[p][1];
+    for (int p = 0; p < 9; ++p) {
+        const int i = p / 3, J = p % 3;
 #pragma GCC unroll 9
-        for (int q = p; q < rows; ++q) {
-            const int k = place[q][0], L = place[q][1];
-            vec sum = H[i][J] * Y[k][L] + of->Z[i][J] * H[k][L];
-            if (COUPLED(space, i, L) && COUPLED(space, k, J))
-                sum += dH[i][L] * H[k][J];
-            A[p * count + q] += sum;
-            A[q * count + p] = A[p * count + q];
+        for (int q = p; q < 9; ++q) {
+            const int k = q / 3, L = q % 3;
+            A[p * 9 + q] += H[i][J] * Y[k][L] + of->Z[i][J] * H[k][L] + dH[i][L] * H[k][J];
+            A[q * 9 + p] = A[p * 9 + q];
         }
     }
 }
 
+/* P and A in the plane, see viscous_points.py: a L, b L, T_3 and T_4 summed up over the branches. */
+INLINE void in_plane(enum section section, const Branches *w, const Deformation *at, const vec *F,
+                     const vec *frame, const vec *state, vec *P, vec *A)
+{
+    const int rows = section == STRAIN ? 4 : 5;
+    const vec j = at->j, jj = j * j, across = section == STRAIN ? all(1.0) : F[4] * F[4];
+    const vec H[4] = {at->H[0][0], at->H[0][1], at->H[1][0], at->H[1][1]}, hoop = at->H[2][2];
+    const vec jA = jj * across, jV = at->inverse * hoop * hoop; /* j^2 J^2/F33^2 */
+    vec first[3] = {}, second[3] = {}, third = all(0.0), fourth = all(0.0);
+    for (int k = 0; k < 25; ++k)
+        A[k] = all(0.0);
+#pragma GCC unroll 1
+    for (int b = 0; b < w->branches; ++b) {
+        const double G = w->modulus[b], t = w->share[b], s = w->rest[b];
+        const vec *C = state + 4 * b;
+        vec L[3] = {C[1], C[0], -C[3]}, d = C[0] * C[1] - C[3] * C[3], p[5], u[4];
+        if (frame) {
+            vec a = frame[0] * L[0] + frame[1] * L[2], c = frame[0] * L[2] + frame[1] * L[1];
+            vec e = frame[2] * L[0] + frame[3] * L[2], f = frame[2] * L[2] + frame[3] * L[1];
+            L[0] = a * frame[0] + c * frame[1];
+            L[1] = e * frame[2] + f * frame[3];
+            L[2] = a * frame[2] + c * frame[3];
+        }
+        for (int k = 0; k < 4; k += 2) {
+            u[k] = F[k] * L[0] + F[k + 1] * L[2];
+            u[k + 1] = F[k] * L[2] + F[k + 1] * L[1];
+        }
+        vec I = F[0] * u[0] + F[1] * u[1] + F[2] * u[2] + F[3] * u[3];
+        vec one = (s * s) * j, two = (s * t) * jA, three = one * across * d, four = (s * t) * jV * C[2];
+        one *= C[2];
+        vec sum = one + two, m = (s * s * s) * (C[2] * d) + t * (sum * I + three + four) + t * t * t;
+        vec root = inverse_cube_root(m), by = (0.5 * G) * (root * root);
+        one *= by, two *= by, three *= by, four *= by, sum *= 2.0 * by;
+        for (int k = 0; k < 3; ++k) {
+            first[k] += one * L[k];
+            second[k] += two * L[k];
+        }
+        third += three;
+        fourth += four;
+        vec slope = (2.0 / 3.0) * (four - three - (one + 2.0 * two) * I);
+        vec bent = (-4.0 / 3.0 * t / G) * root;
+        for (int k = 0; k < 4; ++k)
+            p[k] = sum * u[k] + slope * H[k];
+        p[4] = (2.0 / 3.0) * ((two - one) * I + 2.0 * (three - four)) * hoop;
+#pragma GCC unroll 5
+        for (int k = 0; k < rows; ++k) {
+            vec row = bent * p[k];
+#pragma GCC unroll 5
+            for (int l = k; l < rows; ++l)
+                A[5 * k + l] += row * p[l];
+        }
+    }
+    vec U[4], V[4], T = all(0.0), S = all(0.0), Z[4];
+    for (int k = 0; k < 4; ++k) {
+        const int row = k & 2, to = k & 1;
+        U[k] = F[row] * first[to ? 2 : 0] + F[row + 1] * first[to ? 1 : 2];
+        V[k] = F[row] * second[to ? 2 : 0] + F[row + 1] * second[to ? 1 : 2];
+        T += F[k] * U[k];
+        S += F[k] * V[k];
+    }
+    vec slope = (2.0 / 3.0) * (fourth - third - T - 2.0 * S);
+    vec turn = (5.0 / 9.0) * (T + third) + (14.0 / 9.0) * S - (1.0 / 9.0) * fourth;
+    vec mixed = (4.0 / 9.0) * T - (8.0 / 9.0) * (S + third + fourth);
+    vec area = slope * (H[0] * H[3] - H[1] * H[2]);
+    for (int k = 0; k < 4; ++k) {
+        P[k] = 2.0 * (U[k] + V[k]) + slope * H[k];
+        Z[k] = turn * H[k] - (4.0 / 3.0) * (U[k] + 2.0 * V[k]);
+        A[5 * k + 4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
+    }
+    P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
+    A[24] += ((10.0 / 9.0) * T - (2.0 / 9.0) * S + (4.0 / 9.0) * third + (28.0 / 9.0) * fourth) * (hoop * hoop);
+    for (int k = 0; k < 3; ++k)
+        first[k] = 2.0 * (first[k] + second[k]);
+    for (int k = 0; k < 4; k += 2) {
+        A[6 * k] += first[0];
+        A[6 * k + 1] += first[2];
+        A[6 * k + 6] += first[1];
+    }
+    A[3] += area;
+    A[7] -= area;
+#pragma GCC unroll 4
+    for (int k = 0; k < 4; ++k)
+#pragma GCC unroll 4
+        for (int l = k; l < 4; ++l)
+            A[5 * k + l] += H[k] * Z[l] + Z[k] * H[l];
+    for (int k = 0; k < 5; ++k)
+        for (int l = 0; l < k; ++l)
+            A[5 * k + l] = A[5 * l + k];
+}
+
 /* See Update of point_lanes.h; the state is the C of all branches, what each has dissipated, and
  * what each stores. */
-INLINE void update(enum section section, const Branches *w, const vec *F, const vec *state, vec *P,
-                   vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update(enum section section, const Branches *w, const vec *F, const vec *frame,
+                   const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
 {
     const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4;
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
@@ -198,16 +285,18 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     Deformation at;
     tensor FN;
     vec ok = all(0.0);
-    deformation(space, F, &at);
-    for (int k = 0; moduli && k < count * count; ++k)
+    deformation(space, F, frame, &at);
+    if (moduli && !space)
+        in_plane(section, w, &at, F, frame, state, P, moduli);
+    for (int k = 0; moduli && space && k < 81; ++k)
         moduli[k] = all(0.0);
     for (int k = 0; energies && k < ENERGIES; ++k)
         energies[k] = all(0.0);
 #pragma GCC unroll 1
-    for (int b = 0; b < branches; ++b) {
+    for (int b = 0; b < branches && (space || !moduli || energies); ++b) {
         vec energy[2];
-        branch(section, w->modulus[b], w->share[b], w->rest[b], &at, state + size * b,
-               end ? end + size * b : 0, energies ? energy : 0, moduli, &sum);
+        branch(section, w->modulus[b], w->share[b], w->rest[b], &at, frame, state + size * b,
+               end + size * b, energies ? energy : 0, space ? moduli : 0, &sum);
         if (!energies)
             continue;
         vec fallen = square_root(state[kept + b]) - square_root(energy[0]);
@@ -224,12 +313,12 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         energies[1] += energy[1];
     }
     multiply(space, at.F, sum.N, FN);
-    for (int p = 0; p < count; ++p) {
+    for (int p = 0; p < count && (space || !moduli); ++p) {
         const int i = place[p][0], J = place[p][1];
         P[p] = FN[i][J] - sum.pressure * at.H[i][J];
     }
-    if (moduli)
-        add_shared(section, at.H, &sum, moduli);
+    if (moduli && space)
+        add_shared(at.H, &sum, moduli);
     probe(P, count, &ok);
     if (energies)
         probe(end, width, &ok);

@@ -1,6 +1,8 @@
 """The built-in geometry of any number of rectangles, or boxes, each a body of its own.
 
-Their sides lie along the axes. They share no nodes, also where they touch.
+Their sides lie along the axes. They share no nodes, also where they touch. gmsh meshes them, but
+where all are rectangles of equal cells, which are put together here: gmsh takes longer to be loaded
+than a small mesh to be made.
 """
 
 from __future__ import annotations
@@ -10,7 +12,20 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tribox.geometry.generators.two_blocks import MAX_CELLS, MAX_GRADING, ROUND_OFF, check_length
+import numpy as np
+import numpy.typing as npt
+
+MAX_CELLS = 10_000_000
+"""More cells than this in one body are taken for a mistake in the element size."""
+
+SHORTEST, LONGEST = 1e-15, 1e15
+"""Lengths in m: powers of them are still numbers."""
+
+MAX_GRADING = 1000.0
+"""Largest ratio of element extents within a block, either way."""
+
+ROUND_OFF = 1.0 + 1e-9
+"""1 mm in steps of 0.1 mm is 10 steps, not 11."""
 
 CELLS = {"quadrilateral": 2, "triangle": 2, "hexahedron": 3, "tetrahedron": 3}
 """Shapes of cells, and their dimension."""
@@ -63,6 +78,11 @@ class PlacedBlock:
                 raise ValueError(f"{key} needs {len(self.low)} numbers, found {len(given)}")
         if any(not 1.0 / MAX_GRADING <= g <= MAX_GRADING for g in self.grading):
             raise ValueError(f"grading must be from {1.0 / MAX_GRADING} to {MAX_GRADING}")
+        if self.elements is not None:
+            if any(int(count) != count or count < 1 for count in self.elements):
+                raise ValueError(f"elements = {list(self.elements)}: give whole numbers from 1 on")
+            if any(n == 1 and g != 1.0 for n, g in zip(self.elements, self.grading, strict=False)):
+                raise ValueError("grading takes two elements or more along its axis")
         if self.size is not None:
             check_length("size", self.size)
             if self.size < max(self.extents()) / MAX_CELLS:
@@ -92,25 +112,55 @@ class PlacedBlock:
             yield count, grading ** (1.0 / (count - 1)) if count > 1 else 1.0
 
 
+def check_length(field: str, value: float) -> None:
+    """Raise a ValueError for a length (m) that cannot be calculated with; names the field."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{field} = {value} is not allowed; it must be finite and > 0")
+    if not SHORTEST <= value <= LONGEST:
+        raise ValueError(
+            f"{field} = {value} m is not allowed; it must be from {SHORTEST:g} to {LONGEST:g} m"
+        )
+
+
 def _layers(extent: float, size: float, grading: float) -> int:
     """Fewest elements, graded by ``grading``, of which the smallest is at most ``size``."""
-    count = max(1, math.ceil(extent / (size * max(grading, 1.0 / grading) * ROUND_OFF)))
-    while _smallest(extent, count, grading) > size * ROUND_OFF:
-        count = max(count + 1, math.ceil(count * 1.01))
-    return count
-
-
-def _smallest(extent: float, count: int, grading: float) -> float:
-    if count == 1:
-        return extent
-    ratio = max(grading, 1.0 / grading) ** (1.0 / (count - 1))
+    ratio = max(grading, 1.0 / grading)
     if ratio == 1.0:
-        return extent / count
-    return extent * math.expm1(math.log(ratio)) / math.expm1(count * math.log(ratio))
+        return max(1, math.ceil(extent / (size * ROUND_OFF)))
+    # The smallest of n is extent/(1 + q + ... + q^(n-1)) with q^(n-1) = ratio, and this sum grows
+    # with n: the count can be bisected. With one element there is no progression.
+    low, high = 1, 2
+    while extent / _sum(high, ratio) > size * ROUND_OFF:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        fits = extent / _sum(middle, ratio) <= size * ROUND_OFF
+        low, high = (low, middle) if fits else (middle, high)
+    return high
+
+
+def _sum(count: int, ratio: float) -> float:
+    """1 + q + ... + q^(count-1), written without cancellation for q near 1."""
+    log_q = math.log(ratio) / (count - 1)
+    return math.expm1(count * log_q) / math.expm1(log_q)
 
 
 FIT = 0.05
 """Share of their extent by which blocks may overlap, as those of a press fit do."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegularMesh:
+    """A mesh of quadrilaterals in the plane.
+
+    Attributes:
+        position: (n, 3), m; bodies: tag and nodes (c, 4) of the cells of each.
+        surfaces: tag and nodes (f, 2) of the facets of each.
+    """
+
+    position: npt.NDArray[np.float64]
+    bodies: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
+    surfaces: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +170,7 @@ class Blocks:
     Attributes:
         blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
         groups: names of points and edges, each with the names of the sides that meet there.
+        renamed: other names of sides, by those that they would have.
 
     Raises:
         ValueError: If blocks overlap so, or do not go with the cells; if sides do not meet.
@@ -128,6 +179,7 @@ class Blocks:
     blocks: tuple[PlacedBlock, ...]
     cell: str = "quadrilateral"
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    renamed: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.cell not in CELLS:
@@ -179,6 +231,44 @@ class Blocks:
         """Number of cells of all blocks."""
         return PER_BOX[self.cell] * sum(math.prod(block.counts()) for block in self.blocks)
 
+    def name_of(self, block: PlacedBlock, side: str) -> str:
+        """The name of a block's side."""
+        name = f"{block.name}_{side}"
+        return self.renamed.get(name, name)
+
+    def regular(self) -> RegularMesh | None:
+        """The mesh that gmsh would make, without it; None unless all are equal rectangles.
+
+        Places are exact; those of gmsh, which integrates the distances along a side, are so to
+        1e-12 of it, or 1e-9 where cells are graded.
+        """
+        graded = any(g != 1.0 for block in self.blocks for g in block.gradings())
+        if graded or self.groups or self.cell != "quadrilateral":
+            return None
+        positions, bodies, first = [], {}, 0
+        surfaces: dict[str, tuple[int, npt.NDArray[np.int64]]] = {}
+        for tag, block in enumerate(self.blocks, start=1):
+            x, y = (
+                np.linspace(low, high, count + 1)
+                for low, high, count in zip(block.low, block.high, block.counts(), strict=True)
+            )
+            nodes = first + np.arange(len(x) * len(y), dtype=np.int64).reshape(len(x), len(y))
+            first += nodes.size
+            flat = np.zeros_like(nodes, dtype=np.float64)
+            positions.append(np.stack(np.broadcast_arrays(x[:, None], y, flat), axis=-1))
+            # Counter-clockwise from the corner at the lower left.
+            corners = (nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:])
+            bodies[block.name] = tag, np.stack(corners, axis=-1).reshape(-1, 4)
+            sides = (nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1])
+            for name, side in zip(itertools.chain(*SIDES[:2]), sides, strict=True):
+                # Tags of surfaces go on from those of the bodies: no number means two things.
+                number = len(self.blocks) + len(surfaces) + 1
+                facets = np.stack([side[:-1], side[1:]], axis=1)
+                surfaces[self.name_of(block, name)] = number, facets
+        return RegularMesh(
+            np.concatenate([one.reshape(-1, 3) for one in positions]), bodies, surfaces
+        )
+
     def build(self) -> None:
         """Draw and mesh the blocks in the current gmsh model; names: see :class:`PlacedBlock`."""
         import gmsh
@@ -192,7 +282,9 @@ class Blocks:
             gmsh.model.addPhysicalGroup(dim, [one.body], next(tags), block.name)
         for block, one in drawn:
             for side, entity in one.sides.items():
-                gmsh.model.addPhysicalGroup(dim - 1, [entity], next(tags), f"{block.name}_{side}")
+                gmsh.model.addPhysicalGroup(
+                    dim - 1, [entity], next(tags), self.name_of(block, side)
+                )
         parts = {block.name: one for block, one in drawn}
         for name in self.groups:
             block, corners = self._corners(name)

@@ -18,15 +18,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tribox.geometry.generators.blocks import MAX_CELLS, ROUND_OFF, check_length
 from tribox.geometry.generators.two_blocks import (
     CELLS,
-    MAX_CELLS,
-    ROUND_OFF,
     Drawn,
     check_growth,
-    check_length,
     check_pair,
-    check_positive,
     layers,
     mesh_pair,
 )
@@ -167,7 +164,7 @@ class LineContact:
 
     def __post_init__(self) -> None:
         check_growth(self.growth)
-        check_pair(self.cell, CELLS, (self.upper_name, self.lower_name))
+        check_pair(self.cell, CELLS[2], (self.upper_name, self.lower_name))
         for body in (self.upper, self.lower):
             if (cells := self._cells(body)) > MAX_CELLS:
                 raise ValueError(
@@ -260,7 +257,7 @@ def _draw(body: Body, upwards: float, growth: float, cell: str) -> Drawn:
 def _check_zone(width: float, size: float, field: str, limit: float) -> None:
     """The contact zone must be part of the surface, and its cells smaller than it."""
     check_length("contact_width", width)
-    check_positive("contact_size", size)
+    check_length("contact_size", size)
     if width >= limit:
         raise ValueError(
             f"contact_width = {width} m is not allowed; it must be < {field} = {limit} m"

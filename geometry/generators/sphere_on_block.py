@@ -23,19 +23,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from tribox.geometry.generators.blocks import MAX_CELLS, ROUND_OFF, check_length
 from tribox.geometry.generators.two_blocks import (
-    MAX_CELLS,
-    ROUND_OFF,
+    CELLS,
     Drawn,
     check_growth,
-    check_length,
     check_pair,
     layers,
     mesh_pair,
 )
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
-CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 QUARTERS = {"quarter": 1, "half": 2, "full": 4}
 
 

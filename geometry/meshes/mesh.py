@@ -21,6 +21,7 @@ from tribox.geometry.compat import (
     integration_facets,
     model_to_mesh,
 )
+from tribox.geometry.generators.blocks import Blocks
 from tribox.geometry.generators.two_blocks import TwoBlocks
 from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
 from tribox.geometry.meshes.extraction import arrays_of
@@ -291,7 +292,7 @@ def _load(
 
 def _generated(shape: Shape) -> MeshArrays:
     """The mesh of a built-in geometry: by gmsh, which takes long to load, only where need be."""
-    regular = shape.regular() if isinstance(shape, TwoBlocks) else None
+    regular = shape.regular() if isinstance(shape, Blocks | TwoBlocks) else None
     if regular is not None:
         bodies, surfaces = (
             {name: Part(tag, nodes) for name, (tag, nodes) in parts.items()}

@@ -18,14 +18,14 @@ from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.mesh import NamedMesh, generate
 
 
 @lru_cache
 def mesh(kind: str) -> NamedMesh:
     if kind == "3D":
-        boxes = TwoBoxes(Box(1.0, 0.5, 0.8, (2, 1, 2)), Box(2.0, 0.5, 1.0, (3, 1, 2)))
+        boxes = TwoBlocks(Box(1.0, 0.5, 0.8, (2, 1, 2)), Box(2.0, 0.5, 1.0, (3, 1, 2)))
         return generate(boxes, MPI.COMM_WORLD)
     offset = 0.0 if kind == "axisymmetric" else None
     blocks = TwoBlocks(Block(1.0, 0.5, (2, 1)), Block(2.0, 0.5, (3, 1)), offset)
@@ -183,7 +183,7 @@ SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
 
 def shape(dim: int):
     if dim == 3:
-        return TwoBoxes(Box(1.0, 0.5, 0.8, (3, 2, 2)), Box(2.0, 0.5, 1.0, (2, 1, 1)), gap=1.0)
+        return TwoBlocks(Box(1.0, 0.5, 0.8, (3, 2, 2)), Box(2.0, 0.5, 1.0, (2, 1, 1)), gap=1.0)
     return TwoBlocks(Block(1.0, 0.5, (4, 2)), Block(2.0, 0.5, (3, 1)), gap=1.0)
 
 

@@ -11,7 +11,7 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import resolved_toml
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 BODIES = """
@@ -38,8 +38,8 @@ name = "press"
 duration = "1 s"
 """
 SHAPES = {
-    "boxes": TwoBoxes(Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2))),
-    "tetrahedra": TwoBoxes(
+    "boxes": TwoBlocks(Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2))),
+    "tetrahedra": TwoBlocks(
         Box(1e-3, 1e-3, 1e-3, (2, 2, 2)), Box(2e-3, 1e-3, 2e-3, (2, 2, 2)), cell="tetrahedron"
     ),
     "blocks": TwoBlocks(Block(1e-3, 1e-3, (2, 2)), Block(2e-3, 1e-3, (2, 2)), 0.0),

@@ -90,7 +90,7 @@ def reloaded(case: Case, folder: Path) -> Case:
 def test_defaults_that_follow_from_other_keys(film):
     case = load_case(film, [f"{MAP}.mu_d=0.12"])
     assert case.geometry.offset == 5e-4
-    assert case.geometry.shape().left() == 5e-4
+    assert case.geometry.shape().offset == 5e-4
     assert formulations(case.bodies, case.geometry.cell)["elastomer"] == "q1-sri"
     assert case.contact[0].penalty_factor == 30.0 and case.contact[0].penalty is None
     triangles = load_case(film, ["geometry.cell=triangle"])

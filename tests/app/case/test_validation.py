@@ -84,7 +84,7 @@ MISTAKES = [
     ("geometry.upper.elements=[3, 2]", "geometry.upper: give either elements or size"),
     ('geometry.lower={ width = 1, height = 1 }', "geometry.lower: give either elements or size"),
     ("geometry.offset=2 mm", "geometry.offset = 0.002: must lie between -0.001 m and 0.002 m"),
-    ("geometry.upper.size=1e-12", "geometry: size = 1e-12 m is not allowed"),
+    ("geometry.upper.size=1e-12", "geometry: elastomer: size = 1e-12 m is too small"),
     # film and law
     (f"{MAP}.eta_b=0", f"{MAP}.eta_b = 0.0: a film thicker than D_min (3e-08 m > 0 m) needs"),
     (f"{MAP}.beta=1", f"{MAP}: give either alpha or beta, found both"),

@@ -35,7 +35,7 @@ from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.tangent import Coupling, PairTangent
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.rigid import RigidMotion
@@ -47,7 +47,7 @@ PENALTY, DT, STEPS = 50.0, 0.5, 6
 
 
 PLANE = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=0.47)
-SPACE = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 1, 2)), Box(2.0, 0.5, 2.0, (4, 1, 3)))
+SPACE = TwoBlocks(Box(1.0, 0.5, 1.0, (3, 1, 2)), Box(2.0, 0.5, 2.0, (4, 1, 3)))
 # Where the slave hangs over the end of the master, its layer is linked all the same.
 OVER = TwoBlocks(Rectangle(1.0, 0.5, (7, 3)), Rectangle(2.0, 0.5, (9, 2)), offset=1.45)
 SHAPES = {"bodies": PLANE, "over the end": OVER, "tool": PLANE, "space": SPACE}

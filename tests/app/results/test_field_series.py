@@ -17,7 +17,7 @@ from tribox.app.results.fields import CellStrain, StressField
 from tribox.app.results.output_files import BpWriter, FieldSeries
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 
 G, K = 2.0e6, 5.0e6
@@ -189,7 +189,7 @@ def on_each(comm: MPI.Comm, directory: Path) -> dict:
     for cell, degree, section, _ in KINDS[-5:]:
         dim = 3 if section == "3D" else 2
         part = Box(1.0, 1.0, 1.0, elements=(3, 2, 2)) if dim == 3 else Block(1.0, 1.0, (4, 3))
-        shape = TwoBoxes(part, part, cell=cell) if dim == 3 else TwoBlocks(part, part, cell=cell)
+        shape = TwoBlocks(part, part, cell=cell)
         named = generate(shape, comm, [("elastomer_contact", "aluminium_contact")])
         u = displacement(named.mesh, degree, waves)
         formulation = "q2" if degree == 2 else "q1"

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.rigid import RigidMotion
@@ -21,7 +21,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 PENALTY = 40.0
 SHAPES = {
     2: TwoBlocks(Rectangle(1.0, 0.5, (4, 2)), Rectangle(2.0, 0.4, (2, 1))),
-    3: TwoBoxes(Box(1.0, 0.5, 1.0, (2, 1, 2)), Box(2.0, 0.4, 2.0, (2, 1, 2))),
+    3: TwoBlocks(Box(1.0, 0.5, 1.0, (2, 1, 2)), Box(2.0, 0.4, 2.0, (2, 1, 2))),
 }
 
 

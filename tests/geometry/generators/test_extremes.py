@@ -8,12 +8,12 @@ from mpi4py import MPI
 
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.meshes.mesh import generate
 
 BLOCKS = TwoBlocks(Block(1.0, 0.5, (3, 2)), Block(1.0, 0.5, size=0.3))
-BOXES = TwoBoxes(Box(1.0, 0.5, 1.0, (3, 2, 1)), Box(1.0, 0.5, 1.0, size=0.5))
+BOXES = TwoBlocks(Box(1.0, 0.5, 1.0, (3, 2, 1)), Box(1.0, 0.5, 1.0, size=0.5))
 LINE = LineContact(HalfCylinder(1.0, 0.4, 0.1), FlatBlock(2.0, 1.0, 0.4, 0.1), growth=1.5)
 SPHERE = SphereOnBlock(1.0, 1.0, 1.0, 0.4, 0.1, growth=2.0)
 
@@ -42,8 +42,8 @@ def test_the_number_of_free_tetrahedra_is_about_known():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda x: Block(x, 1.0, (1, 1)),
-        lambda x: Box(1.0, 1.0, x, (1, 1, 1)),
+        lambda x: TwoBlocks(*[Block(x, 1.0, (1, 1))] * 2),
+        lambda x: TwoBlocks(*[Box(1.0, 1.0, x, (1, 1, 1))] * 2),
         lambda x: HalfCylinder(x, 1e-301, 1e-302),
         lambda x: FlatBlock(1.0, x, 0.5, 0.1),
         lambda x: replace(SPHERE, radius=x),

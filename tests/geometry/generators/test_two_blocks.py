@@ -7,8 +7,10 @@ import gmsh
 import numpy as np
 import pytest
 
-from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
+from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import gmsh_session, write_msh
+from tribox.geometry.meshes.mesh import _generated
 
 UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
 LOWER = Block(2.0e-3, 0.4e-3, (7, 2))
@@ -53,48 +55,52 @@ def test_grading_is_a_progression_from_the_contact(model, scale, grading):
     for name in ("elastomer_left", "aluminium_right"):
         heights = np.diff(np.sort(np.abs(group_points(name, 1)[:, 1])))
         assert heights[-1] / heights[0] == pytest.approx(grading, rel=1e-6)
-        np.testing.assert_allclose(heights[1:] / heights[:-1], block.ratio(), rtol=1e-6)
+        np.testing.assert_allclose(heights[1:] / heights[:-1], grading ** (1 / 7), rtol=1e-6)
         assert heights.sum() == pytest.approx(0.5 * scale, rel=1e-12)
 
 
 @pytest.mark.parametrize(
     ("block", "counts"),
     [
-        (Block(1.0e-3, 0.5e-3, size=0.1e-3), (10, 5)),
-        (Block(1.0e-3, 0.5e-3, size=0.15e-3), (7, 4)),
-        (Block(0.1 + 0.2, 0.5, size=0.1), (3, 5)),  # 0.1 + 0.2 is above 0.3
-        (Block(1.0, 0.5, size=3.0), (1, 1)),
+        (Block(1.0e-3, 0.5e-3, size=0.1e-3), [10, 5]),
+        (Block(1.0e-3, 0.5e-3, size=0.15e-3), [7, 4]),
+        (Block(0.1 + 0.2, 0.5, size=0.1), [3, 5]),  # 0.1 + 0.2 is above 0.3
+        (Block(1.0, 0.5, size=3.0), [1, 1]),
         # heights 1, 2, 4 and 1, 2: the smallest may be as large as the size
-        (Block(1.0, 7.0, size=1.0, grading=4.0), (1, 3)),
-        (Block(1.0, 3.0, size=1.0, grading=2.0), (1, 2)),
-        (Block(1.0, 0.1 + 0.2, size=0.1, grading=2.0), (10, 2)),
-        (Block(1.0, 7.0, size=0.999, grading=4.0), (2, 4)),
-        (Block(1.0, 7.0, size=4.0, grading=0.25), (1, 3)),
+        (Block(1.0, 7.0, size=1.0, grading=4.0), [1, 3]),
+        (Block(1.0, 3.0, size=1.0, grading=2.0), [1, 2]),
+        (Block(1.0, 0.1 + 0.2, size=0.1, grading=2.0), [10, 2]),
+        (Block(1.0, 7.0, size=0.999, grading=4.0), [2, 4]),
+        (Block(1.0, 7.0, size=1.0, grading=0.25), [1, 3]),
+        (Box(1.0, 0.5, 0.31, size=0.1), [10, 5, 4]),
     ],
 )
 def test_counts_from_a_size(block, counts):
-    assert block.counts() == counts
+    for placed in TwoBlocks(block, block).blocks().blocks:
+        assert placed.counts() == counts
 
 
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"width": -1.0}, "width = -1.0"), ({"height": math.nan}, "height = nan"),
-        ({"grading": 0.0}, "grading = 0.0 is not allowed; from 0.001 to 1000.0"),
-        ({"grading": 1e308}, "grading = 1e"), ({"grading": math.nan}, "grading = nan"),
+        ({"width": -1.0}, "offset"), ({"height": math.nan}, "elastomer: y must go from"),
+        ({"height": -1.0}, "elastomer: y must go from"),
+        ({"grading": 0.0}, "grading must be from 0.001 to 1000.0"),
+        ({"grading": 1e308}, "grading must"), ({"grading": math.nan}, "grading must"),
         ({"elements": None}, "either elements or size"), ({"size": 0.1}, "either elements or size"),
         ({"elements": None, "size": -0.1}, "size = -0.1"),
-        ({"elements": None, "size": 1e-300}, "size = 1e-300 m is not allowed; at least 1e-07 m"),
-        ({"elements": (0, 3)}, r"elements = \[0, 3\]"),
-        ({"elements": (2.5, 3)}, r"elements = \[2.5, 3\]"),
-        ({"elements": (2, 3, 4)}, r"elements = \[2, 3, 4\]"),
-        ({"elements": (2, 1), "grading": 2.0}, "grading = 2.0"),
-        ({"elements": (100_000, 1000)}, "at most 10000000"),
+        ({"elements": None, "size": 1e-14}, "size = 1e-14 m is too small"),
+        ({"elements": (0, 3)}, r"elements = \[0, 3\]: give whole numbers"),
+        ({"elements": (2.5, 3)}, r"elements = \[2.5, 3\]: give whole numbers"),
+        ({"elements": (2, 3, 4)}, "elements needs 2 numbers, found 3"),
+        ({"elements": (2, 1), "grading": 2.0}, "grading takes two elements or more"),
+        ({"elements": (100_000, 1000)}, "more than 10000000 cells"),
     ],
 )  # fmt: skip
 def test_bad_block_is_refused(values, said):
+    block = Block(**{"width": 1.0, "height": 1.0, "elements": (2, 2), **values})
     with pytest.raises(ValueError, match=said):
-        Block(**{"width": 1.0, "height": 1.0, "elements": (2, 2), **values})
+        TwoBlocks(block, block)
 
 
 @pytest.mark.parametrize(
@@ -113,6 +119,31 @@ def test_bad_block_is_refused(values, said):
 def test_bad_pair_is_refused(values, said):
     with pytest.raises(ValueError, match=said):
         TwoBlocks(UPPER, LOWER, **values)
+
+
+def test_blocks_of_equal_rectangles_are_those_of_gmsh():
+    shape = TwoBlocks(UPPER, LOWER, gap=1e-5)
+    with gmsh_session("TwoBlocks") as module:
+        shape.build()
+        theirs = arrays_of(module, "TwoBlocks")
+    ours = _generated(shape)
+    assert ours.cell == theirs.cell and ours.order == theirs.order
+    for mine, other in ((ours.bodies, theirs.bodies), (ours.surfaces, theirs.surfaces)):
+        assert list(mine) == list(other)
+        for name, part in mine.items():
+            assert part.tag == other[name].tag
+            middles = [
+                sorted(map(tuple, x[nodes].mean(axis=1).round(12)))
+                for x, nodes in ((ours.position, part.nodes), (theirs.position, other[name].nodes))
+            ]
+            np.testing.assert_allclose(*middles, atol=1e-14)
+
+
+@pytest.mark.parametrize("change", [{"grading": 2.0}, {"cell": "triangle"}])
+def test_other_meshes_are_left_to_gmsh(change):
+    cell = change.pop("cell", "quadrilateral")
+    block = Block(1e-3, 1e-3, elements=(2, 3), **change)
+    assert TwoBlocks(block, block, cell=cell).regular() is None
 
 
 def test_session_leaves_gmsh_and_signals_as_found(capfd):

@@ -11,12 +11,12 @@ from tribox.app.results.output_files import BpWriter
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.two_blocks import Block as Rectangle
-from tribox.geometry.generators.two_blocks import Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
 from tribox.geometry.meshes.mesh import generate
 
 PLANE = TwoBlocks(Rectangle(1.0, 0.5, (3, 2)), Rectangle(2.0, 0.4, (4, 2)))
-BOXES = TwoBoxes(Box(1.0, 0.5, 1.0, (2, 2, 2)), Box(2.0, 0.4, 2.0, (3, 2, 2)))
+BOXES = TwoBlocks(Box(1.0, 0.5, 1.0, (2, 2, 2)), Box(2.0, 0.4, 2.0, (3, 2, 2)))
 
 
 def spaces(shape, comm):

@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from tribox.geometry.compat import cell_nodes
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.meshes.partition import share_out
 
@@ -18,7 +18,7 @@ def blocks(cell):
 
 def boxes(cell):
     upper, lower = Box(1.0, 0.5, 1.0, elements=(8, 4, 8)), Box(3.0, 0.5, 1.5, elements=(18, 4, 9))
-    return TwoBoxes(upper, lower, offset=(1.8, 0.3), cell=cell)
+    return TwoBlocks(upper, lower, offset=(1.8, 0.3), cell=cell)
 
 
 SHAPES = {

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from mpi4py import MPI
 
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.mesh import NamedMesh, generate
 from tribox.geometry.pictures import draw, save_picture
 
@@ -70,7 +70,7 @@ def test_saved_picture_is_an_image_and_nothing_else_is_left(tmp_path):
 @pytest.mark.parametrize(("cell", "factor"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_outer_facets_of_a_mesh_in_space(cell, factor, tmp_path):
     """Every outer facet once, in the colour of its surface, y upwards and z towards the viewer."""
-    boxes = TwoBoxes(Box(1e-3, 0.5e-3, 0.6e-3, (4, 2, 3)), Box(2e-3, 0.4e-3, 1e-3, (5, 2, 3)))
+    boxes = TwoBlocks(Box(1e-3, 0.5e-3, 0.6e-3, (4, 2, 3)), Box(2e-3, 0.4e-3, 1e-3, (5, 2, 3)))
     named = generate(replace(boxes, cell=cell), MPI.COMM_SELF)
     figure = draw(named, "Boxes")
     axes = figure.axes[0]

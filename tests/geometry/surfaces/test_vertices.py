@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from tests.contact_boxes import SHAPES
 from tests.grid import grid
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks, TwoBoxes
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.surface import ContactSurface
 
@@ -119,12 +119,12 @@ NAMES = ("elastomer_contact", "aluminium_contact")
 def parted(shape: str, comm: MPI.Comm) -> ContactSurface:
     """The contact of two bodies whose slave facets are shared out among the ranks; collective."""
     cell, order = SHAPES[shape]
-    blocks: TwoBlocks | TwoBoxes
+    blocks: TwoBlocks
     if BODY[cell] == 2:
         blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), 0.47, cell=cell)
     else:
         upper, lower = Box(1.0, 0.5, 0.6, (4, 1, 3)), Box(2.0, 0.5, 1.0, (5, 1, 4))
-        blocks = TwoBoxes(upper, lower, (0.47, 0.23), cell=cell)
+        blocks = TwoBlocks(upper, lower, (0.47, 0.23), cell=cell)
     named = generate(blocks, comm, [NAMES])
     space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", order, (BODY[cell],)))
     return ContactSurface(space, *map(named.facets, NAMES), 5)
