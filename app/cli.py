@@ -163,9 +163,7 @@ Resume = Annotated[
 Extend = Annotated[
     bool, typer.Option("--extend", help="the same, and past the end of a run that is done")
 ]
-Trust = Annotated[
-    bool, typer.Option("--trust", help="run the code that the case names (see tribox trust)")
-]
+Trust = Annotated[bool, typer.Option("--trust", help="run the code that the case names")]
 
 
 @cli.command()
@@ -239,7 +237,7 @@ def mesh(
     overrides: Overrides = None,
     force: Annotated[bool, typer.Option("--force", help="replace files that are there")] = False,
     trust: Annotated[
-        bool, typer.Option("--trust", help="run the script that a drawing is (see tribox trust)")
+        bool, typer.Option("--trust", help="run the script that a drawing is")
     ] = False,
 ) -> None:
     """Write the mesh of a case or drawing (.msh) and a picture of it with its names."""
@@ -409,28 +407,6 @@ def _refuse(options: dict[str, object], reason: str) -> None:
     for option, value in options.items():
         if value not in (None, []):
             raise InputError(f"{option}: {reason}")
-
-
-@cli.command()
-def trust(
-    directory: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="directory with cases (default: list)")
-    ] = None,
-    show: Annotated[bool, typer.Option("--list", help="list the trusted directories")] = False,
-    remove: Annotated[bool, typer.Option("--remove", help="trust the directory no more")] = False,
-) -> None:
-    """Let the cases in a directory, and in those below it, run the code that they name."""
-    from tribox.app.case.trust import forget_directory, list_file, trust_directory, trust_lines
-
-    if directory is None and remove:
-        raise InputError("trust --remove: name the directory")
-    if directory is not None and remove:
-        print(f"{forget_directory(directory)}: no longer trusted")
-    elif directory is not None:
-        print(f"{trust_directory(directory)}: cases from here on down may run their code")
-    if directory is None or show:
-        lines = list(trust_lines())
-        print("\n".join(lines) if lines else f"no directory is trusted ({list_file()})")
 
 
 @cli.command(context_settings=_PASSED_ON, add_help_option=False)

@@ -90,7 +90,7 @@ add_named() {
 }
 
 # Add the files that case file $1 names relative to itself: of a mesh that file alone, of a law in
-# Python and of a drawing the directory too, as it matters who may write there and what lies beside.
+# Python and of a drawing the directory too, as what lies beside may be read.
 add_files_of_case() {
     parent_of "$1"
     beside=$parent
@@ -220,11 +220,6 @@ add_outputs_of_command() {
             ;;
         # A script is the user's own, started to do what it likes with the directory it is started in.
         python) add_output "$working" ;;
-        trust)
-            if [ -n "$config" ] && (umask 077 && mkdir -p -- "$config") 2>/dev/null; then
-                add_output "$config"
-            fi
-            ;;
     esac
 }
 
@@ -254,17 +249,12 @@ list_mounts() {
     while next_item; do
         add_mount rw "$item"
         protect_program "$item"
-        if [ "$command" != trust ] && [ -n "$config" ]; then
-            refuse_inside "$config" "$item" "settings of tribox"
-            protect "$config" "$item"
-        fi
     done
     rest=$inputs
     while next_item; do
         # A script may write beside its inputs.
         if [ "$command" != python ] || ! covered "$outputs" "$item"; then add_mount ro "$item"; fi
     done
-    if [ -d "$config" ]; then add_mount ro "$config"; fi
     rest=$mounts
     while next_item; do add_mounts_below "${item%% *}" "${item#* }"; done
 }

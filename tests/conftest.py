@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import dolfinx
-import ffcx.codegeneration.jit
 import hypothesis
 import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import tests.loaded_once  # noqa: F401
 import tribox.app
 from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -38,23 +37,6 @@ os.environ["TRIBOX_TESTS"] = "1"  # processes of the tests read this file again
 os.environ["TRIBOX_CONTAINED"] = "1"  # as in the image: drawings of these tests are our own
 # Two processes may want a form at once: s that one waits for the other's compiler.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "Timeout for JIT compilation")
-_FORMS: dict[tuple[Any, ...], Any] = {}
-
-
-def _loaded_once(load: Callable[..., Any]) -> Callable[..., Any]:
-    """FFCx's look into its cache of forms, which reads the whole directory, once for each form."""
-
-    def look(name: str, objects: list[str], directory: Path, timeout: int) -> Any:
-        key = (name, *objects, str(directory))
-        found = _FORMS.get(key) or load(name, objects, directory, timeout)
-        if found[0] is not None:  # otherwise it is to be compiled
-            _FORMS[key] = found
-        return found
-
-    return look
-
-
-ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
 # The same examples every time: a change is not to fail by what another run would not have tried.
 hypothesis.settings.register_profile("the same", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("the same")

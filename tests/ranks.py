@@ -209,6 +209,8 @@ def call(scene: Scene, comm: MPI.Comm, directory: Path) -> Any:
 
 def main(directory: Path, names: list[str]) -> None:
     """Call functions on all ranks there are; write what the first rank returns."""
+    import tests.loaded_once  # noqa: F401
+
     comm = MPI.COMM_WORLD
     for name in names:
         module, function = name.split(":")

@@ -1,5 +1,6 @@
 """Style and types of the sources, by the tools of the image."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -23,8 +24,8 @@ def told(*command: str) -> str:
 
 @pytest.mark.long
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy is not installed")
-def test_types_are_right(tmp_path):
-    assert told(sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path)) == ""
+def test_types_are_right():
+    assert told(sys.executable, "-m", "mypy", "--cache-dir", os.devnull) == ""
 
 
 @pytest.mark.long

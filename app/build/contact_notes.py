@@ -93,7 +93,7 @@ def notes_on_surfaces(
     if distance > APART * lengths[0]:
         where = f"{distance:.3g} m apart" if np.isfinite(distance) else "beside each other"
         yield f"{place}: {contact.slave} and {contact.master} start {where}"
-    ratio = coarseness(surface, at, lengths)
+    ratio = coarseness(surface, at, lengths, distance)
     if ratio > COARSE:
         yield (
             f"{place}: the facets of the slave {contact.slave} are {ratio:.2g} times as long as "
@@ -102,7 +102,9 @@ def notes_on_surfaces(
         )
 
 
-def coarseness(surface: ContactSurface, at: Projection, lengths: tuple[float, float]) -> float:
+def coarseness(
+    surface: ContactSurface, at: Projection, lengths: tuple[float, float], distance: float
+) -> float:
     """Length of slave facets over that of master facets where it is largest; collective.
 
     In space long facets may lie across those of the master: of each slave facet the direction
@@ -111,11 +113,12 @@ def coarseness(surface: ContactSurface, at: Projection, lengths: tuple[float, fl
     Args:
         at: the slave's points on the master.
         lengths: m, of slave and master where they are near.
+        distance: m, between the surfaces at the start.
     """
     master, mean = surface.master, lengths[0] / lengths[1]
     if surface.dim == 2 or isinstance(master, RigidMaster):
         return mean
-    over = np.flatnonzero(at.on_surface)
+    over = np.flatnonzero(at.on_surface & (at.gap < distance + surface.slave.facet_length))
     facet, first = np.unique(surface.slave.facet[over], return_index=True)
     _, slave = outward_facets(surface.space, surface.shape, surface.slave.mesh_facet[over[first]])
     below = master.position[master.facets[at.facet[over[first]]]]

@@ -35,7 +35,7 @@ class _Graded(Model):
     height: _Length = Field(description="extent in y, upwards")
     size: _Length | None = Field(
         default=None,
-        description="largest element width (and depth), and height where elements are lowest (or "
+        description="largest element width (and depth), and height where they are least high (or "
         "elements)",
     )
     grading: Annotated[float, Quantity(gt=0.0)] = Field(

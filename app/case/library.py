@@ -95,8 +95,11 @@ def from_library(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 def _filled(keys: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """The given keys, and those of the entry that they leave open."""
     base: dict[str, Any] = copy.deepcopy(dict(keys))
-    if {"G", "K"} & given.keys() and {"E", "nu"} <= base.keys() and not {"E", "nu"} & given.keys():
-        del base["E"], base["nu"]
+    pairs = {"G", "K"}, {"E", "nu"}  # a pair of moduli that is given takes the other's place
+    for moduli, others in (pairs, pairs[::-1]):
+        if moduli & given.keys() and others <= base.keys() and not others & given.keys():
+            for key in others:
+                del base[key]
     for key, value in given.items():
         inner = base.get(key)
         if isinstance(inner, dict) and isinstance(value, Mapping):

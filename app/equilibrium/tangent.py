@@ -195,7 +195,8 @@ class Tangent:
 
         Those of platens (None: that act at present) go to the rows of the leaders.
         """
-        places = self._places(nodes)
+        dim = self.constraints.unknowns.dim
+        places = BlockPlaces(nodes, dim) if blocks is None else self._places(nodes)
         A.setValuesIJV(
             places.indptr.astype(PETSc.IntType),
             self.constraints.condensed(places.columns, platens).astype(PETSc.IntType),

@@ -7,7 +7,7 @@ import dataclasses
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,10 @@ MOST_TOLD = 20
 """Faults of a file that are told; of more only the number."""
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
+_POINT, _COMMA = (
+    re.compile(rf"\s*[+-]?(?:\d+{mark}\d*|{mark}\d+)(?:[eE][+-]?\d+)?\s*") for mark in (r"\.", ",")
+)
+_QUOTED = re.compile(r'"[^"]*"')
 _HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 
@@ -59,7 +63,8 @@ def read_table(
     """Read a file.
 
     Lines that begin with "#" are comments. The header names columns with their unit, as in
-    "velocity [mm/s]".
+    "velocity [mm/s]". Where semicolons or tabs stand between columns, decimals may stand behind
+    commas.
 
     Args:
         known: Columns that it may have.
@@ -71,7 +76,7 @@ def read_table(
     Raises:
         InputError: Columns, units or values are wrong; its lines name all of them.
     """
-    lines = list(_records(path))
+    separator, lines = _records(path)
     if not lines:
         raise InputError(f"{path}: is empty; the first line names the columns")
     (number, header), rows = lines[0], lines[1:]
@@ -81,6 +86,8 @@ def read_table(
     if len(rows) > MOST_ROWS:
         reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
         raise InputError(f"{path}: {reason}: average those that repeat a measurement")
+    if separator != ",":
+        rows = _with_points(path, columns, rows)
     table = _values(path, columns, rows, len(header), known, may_be_empty)
     for name, value in (constants or {}).items():
         if name in table:
@@ -99,7 +106,7 @@ def _columns(
     aliases: Aliases,
 ) -> dict[int, tuple[str, str]]:
     """Name and unit as written of each column that is read, by its place."""
-    unread = {place for place, text in enumerate(header) if _is_named(text, ignored)}
+    unread = {k for k, text in enumerate(header) if not text.strip() or _is_named(text, ignored)}
     for name in ignored:
         if not any(_is_named(text, [name]) for text in header):
             there = ", ".join(text.strip()[:_SHOWN] for text in header)
@@ -110,14 +117,16 @@ def _columns(
     strange = {
         place: _name(text)
         for place, text in enumerate(header)
-        if place not in unread and _is_strange(text, standard[place], known)
+        if place not in unread and _is_strange(standard[place], known)
     }
     if strange:
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
+        cure = f'leave them unread with --ignore-columns "{",".join(strange.values())}"'
+        if len(strange) + len(unread) == len(header):
+            cure = 'begin lines before that of the names with "#"'
         wrong.append(
             f"{path}:{number}: no such column{'s' * (len(strange) > 1)} {words}; there are "
-            f"{', '.join(known)}; take other columns out, or leave them unread with "
-            f'--ignore-columns "{",".join(strange.values())}"'
+            f"{', '.join(known)}; take other columns out, or {cure}"
         )
     for place, text in enumerate(header):
         if place not in unread and place not in strange:
@@ -142,8 +151,9 @@ def _name(text: str) -> str:
 
 
 def _is_named(text: str, names: Sequence[str]) -> bool:
-    """Whether a heading is one of some names, its unit written or not."""
-    return text.strip() in names or _name(text) in names
+    """Whether a heading is one of some names, in capitals or not, its unit written or not."""
+    lower = {name.lower() for name in names}
+    return text.strip().lower() in lower or _name(text).lower() in lower
 
 
 def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str:
@@ -154,10 +164,34 @@ def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str
     return next((column for column, names in aliases.items() if plain in names), name)
 
 
-def _is_strange(text: str, name: str, known: Mapping[str, Quantity]) -> bool:
-    """Whether a heading is far from the name of every column, and not several in one."""
-    near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
-    return not near and ";" not in text and "\t" not in text
+def _is_strange(name: str, known: Mapping[str, Quantity]) -> bool:
+    """Whether a heading is far from the name of every column."""
+    return not difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
+
+
+def _with_points(
+    path: Path, columns: Collection[int], rows: list[tuple[int, list[str]]]
+) -> list[tuple[int, list[str]]]:
+    """The rows with decimals behind points in the columns that are read.
+
+    Raises:
+        InputError: some stand behind points and some behind commas, which may part thousands.
+    """
+    points = commas = 0
+    for number, row in rows:
+        cells = [row[place] for place in columns if place < len(row)]
+        points = points or number * any(map(_POINT.fullmatch, cells))
+        commas = commas or number * any(map(_COMMA.fullmatch, cells))
+        if points and commas:
+            reason = f"decimals behind a point in line {points}, and behind a comma in line"
+            raise InputError(f"{path}:{number}: {reason} {commas}; write all behind points")
+    if not commas:
+        return rows
+
+    def pointed(place: int, cell: str) -> str:
+        return cell.replace(",", ".") if place in columns and _COMMA.fullmatch(cell) else cell
+
+    return [(number, [pointed(k, cell) for k, cell in enumerate(row)]) for number, row in rows]
 
 
 def _values(
@@ -196,15 +230,20 @@ def refuse(wrong: Sequence[str]) -> None:
         raise InputError(wrong[0], more, told=True)
 
 
-def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is neither empty nor a comment."""
-    text = read_text(path)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                yield number, next(csv.reader([line]))
-            except csv.Error as error:  # a cell of more than 131072 letters
-                raise InputError(f"{path}:{number}: no line of a table ({error})") from None
+def _records(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
+    """What parts columns; number and cells of each line that is neither empty nor a comment."""
+    separator, found = "", list[tuple[int, list[str]]]()
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        separator = separator or max(",;\t", key=_QUOTED.sub("", line).count)
+        try:
+            cells = next(csv.reader([line], delimiter=separator))
+        except csv.Error as error:  # a cell of more than 131072 letters
+            raise InputError(f"{path}:{number}: no line of a table ({error})") from None
+        if any(cell.strip() for cell in cells):
+            found.append((number, cells))
+    return separator, found
 
 
 def _column(
@@ -213,12 +252,6 @@ def _column(
     """Name of a column and its unit as written, from a heading that stands for it."""
     match = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEADING else None
     if match is None or name not in known:
-        if ";" in text or "\t" in text:
-            found = "semicolons" if ";" in text else "tabs"
-            raise InputError(
-                f"{path}:{line}: columns separated by {found}; write commas between them, and a "
-                "point before decimals"
-            )
         near = difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)[0]
         unit = known[near].unit
         in_brackets = f', with its unit in brackets as in "{near} [{unit}]"' if unit else ""

@@ -272,10 +272,11 @@ class _Preconditioner:
 # until little is left (Saad, Iterative methods for sparse linear systems, 2nd ed., 4.1.1).
 # :math:`A_{ss}`, with the stiffness of its contacts, is factorised for each tangent, or solved with
 # by iterations that leave a little; K, the stiff bodies undeformed and without contacts, is
-# factorised once, or its multigrid made once. Each solve leaves of the one before it about the
-# stiffness of the others over that of the stiff bodies: where these are a thousand times stiffer
-# two to four solves do. As contacts that move on couple other nodes of two bodies, the pattern of
-# :math:`A_{ss}`, and with it the analysis of its factorisation, stays what it was.
+# factorised once, or its multigrid made once where it is large. Each solve leaves of the
+# one before it about the stiffness of the others over that of the stiff bodies: where these are a
+# thousand times stiffer two to four solves do. As contacts that move on couple other nodes of two
+# bodies, the pattern of :math:`A_{ss}`, and with it the analysis of its factorisation, stays what
+# it was.
 
 # A stiff body that is moved makes such forces that those of the others are nothing beside: they
 # have to follow once.
@@ -287,7 +288,9 @@ slipped than by a factorisation of the whole: 651 Newton iterations instead of 1
 unknowns."""
 HALF = 0.5  # of the forces of two solves before, that must not be left
 MARGIN = 0.5  # of the forces that may be left: what a solve by iterations leaves
-KEPT_LIMIT = 150_000  # unknowns of stiff bodies up to which they are factorised in any case
+KEPT_LIMIT = 30_000
+"""Unknowns of stiff bodies up to which they are factorised in any case. At 34 680 both ways take
+the same time where cells are even; graded ones take many more iterations."""
 
 
 class BodyByBody:
@@ -315,8 +318,6 @@ class BodyByBody:
         self._kept, self._others = bodies.dofs, bodies.others
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
         self.works = self._stiff.make()
-        if self.works and isinstance(self._stiff, Factor):
-            self._stiff.keep_only_factors()
         self._rows = self._global(self._others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
@@ -339,7 +340,7 @@ class BodyByBody:
         if self._count is None or K.size[0] <= KEPT_LIMIT:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
-        return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count)
+        return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Factorise the other bodies' block of the tangent; collective.
@@ -449,7 +450,7 @@ class BodyByBody:
             self._left.array[self._others] = 0.0
         else:
             x.array[self._others] += self.own.solve(forces, most)
-            self._left.array[self._others] -= self.own.image.array_r
+            self._left.array[self._others] -= self.own.image().array_r
         self._coupling.mult(self.own.solution, self._felt)
         self._left.array[self._touched] -= self._felt.array_r
 
@@ -466,7 +467,8 @@ class BodyByBody:
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self.own, self._stiff, self._source, self._block, self._coupling):
+        K = self._stiff.matrix
+        for part in (self.own, self._stiff, K, self._source, self._block, self._coupling):
             if part is not None:
                 part.destroy()
 

@@ -148,15 +148,10 @@ class Factor:
         self._ksp.solve(self._rhs, self.solution)
         return self.solution.array_r
 
-    def keep_only_factors(self) -> None:
-        """Let go of the matrix, whose values change no more; collective."""
-        sizes = self._matrix.getSizes()
-        empty = PETSc.Mat().createAIJ(sizes, nnz=0, comm=self._matrix.comm)
-        empty.assemble()
-        self._ksp.getPC().setReusePreconditioner(True)
-        self._ksp.setOperators(empty)
-        empty.destroy()
-        self._matrix.destroy()  # to factorise it again is an error of PETSc's
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The matrix, which :meth:`destroy` leaves to its owner."""
+        return self._matrix
 
     def destroy(self) -> None:
         """Give the memory back; collective."""

@@ -151,7 +151,7 @@ class MultigridSolver:
 
     Attributes:
         multigrid: the preconditioner that is kept.
-        solution: the last one; image: the matrix times that.
+        solution: the last one.
         converged: whether it is as close as was asked for.
     """
 
@@ -162,8 +162,13 @@ class MultigridSolver:
         prefix: str,
         options: Mapping[str, str | float | bool],
         count: Callable[[int], None],
+        constant: bool = False,
     ) -> None:
-        """Prepare to solve with ``matrix``; collective."""
+        """Prepare to solve with ``matrix``; collective.
+
+        Args:
+            constant: its values never change, and it serves nothing else: no copy is made of it.
+        """
         at_hand = PETSc.Options(prefix)
         for key, value in damped(options, matrix.comm.size).items():
             at_hand[key] = value
@@ -172,14 +177,14 @@ class MultigridSolver:
         self._ksp.setOperators(matrix)
         self._ksp.setFromOptions()
         self.multigrid = Multigrid(self._ksp, matrix, near)
-        self._matrix, self._count = matrix, count
+        self._matrix, self._count, self._constant = matrix, count, constant
         self._cycle = PETSc.PC().create(matrix.comm)
         self._cycle.setType(PETSc.PC.Type.PYTHON)
         self._blocks: PETSc.Mat | None = None
         self._finest: FinestLevel | None = None
         self._product = matrix
         self.solution, self._rhs = matrix.createVecs()
-        self.image = self._rhs.duplicate()
+        self._image = self._rhs.duplicate()
         self.converged = True
 
     def make(self, widened: bool = False) -> bool:
@@ -196,7 +201,8 @@ class MultigridSolver:
             self._blocks = None
         if not can_sweep(self._matrix) or self.multigrid.pc.getMGLevels() == 1:
             return True
-        self._blocks = self._matrix.convert(PETSc.Mat.Type.BAIJ, self._blocks or PETSc.Mat())
+        into = self._matrix if self._constant else self._blocks or PETSc.Mat()
+        self._blocks = self._matrix.convert(PETSc.Mat.Type.BAIJ, into)
         if self._finest is None:
             self._finest = FinestLevel(self._matrix)
             self._product = PETSc.Mat().createPython(
@@ -219,14 +225,22 @@ class MultigridSolver:
         size = self._rhs.norm()
         if size <= most:
             self.solution.set(0.0)
-            self.image.set(0.0)
             return self.solution.array_r
         self.multigrid.leave(most / size)
         self._ksp.solve(self._rhs, self.solution)
         self._count(self._ksp.getIterationNumber())
         self.converged = self._ksp.getConvergedReason() > 0
-        self._ksp.getOperators()[0].mult(self.solution, self.image)
         return self.solution.array_r
+
+    def image(self) -> PETSc.Vec:
+        """The matrix times the last solution, N; collective."""
+        self._ksp.getOperators()[0].mult(self.solution, self._image)
+        return self._image
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """The matrix, which :meth:`destroy` leaves to its owner."""
+        return self._matrix
 
     def destroy(self) -> None:
         """Give the memory back; collective."""

@@ -65,7 +65,8 @@ def run_command(case_file: Path, options: RunOptions) -> int:
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     directory = options.out or default_directory(case_file)
     with nothing_begun():
-        case, case_file, runs_code = _trusted_case(case_file, options)
+        case = load_case(case_file, options.overrides)
+        runs_code = require_trust(case, case_file, options.trust)
     changes = [word for item in options.overrides for word in ("--set", item)]
     changes += ["--trust"] * runs_code
     _keep_results_apart(directory, case, case_file, options)
@@ -84,21 +85,6 @@ def run_command(case_file: Path, options: RunOptions) -> int:
         return _run_on_ranks(case_file, directory, options, changes)
     _run_here(case, directory, options)
     return 0
-
-
-def _trusted_case(case_file: Path, options: RunOptions) -> tuple[Case, Path, bool]:
-    """The case, the name that it is read by, and whether it runs code, which is then trusted.
-
-    In a trusted directory that is a name without links, which nobody else can have lead elsewhere
-    by the time that the ranks or the values of a sweep read the case again.
-    """
-    case = load_case(case_file, options.overrides)
-    runs_code = require_trust(case, case_file, options.trust)
-    if not runs_code or options.trust:
-        return case, case_file, runs_code
-    real = case_file.resolve()
-    case = load_case(real, options.overrides)
-    return case, real, require_trust(case, real, False)
 
 
 def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: RunOptions) -> None:

@@ -85,6 +85,16 @@ class ContactResultants:
     oil_supplied: float = 0.0
 
 
+def penetration_of(trial: ContactTrial) -> float:
+    """The largest of this rank, m: of points one by one, or of the mean gaps of the pressure."""
+    k, normal = trial.kinematics, trial.normal_contact
+    if normal.gap is None:
+        gap = np.where(k.closed, k.gap, 0.0)
+    else:
+        gap = np.where(normal.needs(), normal.gap, 0.0)
+    return float(np.max(-gap, initial=0.0))
+
+
 def measure_contact(
     term: ContactTerm,
     trial: ContactTrial,
@@ -96,15 +106,8 @@ def measure_contact(
     total = {name: float(value[0]) for name, value in scalars.items()}
     area, force = total["closed"], total["load"]
     vectors = _summed(comm, vector_integrals(term, trial))
-    k, parts = trial.kinematics, trial.response.dissipation
-    normal = trial.normal_contact
-    # Point by point the own gaps; averaged pressure answers to the mean ones.
-    if normal.gap is None:
-        gap = np.where(k.closed, k.gap, 0.0)
-    else:
-        gap = np.where(normal.needs(), normal.gap, 0.0)
-    local = float(np.max(-gap, initial=0.0))
-    penetration = comm.allreduce(local, op=MPI.MAX)
+    parts = trial.response.dissipation
+    penetration = comm.allreduce(penetration_of(trial), op=MPI.MAX)
     dry, oil, supplied = _film(term, trial, force)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
     return ContactResultants(

@@ -1,4 +1,4 @@
-"""Where a contact ends: surfaces that end there, slaves that run past them, films that begin.
+"""Where a contact ends: surfaces that end there, slaves that run past them, sides that fold in.
 
 A message that speaks of an end says of which surface, and where it lies undeformed. Axis letters: q
 points, v vertices of the slave, k vertices of its facet, e ends (in space: edges), f facets of the
@@ -7,8 +7,8 @@ master, s their sides.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -19,25 +19,26 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
-from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.contact_resultants import penetration_of
 from tribox.app.simulation.history import Row, time_text
-from tribox.app.simulation.run_state import Interval
 from tribox.app.simulation.surface_faults import SAME, Findings, names_of
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial
-from tribox.geometry.surfaces.body_facets import OuterFacets
+from tribox.geometry.surfaces.body_facets import OuterFacets, facet_nodes
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
 from tribox.geometry.surfaces.master import MasterFacets
+from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import RigidSurface
 from tribox.geometry.surfaces.surface import ContactSurface
 from tribox.geometry.surfaces.target import Projection
 
+DEEP = 0.05  # depth over the length of a slave facet from which on a fold is told
+TOUCHES = 1e-6  # of that length, up to which a node may start inside
 FEW = 0.05  # share of the area above the master that may leave it without a word
 SOME = 0.2  # share of the points past any end from which on an end is named
 FELT = 0.05  # pressure at an end over its mean from which on the contact wants to go on there
 MOST = 0.9  # of the largest pressure at any end, from which on an end is named
-SHORT = 3e-3  # share of the friction that films may lack at points that come under pressure
 ON_END = 1e-6  # of a facet, within which a place is at its end
 
 
@@ -247,6 +248,11 @@ class PressedEnds:
                 if end.share > most.share:
                     self._found[index, side] = end, since
 
+    @property
+    def short_slaves(self) -> set[int]:
+        """Pairs whose contact has reached the end of the slave."""
+        return {index for index, side in self._found if side == 0}
+
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
         found = self._found.items()
@@ -262,6 +268,49 @@ class PressedEnds:
             name = names_of(self._contacts, index)[side]
             of_tool = side == 1 and index in self._tools
             yield f"{end.text(index, name, of_tool, since)}; let {name} reach further"
+
+
+class OneSidedEnds:
+    """Watches for contact at the ends of smooth masters, as at planes of symmetry and axes.
+
+    A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
+    node instead of a half, 7/6 to the next.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._found: dict[int, str] = {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        for index, term, trial in self._problem.sliding(self._problem.committed):
+            target, at = term.surface.target, trial.projection
+            if index in self._found or not isinstance(target, FacetSurface):
+                continue
+            pressed = (trial.pressure > 0.0) & at.on_surface
+            there = bool(target.is_smooth_end(at.facet[pressed]).any())
+            if self._problem.comm.allreduce(there, op=MPI.LOR):
+                when = f"from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
+                self._found[index] = when
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {"found": list(self._found.items())}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._found = {int(pair): when for pair, when in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair."""
+        for index, when in sorted(self._found.items()):
+            slave, master = names_of(self._contacts, index)
+            yield (
+                f"contact.{index}: {slave} presses on an end of {master}, as at a plane of "
+                f"symmetry or an axis ({when}), which is made smooth from one side only there: on "
+                "any mesh the last vertex has 10 to 25 % too much pressure, the next too little; "
+                "forces are right. A mesh of second order, or of both sides, has no such end"
+            )
 
 
 def reaches_end(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
@@ -370,76 +419,169 @@ class LeftMaster:
             yield f"{pair.slave} runs past the end of {pair.master} {where}"
 
 
-# -- films that begin within a step ---------------------------------------------------------------
+# -- sides that fold over the end of a slave ------------------------------------------------------
+#
+# Only surfaces that a contact names are kept out of its master. Where a billet is upset its side
+# rolls over onto the die; with no contact of its own it goes through.
 
 
-class LateFilm:
-    """Watches for steps so long that the film of points that come under pressure counts too little.
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """The node that is deepest in a master, none at a depth of 0.
 
-    The law takes the slip of a step for its speed, and such a point has slipped under pressure, or
-    along the surface, for a part of the step. Its neighbours that pressed before lack about as
-    much together, by the slip's change along the contact, so what is told is a lower bound.
+    Attributes:
+        depth: m; place: m, undeformed; side: the named surface that goes in, or "".
+        since: when a fold was first seen, in words.
     """
 
+    depth: float = 0.0
+    place: tuple[float, ...] = ()
+    side: str = ""
+    since: str = ""
+
+
+class _Beside:
+    """Nodes (n) on the boundary of a slave's body, and which of them went through its master."""
+
+    def __init__(self, model: Model, index: int, nodes: Longs, kept: Mapping[int, Bools]) -> None:
+        """Begin with them as they lie undeformed.
+
+        Args:
+            nodes: (n,), this rank's local ones.
+            kept: by pair with this master, the nodes (n,) that it keeps out while it acts.
+        """
+        self._named, self._problem, self._index = model.named, model.problem, index
+        self._surface = surface = model.problem.contacts[index].surface
+        self._target, self._nodes, self._kept = surface.target.for_others(), nodes, kept
+        places = model.problem.space.tabulate_dof_coordinates()[nodes, : surface.dim]
+        self._reference: Floats = places
+        self._outside: Bools = np.zeros(len(nodes), dtype=bool)
+        self._outside = self._look(surface.master.position, places)[0]
+
+    def _look(self, master: Floats, places: Floats) -> tuple[Bools, Floats]:
+        """Which nodes are in front of the master or have gone through it; depths, m, of the latter.
+
+        What goes round the end of an open master has not gone through it.
+        """
+        if not len(places):
+            return self._outside, np.zeros(0)
+        at = self._target.project(places, master)
+        through: Bools = at.on_surface & (at.gap < 0.0) & self._outside
+        front = at.on_surface & (at.gap >= -TOUCHES * self._surface.facet_length)
+        return front | through, np.where(through, -at.gap, 0.0)
+
+    def deepest(self) -> Fold:
+        """The deepest node of all ranks at the last converged step; collective.
+
+        Nodes as deep as the contact itself are on what has turned over with its last facet.
+        """
+        problem, surface, found = self._problem, self._surface, Fold()
+        master = surface.master_positions(surface.gather(problem.u.x.petsc_vec))
+        moved = problem.u.x.array.reshape(-1, surface.dim)[self._nodes]
+        self._outside, depth = self._look(master, self._reference + moved)
+        for pair, nodes in self._kept.items():
+            if problem.contacts[pair].active:
+                depth[nodes] = 0.0
+        if depth.any():
+            at = int(np.argmax(depth))
+            place = tuple(map(float, self._reference[at]))
+            found = Fold(float(depth[at]), place, self._side(self._nodes[depth > 0.0]))
+        own = penetration_of(problem.committed[self._index])
+        folds, depths = zip(*problem.comm.allgather((found, own)), strict=True)
+        most = max(folds, key=lambda one: (one.depth, one.place, one.side))
+        return most if most.depth > max(depths) + DEEP * surface.facet_length else Fold()
+
+    def _side(self, through: Longs) -> str:
+        """The named surface that most of this rank's nodes (n,) are on, if any is."""
+        count = {
+            name: int(np.isin(through, facet_nodes(self._problem.space, facets)).sum())
+            for name in self._named.surfaces
+            if len(facets := self._named.facets(name))
+        }
+        most = max(count, key=lambda name: count[name], default="")
+        return most if count.get(most) else ""
+
+    def forget(self) -> None:
+        """See anew which nodes are in front of the master."""
+        self._outside = np.zeros_like(self._outside)
+
+
+class FoldedSides:
+    """Watches for sides of bodies that fold over the end of a slave into its master."""
+
     def __init__(self, model: Model) -> None:
-        self._problem = model.problem
-        self._pressed = [term.state.friction.closed for term in self._problem.contacts]
-        # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.
-        self._found: dict[int, tuple[float, float, float, str]] = {}
+        """Find the nodes of each slave's body; collective."""
+        self._problem, self._contacts = model.problem, model.case.contact
+        self._beside = _all_beside(model)
+        self._found: dict[int, Fold] = {}
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
+    def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
-        trials, before = self._problem.committed, self._pressed
-        self._pressed = [trial.pressure > 0.0 for trial in trials]
-        if isinstance(result, Interval):  # of explicit steps, which are short
-            return
-        sums = np.array([self._sums(index, before[index]) for index in range(len(trials))])
-        self._problem.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-        when = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
-        for index, (area, slip, length, friction, *deficit) in enumerate(sums):
-            if not (area > 0.0 and friction > 0.0 and slip > length):
+        for index, beside in self._beside.items():
+            if not self._problem.contacts[index].active:
+                beside.forget()
                 continue
-            # Of a slip as long as the mean one, less what they have made.
-            share = max(deficit[0] * slip / area - deficit[1], 0.0) / friction
-            if share > max(SHORT, self._found.get(index, (0.0,))[0]):
-                self._found[index] = share, slip / length, length / area, when
-
-    def _sums(self, index: int, before: Bools) -> tuple[float, ...]:
-        """This rank's area that pressed before and does, its slip and facets; friction; deficit."""
-        term, trial = self._problem.contacts[index], self._problem.committed[index]
-        slip = np.linalg.norm(trial.kinematics.slip, axis=1)
-        viscous = trial.response.dissipation.viscous
-        if term.tied or not viscous.any():
-            return (0.0,) * 6
-        surface, weight = term.surface.slave, term.surface.slave.weight
-        stays, comes = weight * (before & self._pressed[index]), ~before & self._pressed[index]
-        traction = np.linalg.norm(trial.response.traction, axis=1)
-        per_slip = np.divide(viscous, slip**2, out=np.zeros_like(slip), where=comes & (slip > 0.0))
-        return (
-            float(stays.sum()),
-            float(stays @ slip),
-            float(stays @ surface.facet_length),
-            float(weight @ traction),
-            float(weight @ per_slip),
-            float(weight @ (per_slip * slip)),
-        )
+            fold, before = beside.deepest(), self._found.get(index, Fold())
+            if fold.depth > before.depth:
+                now = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+                self._found[index] = replace(fold, since=before.since or now)
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
-        pressed = [AtPoints(pair, points) for pair, points in enumerate(self._pressed)]
-        return {"pressed": pressed, "found": [[pair, *one] for pair, one in self._found.items()]}
+        return {"found": [[index, asdict(fold)] for index, fold in self._found.items()]}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        self._pressed = list(kept["pressed"])
-        self._found = {int(pair): tuple(one) for pair, *one in kept["found"]}
+        for index, fold in kept["found"]:
+            self._found[int(index)] = Fold(**{**fold, "place": tuple(fold["place"])})
+        for beside in self._beside.values():
+            beside.forget()  # what is in front of the master is seen at the next step
 
-    def warnings(self) -> Iterator[str]:
-        """One line for each pair whose film was late."""
-        for index, (share, facets, length, when) in self._found.items():
+    def warnings(self, short: Collection[int] = ()) -> Iterator[str]:
+        """One line for each pair with a fold.
+
+        Args:
+            short: pairs of which it is told that the slave is to reach further: what goes on behind
+                it without a name is that.
+        """
+        for index, fold in sorted(self._found.items()):
+            if index in short and not fold.side:
+                continue
+            pair = self._contacts[index]
+            side = fold.side or f"the boundary of the body of {pair.slave}"
+            cure = fold.side or "what lies there a name and"
             yield (
-                f"contact.{index}: a step slides {facets:.2g} facets of the slave, and the film of "
-                f"points that come under pressure in it counts for a part of it only: friction is "
-                f"at least {share:.1%} too low ({when}); slide at most a facet, {length:.3g} m, in "
-                "a step (slip_step, steps)"
+                f"contact.{index}: {side} goes through {pair.master} beyond the end of "
+                f"{pair.slave}, {fold.depth:.3g} m deep at {place_text(fold.place)}, undeformed "
+                f"({fold.since}): no contact keeps it out, and forces are wrong; give {cure} a "
+                f"[[contact]] with {pair.master} too"
             )
+
+
+def _all_beside(model: Model) -> dict[int, _Beside]:
+    """By pair: the nodes of its slave's body; collective.
+
+    Not of fits that overlap, nor of masters of which a rank knows but a part.
+    """
+    problem, contacts, found = model.problem, model.case.contact, dict[int, _Beside]()
+    space, comm = problem.space, problem.comm
+    outer, own = OuterFacets(space).nodes, space.dofmap.index_map
+    slaves = [
+        np.concatenate(comm.allgather(np.unique(term.surface.slave.nodes)))
+        for term in problem.contacts
+    ]
+    for index, term in enumerate(problem.contacts):
+        surface, master = term.surface, contacts[index].master
+        part = isinstance(surface.master, MasterFacets) and surface.dim == 3 and comm.size > 1
+        if part or term.offset is not None:
+            continue
+        body = np.unique(space.dofmap.list[bodies_of(problem, term).slave.cells])
+        nodes = np.intersect1d(outer, body).astype(np.int64)
+        number = own.local_to_global(nodes.astype(np.int32))
+        kept = {
+            pair: np.isin(number, slave)
+            for pair, slave in enumerate(slaves)
+            if contacts[pair].master == master
+        }
+        found[index] = _Beside(model, index, nodes, kept)
+    return found

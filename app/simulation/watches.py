@@ -16,18 +16,18 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval
-from tribox.app.simulation.surface_ends import LateFilm, LeftMaster, PressedEnds
+from tribox.app.simulation.surface_ends import FoldedSides, LeftMaster, OneSidedEnds, PressedEnds
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.viscous_points import Viscoelastic
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Bools, Floats
 
 TOUCHING = 1e-9  # penetration over a facet's length up to which bodies only touch
 RIGID = 1e4  # stiffness over that of another body beyond which a body need not go to be rigid
@@ -190,6 +190,7 @@ class FloatingWatch:
 
 # -- How far bodies flow, past the data of their hardening and in one step, and creep -------------
 
+SHORT = 3e-3  # share of the friction that films may lack at points that come under pressure
 LONG = 0.1  # equivalent plastic strain of one step from which on it is warned of
 SHARE = 0.1  # of a branch's relaxation time from which on a step is long
 COUNTS = 0.01  # of what a body stores and loses from which on a branch matters
@@ -309,6 +310,78 @@ class _CreepWatch:
 # -- What watches over a run and has its say at the end of it --------------------------------------
 
 
+class LateFilm:
+    """Watches for steps so long that the film of points that come under pressure counts too little.
+
+    The law takes the slip of a step for its speed, and such a point has slipped under pressure, or
+    along the surface, for a part of the step. Its neighbours that pressed before lack about as
+    much together, by the slip's change along the contact, so what is told is a lower bound.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._problem = model.problem
+        self._pressed = [term.state.friction.closed for term in self._problem.contacts]
+        # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.
+        self._found: dict[int, tuple[float, float, float, str]] = {}
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step; collective."""
+        trials, before = self._problem.committed, self._pressed
+        self._pressed = [trial.pressure > 0.0 for trial in trials]
+        if isinstance(result, Interval):  # of explicit steps, which are short
+            return
+        sums = np.array([self._sums(index, before[index]) for index in range(len(trials))])
+        self._problem.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        when = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+        for index, (area, slip, length, friction, *deficit) in enumerate(sums):
+            if not (area > 0.0 and friction > 0.0 and slip > length):
+                continue
+            # Of a slip as long as the mean one, less what they have made.
+            share = max(deficit[0] * slip / area - deficit[1], 0.0) / friction
+            if share > max(SHORT, self._found.get(index, (0.0,))[0]):
+                self._found[index] = share, slip / length, length / area, when
+
+    def _sums(self, index: int, before: Bools) -> tuple[float, ...]:
+        """This rank's area that pressed before and does, its slip and facets; friction; deficit."""
+        term, trial = self._problem.contacts[index], self._problem.committed[index]
+        slip = np.linalg.norm(trial.kinematics.slip, axis=1)
+        viscous = trial.response.dissipation.viscous
+        if term.tied or not viscous.any():
+            return (0.0,) * 6
+        surface, weight = term.surface.slave, term.surface.slave.weight
+        stays, comes = weight * (before & self._pressed[index]), ~before & self._pressed[index]
+        traction = np.linalg.norm(trial.response.traction, axis=1)
+        per_slip = np.divide(viscous, slip**2, out=np.zeros_like(slip), where=comes & (slip > 0.0))
+        return (
+            float(stays.sum()),
+            float(stays @ slip),
+            float(stays @ surface.facet_length),
+            float(weight @ traction),
+            float(weight @ per_slip),
+            float(weight @ (per_slip * slip)),
+        )
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        pressed = [AtPoints(pair, points) for pair, points in enumerate(self._pressed)]
+        return {"pressed": pressed, "found": [[pair, *one] for pair, one in self._found.items()]}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._pressed = list(kept["pressed"])
+        self._found = {int(pair): tuple(one) for pair, *one in kept["found"]}
+
+    def warnings(self) -> Iterator[str]:
+        """One line for each pair whose film was late."""
+        for index, (share, facets, length, when) in self._found.items():
+            yield (
+                f"contact.{index}: a step slides {facets:.2g} facets of the slave, and the film of "
+                f"points that come under pressure in it counts for a part of it only: friction is "
+                f"at least {share:.1%} too low ({when}); slide at most a facet, {length:.3g} m, in "
+                "a step (slip_step, steps)"
+            )
+
+
 class Watches:
     """The watches of a run, told of every step.
 
@@ -323,11 +396,14 @@ class Watches:
         self._thickness = model.thickness
         self.roundoff = RoundOffWatch(problem, model.case.solver.tolerance)
         self.contacts = ContactWarnings(problem, None if kept is None else kept["contacts"])
-        # Points that run past the end of their master, films of points that come under pressure in
-        # too long a step, bodies that nothing holds, how far bodies flow, films that are found.
+        # Points that run past the end of their master, contact at ends, sides that fold, films of
+        # points that come under pressure in too long a step, bodies that nothing holds, how far
+        # bodies flow, films that are found.
         self._of_rows: dict[str, Any] = {
             "left": LeftMaster(model),
             "ends": PressedEnds(model),
+            "one_sided": OneSidedEnds(model),
+            "folds": FoldedSides(model),
             "flow": FlowWatch(problem),
             "films": FilmWatch(problem),
         }
@@ -355,8 +431,9 @@ class Watches:
 
     def warnings(self, stage: str) -> Iterator[str]:
         """What there is to say at the end, in stage ``stage``; collective."""
-        for name in ("left", "ends", "late"):
+        for name in ("left", "ends", "one_sided", "late"):
             yield from self._named[name].warnings()
+        yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()
         for name in ("floating", "flow", "films"):
             yield from self._named[name].warnings()

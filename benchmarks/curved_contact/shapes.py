@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact
-from tribox.geometry.generators.sphere_on_block import Body, SphereOnBlock, _Drawing
+from tribox.geometry.generators.sphere_on_block import Body, Drawing, SphereOnBlock
 from tribox.geometry.meshes.gmsh_model import Shape, write_msh
 from tribox.geometry.surfaces.facets import Floats
 
@@ -139,7 +139,7 @@ class TwoHemispheres:
             (self.lower, "rubber", "bottom", -1.0),
             (self.upper, "tool", "top", 1.0),
         ):
-            drawing = _Drawing(_mirrored(shape.bodies()[0], way), shape.part, shape.cell)
+            drawing = Drawing(_mirrored(shape.bodies()[0], way), shape.part, shape.cell)
             drawing.draw()
             tags[name] = drawing.cells
             tags |= {far if s == "far" else f"{name}_{s}": t for s, t in drawing.named.items()}

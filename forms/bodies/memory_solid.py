@@ -210,11 +210,12 @@ class MemorySolid(Solid):
     # -- history ------------------------------------------------------------------------------
 
     def commit(self) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.commit`."""
+        """See :meth:`tribox.forms.bodies.solid.Solid.commit`; collective."""
         before = self.points.last
         done = self.points.commit(self._u.x.array)
         if done is not None and self._adopted is None:
-            self._dissipated = self._dissipated + done.dissipation(before)
+            comm = self._u.function_space.mesh.comm
+            self._dissipated = self._dissipated + done.dissipation(before, comm)
         self._adopted = None
 
     def _integral(self, values: Floats) -> float:

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tribox.forms.native import library
@@ -244,18 +245,21 @@ class Evaluation:
         same = own.values is origin.values and (own.dt, own.elastic) == (origin.dt, origin.elastic)
         return same and np.array_equal(self.u, u)
 
-    def dissipation(self, before: Evaluation | None) -> Floats:
-        """Energy (2,), J, dissipated since the origin, and the part that the step's length makes.
+    def dissipation(self, before: Evaluation | None, comm: MPI.Comm) -> Floats:
+        """Energy (2,), J, this rank lost since the origin, and the step's part of it; collective.
 
         External forces do work by the trapezoidal rule, so that of the stress is the mean of the
         forces at both ends times the change of the displacements. What that leaves beside the
         stored energy is less than the dissipation by the stress at the end of the step. While a
         point flows all through a step that is ½ Δσ_Y Δα; where it begins to flow within it is
         more, and falls with the step too. Branches that steps resolve count their mean stress:
-        what is left of them is of second order, of either sign.
+        what is left of them is of second order, of either sign. A step in which nothing is lost on
+        any rank has no such part; where some lose, others have theirs: forces at nodes that they
+        share do work on both sides.
 
         Args:
             before: what was committed before; None: an undeformed body without stress.
+            comm: the ranks that the body is spread over.
         """
         stored, lost = self.energies[:2]
         forces, moved = self.forces, self.u
@@ -263,7 +267,8 @@ class Evaluation:
             forces, moved = forces + before.forces, moved - before.u
             stored = stored - before.energies[0]
         work = 0.5 * (forces @ moved)
-        return np.array([lost, lost - (work - stored) if lost > 0.0 else 0.0])
+        flows = comm.allreduce(bool(lost > 0.0), op=MPI.LOR)
+        return np.array([lost, lost - (work - stored) if flows else 0.0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -728,14 +728,17 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     return done;
 }
 
-/* The branches at the begin of the step; t->nu is then s less their sum. */
-INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, Turned *t)
+/* The branches at the begin of the step, for a return with their stress; t->nu is then s less their sum. */
+INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, int stress,
+                          Turned *t)
 {
     const int count = space ? 6 : 4;
     vec w = axes->w[0] * axes->w[1] * axes->w[2], r = inverse_cube_root(w), square = r * r;
     vec volume = t->at.volume = w * square;
     for (int a = 0; a < 3; ++a) {
         t->at.begin[a] = axes->w[(a + 1) % 3] * axes->w[(a + 2) % 3] * square;
+        if (!stress)
+            continue;
         t->at.E[a][a] = square_root(t->at.begin[a]);
         t->at.E2[a][a] = t->at.begin[a];
     }
@@ -753,6 +756,8 @@ INLINE void begin_turning(int space, const Material *m, const Axes *axes, const 
         }
         multiply(space, axes->G, inner, half);
         multiply(space, half, transposed, own->metric);
+        if (!stress)
+            continue;
         own->decay = own->phi = all(1.0);
         own->ratio = all(0.5);
         move(space, &t->at, all(0.0), own);
@@ -817,16 +822,14 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
         t->at.e[a][a] = trial[a] = axes->logs[a] - mean;
         t->nu[a][a] = s[a][a] = 2.0 * m->shear * trial[a];
     }
-    begin_turning(space, m, axes, state, t);
-    vec q = square_root(1.5 * contract(space, t->nu, t->nu)), lost = recovered(space, m, t);
-    yields(m, alpha, &begin, &rise);
-    t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
+    begin_turning(space, m, axes, state, !last, t);
     t->step = all(0.0);
     t->good = ~(ivec){};
-    if (last) {
+    if (last)
         end_as_before(space, m, axes, F, state, last, t);
-        q = square_root(1.5 * contract(space, t->nu, t->nu));
-    }
+    vec q = square_root(1.5 * contract(space, t->nu, t->nu)), lost = recovered(space, m, t);
+    yields(m, alpha + t->step, &begin, &rise);
+    t->flows = ((ivec)(q >= (1.0 - NEUTRAL) * begin) | (ivec)(t->step > 0.0)) & axes->good;
     vec scale = 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
     EACH(space, a, b) t->nu[a][b] *= scale;
     if (!last && any(t->flows)) {
@@ -843,13 +846,7 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
     t->numerical = 0.5 * t->step * (t->stress / end * (end - begin) + t->recovered - lost);
 }
 
-/* Orthonormal symmetric tensors: 11, 22, 33, 12, 23, 13. */
-INLINE void symmetric(int k, vec by, tensor a)
-{
-    const int i = PAIRS[k][0], j = PAIRS[k][1];
-    a[i][j] = a[j][i] = i == j ? by : 0.7071067811865476 * by;
-}
-
+/* Components by orthonormal symmetric tensors: 11, 22, 33, 12, 23, 13. */
 INLINE vec component(int k, const tensor a)
 {
     const int i = PAIRS[k][0], j = PAIRS[k][1];
@@ -864,8 +861,9 @@ INLINE void add_change(int space, const Branch *k, const tensor Y, double sign, 
     vec end = (1.0 - k->phi) * k->root, size = 2.0 / 3.0 * end * trace(Y);
     double scale = sign * k->modulus / 3.0;
     multiply(space, k->B, Y, BY);
-    EACH(space, a, b)
+    UPPER(space, a, b)
     dB[a][b] = Y[a][b] + Y[b][a] - end * (BY[a][b] + BY[b][a]) + size * k->B[a][b];
+    mirror(space, dB);
     vec mean = trace(dB) * (1.0 / 3.0);
     for (int i = 0; i < count; ++i)
         to[i * stride] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
@@ -974,22 +972,25 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
         add_rise(space, &t->at, t->k + k, rise);
 #pragma GCC unroll 1
     for (int j = 0; j < count; ++j) {
-        tensor dE, push = {}, Ed, Y;
+        const int r = PAIRS[j][0], s = PAIRS[j][1];
+        tensor dE, Y;
         change_of_exponential(space, &t->at, slope, j, dE);
-        symmetric(j, all(1.0), push);
-        multiply(space, t->at.E, push, Ed);
         for (int i = 0; i < 3; ++i)
             R[i * count + j] = j < 3 ? two * L[j] * ((i == j) - 1.0 / 3.0) : all(0.0);
         if (j >= 3)
             R[j * count + j] = two * L[j];
-        EACH(space, a, b) Ed[a][b] += L[j] * dE[a][b];
 #pragma GCC unroll 1
         for (int k = 0; k < m->branches; ++k) {
-            multiply(space, dE, t->k[k].Z, Y);
-            add_change(space, t->k + k, Y, 1.0, Q + j, count);
-            multiply(space, Ed, t->k[k].Z, Y);
-            add_change(space, t->k + k, Y, -1.0, R + j, count);
+            const Branch *own = t->k + k;
+            multiply(space, dE, own->Z, Y);
+            add_change(space, own, Y, 1.0, Q + j, count);
+            EACH(space, a, b)
+            Y[a][b] = r == s ? t->at.E[a][r] * own->Z[r][b]
+                             : 0.7071067811865476 * (t->at.E[a][r] * own->Z[s][b] + t->at.E[a][s] * own->Z[r][b]);
+            add_change(space, own, Y, -1.0, R + j, count);
         }
+        for (int i = 0; i < count; ++i)
+            R[i * count + j] -= L[j] * Q[i * count + j];
     }
     vec size = 2.449489742783178 * m->shear * t->step;
     vec across_it = size / (size + 0.8164965809277260 * t->stress);

@@ -296,7 +296,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     for (int b = 0; b < branches && (space || !moduli || energies); ++b) {
         vec energy[2];
         branch(section, w->modulus[b], w->share[b], w->rest[b], &at, frame, state + size * b,
-               end + size * b, energies ? energy : 0, space ? moduli : 0, &sum);
+               end ? end + size * b : 0, energies ? energy : 0, space ? moduli : 0, &sum);
         if (!energies)
             continue;
         vec fallen = square_root(state[kept + b]) - square_root(energy[0]);

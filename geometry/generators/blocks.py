@@ -76,8 +76,8 @@ class PlacedBlock:
         for key, given in (("elements", self.elements), ("grading", self.grading or None)):
             if given is not None and len(given) != len(self.low):
                 raise ValueError(f"{key} needs {len(self.low)} numbers, found {len(given)}")
-        if any(not 1.0 / MAX_GRADING <= g <= MAX_GRADING for g in self.grading):
-            raise ValueError(f"grading must be from {1.0 / MAX_GRADING} to {MAX_GRADING}")
+        for grading in self.grading:
+            check_grading(grading)
         if self.elements is not None:
             if any(int(count) != count or count < 1 for count in self.elements):
                 raise ValueError(f"elements = {list(self.elements)}: give whole numbers from 1 on")
@@ -120,6 +120,13 @@ def check_length(field: str, value: float) -> None:
         raise ValueError(
             f"{field} = {value} m is not allowed; it must be from {SHORTEST:g} to {LONGEST:g} m"
         )
+
+
+def check_grading(value: float) -> None:
+    """Raise a ValueError for a ratio of element extents that no mesh can have."""
+    if not 1.0 / MAX_GRADING <= value <= MAX_GRADING:
+        allowed = f"from {1.0 / MAX_GRADING} to {MAX_GRADING}"
+        raise ValueError(f"grading = {value:g} is not allowed; it must be {allowed}")
 
 
 def _layers(extent: float, size: float, grading: float) -> int:

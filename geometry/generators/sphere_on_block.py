@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 from tribox.geometry.generators.blocks import MAX_CELLS, ROUND_OFF, check_length
@@ -35,6 +35,9 @@ from tribox.geometry.generators.two_blocks import (
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
 QUARTERS = {"quarter": 1, "half": 2, "full": 4}
+PLANE = {"axisymmetric": (0,), "line": (4, 0)}
+"""Directions, in eighths of a turn, that a section in the plane is drawn in."""
+ENDS = {4: "left", 0: "right"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,10 @@ class SphereOnBlock:
 
     def bodies(self) -> tuple[Body, Body]:
         """The hemisphere and the block."""
-        return self._hemisphere(), self._block()
+        return (
+            round_section(self.radius, self.contact_width, self.contact_size, self.growth),
+            self._block(),
+        )
 
     def cells(self) -> int:
         """Number of cells of both bodies; of tetrahedra, which gmsh places, about."""
@@ -168,47 +174,6 @@ class SphereOnBlock:
                 around = 2 * body.across if self.dim == 3 else 1
                 total += deep * _edge(body, a, b).count * around
         return total * QUARTERS.get(self.part, 1)
-
-    def _hemisphere(self) -> Body:
-        R, half = self.radius, 0.5 * self.contact_width
-        across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
-        # R - sqrt(R^2 - x^2) without cancellation
-        rise = half**2 / (R + math.sqrt(R**2 - half**2))
-        inner = Ring(0.8 * half, rise + 0.8 * half, 0.8 * half)
-        deep = layers(math.hypot(0.2 * half, 0.8 * half), self.contact_size, self.growth)
-        flank = R * (0.5 * math.pi - math.asin(half / R))
-        out = layers(flank, self.contact_size, self.growth)
-        return Body(
-            rings={
-                "pole": Ring(0.0, 0.0, on="sphere"),
-                "core": Ring(0.0, inner.y),
-                "top": Ring(0.0, R),
-                "near": Ring(half, rise, half, on="sphere"),
-                "inner": inner,
-                "corner": Ring(0.6 * R, R, 0.45 * R),
-                "end": Ring(R, R, R * math.sqrt(0.5), on="sphere"),
-            },
-            parts=(
-                ("pole", "near", "inner", "core"),
-                ("core", "inner", "corner", "top"),
-                ("near", "end", "corner", "inner"),
-            ),
-            edges={
-                ("near", "inner"): Edge(deep, self.growth),
-                ("pole", "core"): Edge(deep, self.growth),
-                ("end", "corner"): Edge(deep),
-                ("near", "end"): Edge(out, self.growth),
-                ("inner", "corner"): Edge(out, self.growth),
-                ("core", "top"): Edge(out, self.growth),
-            },
-            across=across,
-            faces={
-                "contact": (("pole", "near"),),
-                "far": (("top", "corner"), ("corner", "end")),
-                "side": (("near", "end"),),
-            },
-            centre=R,
-        )
 
     def _block(self) -> Body:
         R, H, half = self.block_radius, self.block_height, 0.5 * self.contact_width
@@ -249,8 +214,66 @@ class SphereOnBlock:
         and where the bodies are cut ``U_symmetry_x`` and ``L_symmetry_x`` (the plane x = 0) and
         ``U_symmetry_z`` and ``L_symmetry_z`` (z = 0).
         """
-        upper, lower = (_Drawing(body, self.part, self.cell).draw() for body in self.bodies())
+        upper, lower = (Drawing(body, self.part, self.cell).draw() for body in self.bodies())
         mesh_pair(self.dim, (self.upper_name, self.lower_name), (upper, lower))
+
+
+def round_section(radius: float, width: float, size: float, growth: float) -> Body:
+    """Half the section of a hemisphere, or of a half cylinder, under which the contact lies.
+
+    The box is .4 as deep as the zone is wide, and narrower on its far side: so the cells at its
+    corners keep their shape also where the zone is as wide as the radius.
+    """
+    half = 0.5 * width
+    # R - sqrt(R^2 - x^2) without cancellation
+    rise = half**2 / (radius + math.sqrt(radius**2 - half**2))
+    inner, flank = rise + 0.8 * half, radius * (0.5 * math.pi - math.asin(half / radius))
+    body = boxed_section(
+        {
+            "pole": Ring(0.0, 0.0, on="sphere"),
+            "core": Ring(0.0, inner),
+            "top": Ring(0.0, radius),
+            "near": Ring(half, rise, half, on="sphere"),
+            "inner": Ring(0.8 * half, inner, 0.8 * half),
+            "corner": Ring(0.6 * radius, radius, 0.45 * radius),
+            "end": Ring(radius, radius, radius * math.sqrt(0.5), on="sphere"),
+        },
+        layers(math.hypot(0.2 * half, 0.8 * half), size, growth),
+        layers(flank, size, growth),
+        size,
+        growth,
+    )
+    faces = {
+        "contact": (("pole", "near"),),
+        "far": (("top", "corner"), ("corner", "end")),
+        "side": (("near", "end"),),
+    }
+    return replace(body, faces=faces, centre=radius)
+
+
+def boxed_section(rings: dict[str, Ring], deep: int, out: int, size: float, growth: float) -> Body:
+    """A section with a box under the contact, and two parts round it.
+
+    ``deep``, ``out``: cells along the sides of the box, and from them to the far side.
+    """
+    return Body(
+        rings,
+        parts=(
+            ("pole", "near", "inner", "core"),
+            ("core", "inner", "corner", "top"),
+            ("near", "end", "corner", "inner"),
+        ),
+        edges={
+            ("near", "inner"): Edge(deep, growth),
+            ("pole", "core"): Edge(deep, growth),
+            ("end", "corner"): Edge(deep),
+            ("near", "end"): Edge(out, growth),
+            ("inner", "corner"): Edge(out, growth),
+            ("core", "top"): Edge(out, growth),
+        },
+        across=max(1, math.ceil(rings["near"].radius / (size * ROUND_OFF))),
+        faces={},
+    )
 
 
 Corner = tuple[str, int]
@@ -258,20 +281,22 @@ Corner = tuple[str, int]
 
 
 @dataclass(slots=True)
-class _Drawing:
+class Drawing:
     """One body in the current gmsh model; points, curves and faces are made once each.
 
     Attributes:
         body: The body that is drawn.
-        part: How much of it.
+        part: How much of it; "line": its section and the mirror image of that.
         cell: Shape of the cells.
+        upwards: 1 or -1: which way from the contact it lies.
         cells: Tags of the faces (of the section) or volumes made.
         named: Tags of the curves or faces of each side.
     """
 
     body: Body
-    part: Part
+    part: Part | Literal["line"]
     cell: str
+    upwards: float = 1.0
     cells: list[int] = field(default_factory=list)
     named: dict[str, list[int]] = field(default_factory=dict)
     _points: dict[Corner, int] = field(default_factory=dict)
@@ -281,11 +306,14 @@ class _Drawing:
 
     def draw(self) -> Drawn:
         """Make all entities and record their names."""
-        if self.part == "axisymmetric":
+        for way in PLANE.get(self.part, ()):
             for names in self.body.parts:
-                self.cells.append(self._face([(name, 0) for name in names]))
+                self.cells.append(self._face([(name, way) for name in names]))
             for side, edges in self.body.faces.items():
-                self.named[side] = [abs(self._curve((a, 0), (b, 0))) for a, b in edges]
+                name = ENDS[way] if (self.part, side) == ("line", "side") else side
+                found = [abs(self._curve((a, way), (b, way))) for a, b in edges]
+                self.named.setdefault(name, []).extend(found)
+        if self.part in PLANE:
             return self.cells, self.named
         for quarter in range(QUARTERS[self.part]):
             for names in self.body.parts:
@@ -341,7 +369,7 @@ class _Drawing:
             ring = self.body.rings[name]
             quarter, between = divmod(direction, 2)
             x, z = (ring.diagonal, ring.diagonal) if between else (ring.radius, 0.0)
-            y = ring.y
+            y = self.upwards * ring.y
             if between and ring.on == "sphere":
                 R, square = self.body.centre, 2.0 * ring.diagonal**2
                 # R − √(R² − x² − z²) without cancellation
@@ -357,7 +385,7 @@ class _Drawing:
         import gmsh
 
         if y not in self._middles:
-            self._middles[y] = gmsh.model.geo.addPoint(0.0, y, 0.0)
+            self._middles[y] = gmsh.model.geo.addPoint(0.0, self.upwards * y, 0.0)
         return self._middles[y]
 
     def _curve(self, start: Corner, end: Corner) -> int:
@@ -392,7 +420,7 @@ class _Drawing:
         if key not in self._faces:
             loop = [self._curve(corners[i], corners[(i + 1) % 4]) for i in range(4)]
             wire = geo.addCurveLoop(loop)
-            if self.part == "axisymmetric":
+            if self.part in PLANE:
                 face = geo.addPlaneSurface([wire])
             elif all(self.body.rings[name].on == "sphere" for name, _ in corners):
                 # Without its centre gmsh fills the loop by a patch that is no sphere inside.

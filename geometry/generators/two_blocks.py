@@ -17,6 +17,7 @@ from tribox.geometry.generators.blocks import (
     Blocks,
     PlacedBlock,
     RegularMesh,
+    check_grading,
 )
 
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
@@ -31,7 +32,7 @@ class Block:
         width: Extent in x, m.
         height: Extent in y, m.
         elements: Number of elements along x and along y.
-        size: Largest element width, and height of the lowest elements, m.
+        size: Largest element width, and height of the least high elements, m.
         grading: Element height at the far side over that at the contact side, in a geometric
             progression; above 1 refines towards the contact.
     """
@@ -101,6 +102,8 @@ class TwoBlocks:
                     f"offset = {at} m in {axis} is not allowed; between {-above} and {below} m the "
                     "blocks overlap"
                 )
+        for block in (self.upper, self.lower):
+            check_grading(block.grading)
         check_pair(self._cell, CELLS[self.dim], (self.upper_name, self.lower_name))
         self.blocks()
 
@@ -126,12 +129,12 @@ class TwoBlocks:
         With U and L for their names, those that touch are ``U_contact`` and ``L_contact``, those
         opposite ``top`` (of U) and ``bottom`` (of L).
         """
-        (x, *z), below = self._corner(), self.lower.grading
+        (x, *z), growth = self._corner(), 1.0 / self.lower.grading
         upper, lower = self.upper_name, self.lower_name
         return Blocks(
             (
                 _placed(self.upper, upper, [x, self.gap, *z], self.upper.grading),
-                _placed(self.lower, lower, [0.0, -self.lower.height, 0.0], below and 1.0 / below),
+                _placed(self.lower, lower, [0.0, -self.lower.height, 0.0], growth),
             ),
             self._cell,
             renamed={

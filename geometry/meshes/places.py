@@ -86,7 +86,7 @@ def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlace
     point = np.repeat(np.arange(len(points)), [len(n) for n in near])
     row = np.concatenate([*near, np.empty(0, dtype=np.int64)]).astype(np.int64)
     kind = mesh.topology.cell_name()
-    xi = _reference_coordinates(kind, cell_order(mesh), X[row], points[point])
+    xi = places_from_centre(kind, cell_order(mesh), X[row], points[point])
     inside = _inside(kind, xi)
     return CellPlaces(point[inside], cells[row[inside]], xi[inside])
 
@@ -123,7 +123,7 @@ def _boxes(X: Floats, order: int) -> tuple[Floats, Floats]:
     return low - bulge, high + bulge
 
 
-def _reference_coordinates(cell: str, order: int, X: Floats, points: Floats) -> Floats:
+def places_from_centre(cell: str, order: int, X: Floats, points: Floats) -> Floats:
     """ξ (k, α) with Σ_a N_a(ξ) X_a = x, by Newton's method; not finite where there is none."""
     xi = np.repeat(centre(cell), len(points), axis=0)
     with np.errstate(all="ignore"):
@@ -143,9 +143,23 @@ def _reference_coordinates(cell: str, order: int, X: Floats, points: Floats) -> 
     return xi
 
 
+def excess(cell: str, xi: Floats) -> Floats:
+    """By how much reference coordinates (k, α) lie outside a cell (k,); negative inside."""
+    beyond = xi.sum(axis=1) if cell in _SIMPLICES else xi.max(axis=1, initial=-np.inf)
+    out: Floats = np.maximum((-xi).max(axis=1, initial=-np.inf), beyond - 1.0)
+    return out
+
+
+def clipped(cell: str, xi: Floats) -> Floats:
+    """Reference coordinates (k, α) moved into a cell, those inside as they are."""
+    inner = np.clip(xi, 0.0, 1.0)
+    if cell in _SIMPLICES:
+        inner /= np.maximum(inner.sum(axis=1, keepdims=True), 1.0)
+    out: Floats = inner
+    return out
+
+
 def _inside(cell: str, xi: Floats) -> Bools:
     """Whether reference coordinates (k, α) lie in a cell."""
-    excess = (-xi).max(axis=1, initial=-np.inf)
-    beyond = xi.sum(axis=1) if cell in _SIMPLICES else xi.max(axis=1, initial=-np.inf)
-    inside: Bools = np.maximum(excess, beyond - 1.0) <= INSIDE
+    inside: Bools = excess(cell, xi) <= INSIDE
     return inside

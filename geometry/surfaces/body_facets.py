@@ -92,7 +92,11 @@ def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str
 
 
 class OuterFacets:
-    """This rank's facets of the boundary of all bodies, and where named surfaces end on it."""
+    """This rank's facets of the boundary of all bodies, and where named surfaces end on it.
+
+    Attributes:
+        nodes: (n,) local ones, sorted, of these facets.
+    """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
         """Collect them; collective."""
@@ -104,6 +108,7 @@ class OuterFacets:
         corners = local[:, : shape.corners]
         glob = space.dofmap.index_map.local_to_global(corners.reshape(-1).astype(np.int32))
         self._corners: Longs = glob.reshape(corners.shape).astype(np.int64)
+        self.nodes: Longs = np.unique(local).astype(np.int64)
         middle = np.mean(shape.points[: shape.corners], axis=0)
         tangents = np.einsum("ba,fai->fbi", shape.first(middle[None])[0], position)
         self._normal: Floats = unit_normals(tangents)

@@ -8,6 +8,7 @@ facet's nodes.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -164,6 +165,18 @@ class FacetSurface:
         )
         self.neighbours = (incidence @ incidence.T).tocsr()
         self.neighbours.data[:] = 1
+
+    def for_others(self) -> FacetSurface:
+        """The same for other points than those whose search goes on from the last one."""
+        other = copy.copy(self)
+        other._code = CompiledFacets(self.shape, len(self.facets))
+        other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
+        return other
+
+    def is_smooth_end(self, facet: Ints) -> Bools:
+        """Which facets (q,) are smooth patches at an open end, with tangents of one side there."""
+        smooth: Bools = self._open[self.facets[facet]].any(axis=1)
+        return smooth & (self._extraction is not None)
 
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""

@@ -181,6 +181,10 @@ class RigidSurface(ABC):
 
     # -- carried along --------------------------------------------------------------------------
 
+    def for_others(self) -> RigidSurface:
+        """The same for other points than those whose search goes on from the last one."""
+        return self
+
     def project(
         self,
         points: Floats,

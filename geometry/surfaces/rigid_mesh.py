@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import scipy.sparse
 
@@ -65,6 +67,13 @@ class MeshSurface(RigidSurface):
         super().__init__(len(facets), 0.5 * (low + high), size, np.stack([low, high]))
         self.search, self.has_kinks = self._surface.search, self._surface.has_kinks
         self._cut = self._ends_of_rounds()
+
+    def for_others(self) -> MeshSurface:
+        """See :meth:`RigidSurface.for_others`."""
+        other = copy.copy(self)
+        other._surface = self._surface.for_others()
+        other.search = other._surface.search
+        return other
 
     def _project(
         self,

@@ -128,7 +128,7 @@ def _environment(binaries: Path, home: Path) -> dict[str, str]:
     """That of the tests, with a home of its own; compiled forms come from the usual cache."""
     found = mpi_environment()
     cache = found.get("XDG_CACHE_HOME") or str(Path(found.get("HOME", "/root")) / ".cache")
-    for name in ("TRIBOX_RESULTS", "TRIBOX_CONFIG", "XDG_CONFIG_HOME", "PYTHONSAFEPATH"):
+    for name in ("TRIBOX_RESULTS", "TRIBOX_TRUST", "PYTHONSAFEPATH"):
         found.pop(name, None)
     return found | {
         "HOME": str(home),

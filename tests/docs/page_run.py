@@ -189,7 +189,7 @@ class PageRun:
         with pytest.MonkeyPatch.context() as patch, contextlib.chdir(self.checkout.path):
             patch.setenv("HOME", self.checkout.environment["HOME"])
             patch.setenv("XDG_CACHE_HOME", self.checkout.environment["XDG_CACHE_HOME"])
-            for name in ("TRIBOX_RESULTS", "TRIBOX_CONFIG", "XDG_CONFIG_HOME"):
+            for name in ("TRIBOX_RESULTS", "TRIBOX_TRUST"):
                 patch.delenv(name, raising=False)
             patch.syspath_prepend(os.getcwd())
             yield

@@ -28,6 +28,16 @@ def test_the_program_reads_checkout_and_working_directory(docker: Machine, tmp_p
     assert {"NO_COLOR", "PYTEST_ADDOPTS", "TRIBOX_CFLAGS"} <= set(values(call, "--env"))
 
 
+def test_trusted_directories_reach_the_program_without_links(
+    docker: Machine, tmp_path: Path
+) -> None:
+    (tmp_path / "own cases").mkdir()
+    (tmp_path / "link").symlink_to("own cases")
+    docker.launch("check", "x.toml", TRIBOX_TRUST=f"{tmp_path}/link:relative:/not/there/*")
+    said = f"TRIBOX_TRUST={tmp_path}/own cases:relative:/not/there/*"
+    assert said in values(docker.container(), "--env")
+
+
 @pytest.mark.parametrize("engine", ["docker", "podman"])
 def test_every_container_is_tight(docker: Machine, engine: str) -> None:
     docker.install("podman", ENGINE)

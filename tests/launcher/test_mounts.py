@@ -216,30 +216,3 @@ def test_directory_the_container_needs_is_refused(docker: Machine) -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("tribox: /usr cannot be used")
     assert done.stderr.count("\n") == 1
-
-
-def test_settings_are_read_and_written_only_by_trust(docker: Machine) -> None:
-    config = docker.home / ".config/tribox"
-    docker.launch("run", "cases/sfa.toml")
-    assert f"TRIBOX_CONFIG={config}" in values(docker.container(), "--env")
-    assert not config.exists()
-    docker.launch("trust", "cases")
-    assert mounted(docker.container(), "rw") == {str(config)}
-    assert config.stat().st_mode & 0o077 == 0
-    docker.launch("run", "cases/sfa.toml")
-    assert str(config) in mounted(docker.container(), "ro")
-    # Not by a script in the home directory either.
-    (docker.home / "s.py").touch()
-    docker.launch("python", "s.py", cwd=docker.home)
-    assert mounted(docker.container(), "rw") == {str(docker.home)}
-    assert str(config) in mounted(docker.container(), "ro")
-    done = docker.launch("mesh", "cases/sfa.toml", "--out", str(config / "x"))
-    assert done.returncode == 2
-    assert "settings of tribox" in done.stderr
-
-
-def test_settings_of_the_users_choice(docker: Machine, tmp_path: Path) -> None:
-    (tmp_path / "settings").mkdir()
-    docker.launch("check", TRIBOX_CONFIG="../settings")
-    assert f"TRIBOX_CONFIG={tmp_path}/settings" in values(docker.container(), "--env")
-    assert f"{tmp_path}/settings" in mounted(docker.container(), "ro")

@@ -273,6 +273,11 @@ def test_keys_of_the_table_come_first():
     assert body.hardening.modulus == 0.0 and body.E is None and body.shear_modulus == 26e9
 
 
+def test_a_pair_of_moduli_takes_the_place_of_the_other_pair():
+    body = read(case_with(material="NR-60A", E="5 MPa", nu=0.49)).bodies["aluminium"]
+    assert (body.E, body.nu, body.G, body.K) == (5e6, 0.49, None, None)
+
+
 @pytest.mark.parametrize(
     "keys", [{}, {"E": "71 GPa"}, {"G": 26e9, "K": 7e10}, {"hardening": {"n": 0.3}}]
 )

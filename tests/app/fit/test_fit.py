@@ -428,11 +428,29 @@ def test_the_thickness_is_asked_for_only_by_the_law_of_the_film(tmp_path):
         read_data(write(tmp_path, viscous), needs_film=False)
 
 
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_tables_of_spreadsheets_are_read(tmp_path, mark):
+    """Semicolons or tabs between columns, decimals behind commas, rows without a value."""
+    written = GOOD.replace(",", mark).replace("1e-", "1,0e-") + 3 * mark + "\n"
+    read = read_data(write(tmp_path, written))
+    same = read_data(write(tmp_path, GOOD))
+    assert read.velocity == pytest.approx(same.velocity, rel=1e-15)
+    assert read.traction == pytest.approx(same.traction, rel=1e-15)
+
+
+def test_marks_within_quotes_and_columns_that_are_not_read_decide_nothing(tmp_path):
+    """Nor do empty headings, nor tabs beside commas."""
+    first, *rows = GOOD.splitlines()
+    more = [f'{first}\t,"remark; operator",', *(f'{row},"3;4","5,1"' for row in rows)]
+    read = read_data(write(tmp_path, "\n".join(more)), ignored=["remark; operator"])
+    assert read.velocity == pytest.approx(read_data(write(tmp_path, GOOD)).velocity, rel=1e-15)
+
+
 def test_columns_that_are_told_are_not_read(tmp_path):
     text = "".join(f"now,{line}\n" for line in GOOD.splitlines()).replace("now", "time [h]", 1)
     path = write(tmp_path, text)
     assert len(read_data(path, ignored=["time"])) == 8
-    assert len(read_data(path, ignored=["time [h]"])) == 8
+    assert len(read_data(path, ignored=["Time [h]"])) == 8
     with pytest.raises(InputError, match=r'no column "times" in .*; there are time \[h\], thick'):
         read_data(path, ignored=["times"])
     both = text.replace("time [h]", "time [h],T", 1).replace("now,", "now,20,")
@@ -463,8 +481,9 @@ GOOD = HEAD + "\n" + "".join(f"0,1e-{k},3,{300 + k}\n" for k in range(1, 9))
     ("text", "words"),
     [
         ("", ["is empty"]), (HEAD, ["no data"]),
-        (GOOD.replace(",", ";"), [":1:", "semicolons", "commas", "point"]),
-        (GOOD.replace(",", "\t"), [":1:", "tabs", "commas"]),
+        (GOOD.replace(",", ";").replace("301", "301.5").replace("305", "305,5"),
+         [":6:", "behind a point in line 2", "behind a comma in line 6"]),
+        ("Machine 7\n" + GOOD, [":1:", '"Machine 7"', 'begin lines before that of the names']),
         (GOOD.replace("0,1e-3,3,303", '0,1e-3,3,"303,5"'), [":4:", "traction", "point"]),
         (GOOD.replace("velocity", "velocty"), [":1:", "velocty", 'did you mean "velocity"']),
         (GOOD.replace("[nm]", "[s]"), [":1:", "thickness", "wrong dimension"]),

@@ -9,7 +9,6 @@ import pytest
 import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from tests.app.checkpoint.small_cases import changed
 from tests.app.conftest import BLOCK, BOXES
@@ -22,7 +21,7 @@ from tribox.app.errors import InputError
 from tribox.app.implicit import body_blocks
 from tribox.app.implicit.body_blocks import KEPT_LIMIT, MOST, BodyBlocks, BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
-from tribox.app.implicit.factor import CoupledFactor, Factor, positive_solver
+from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
 from tribox.app.implicit.multigrid import MultigridSolver
 from tribox.forms.bodies.materials import NeoHookean
@@ -244,11 +243,14 @@ def forces_of(sim):
     return [[row.normal_force, row.tangential_force] for row in sim.rows]
 
 
-def by_iterations(comm, directory):
+def by_iterations(comm, directory, limit=0):
     """Forces, and iterations of Newton's method and of linear solves; collective."""
-    sim = boxes(comm, "krylov")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(body_blocks, "KEPT_LIMIT", limit)
+        sim = boxes(comm, "krylov")
     way = sim.stepper.solver.way
     assert isinstance(way._bodies.own, MultigridSolver) and way._whole is None
+    assert isinstance(way._bodies._stiff, Factor if limit else MultigridSolver)
     return forces_of(sim), *(
         sum(getattr(row, name) for row in sim.rows)
         for name in ("newton_iterations", "linear_iterations")
@@ -263,44 +265,16 @@ def boxes_by_factors():
 
 
 @pytest.mark.mpi(by_iterations, 2)
-@pytest.mark.parametrize(("ranks", "limit"), [(1, KEPT_LIMIT), (1, 0), (2, KEPT_LIMIT)])
-def test_bodies_solved_for_by_iterations(on_ranks, monkeypatch, boxes_by_factors, ranks, limit):
+@pytest.mark.parametrize(("ranks", "limit"), [(1, KEPT_LIMIT), (1, 0), (2, 0)])
+def test_bodies_solved_for_by_iterations(on_ranks, boxes_by_factors, ranks, limit):
     """The soft one, and the stiff one where it is too large to factorise."""
-    monkeypatch.setattr(body_blocks, "KEPT_LIMIT", limit)
     found, newton, linear = (
-        on_ranks(by_iterations, 2) if ranks == 2 else by_iterations(MPI.COMM_SELF, None)
+        on_ranks(by_iterations, 2) if ranks == 2 else by_iterations(MPI.COMM_SELF, None, limit)
     )
     wanted, exactly = boxes_by_factors
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
     assert newton <= exactly + 2 * len(wanted)
     assert 5 * newton < linear < 40 * newton
-
-
-def factors_without_their_matrix(comm, directory):
-    """References left to a matrix that was let go, and how far solutions are apart."""
-    matrix = PETSc.Mat().createAIJ((60, 60), nnz=3, comm=comm)
-    for row in range(*matrix.getOwnershipRange()):
-        for column in {max(row - 1, 0), row, min(row + 1, 59)}:
-            matrix[row, column] = 3.0 if row == column else -1.0
-    matrix.assemble()
-    factor = Factor(matrix, "apart_", symmetric=True, solver=positive_solver(matrix.comm))
-    assert factor.make()
-    alias = factor._ksp.getOperators()[0]
-    rhs = np.arange(1.0, 1.0 + matrix.getLocalSize()[0])
-    before = factor.solve(rhs).copy()
-    factor.keep_only_factors()
-    found = alias.getRefCount(), float(np.abs(factor.solve(rhs) - before).max())
-    alias.destroy()
-    factor.destroy()
-    return found
-
-
-@pytest.mark.mpi(factors_without_their_matrix, 2)
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_factors_solve_without_their_matrix(on_ranks, ranks):
-    scene = factors_without_their_matrix
-    found = scene(MPI.COMM_SELF, None) if ranks == 1 else on_ranks(scene, 2)
-    assert list(found) == [1, 0.0]
 
 
 def test_nothing_outlives_the_solver(pair):

@@ -15,7 +15,7 @@ from tests.own_law import CLOSED, OWN, documented_law, line_of, mischief, with_l
 from tests.ranks import LIMIT, command
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.case.trust import CONTAINED
+from tribox.app.case.trust import CONTAINED, TRUSTED
 from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
@@ -33,7 +33,7 @@ def short(block: str) -> str:
 @pytest.fixture
 def marked(block, case_file, tmp_path, monkeypatch) -> Path:
     """A case whose law leaves a file ``ran`` when it is imported."""
-    monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
+    monkeypatch.delenv(TRUSTED, raising=False)
     mark = f"open({str(tmp_path / 'ran')!r}, 'w').close()\n"
     (tmp_path / "my_law.py").write_text(mark + documented_law())
     return case_file(with_law(short(block)))
@@ -49,7 +49,7 @@ def test_only_a_trusted_run_imports_a_law(marked, tmp_path, tribox):
         refused = tribox(*words)
         assert refused.returncode == 2 and refused.stderr.count("\n") == 1
         assert f"makes this case code: {law} would be run" in refused.stderr
-        assert "--trust" in refused.stderr and f"tribox trust {tmp_path}" in refused.stderr
+        assert "--trust" in refused.stderr and f"{TRUSTED}={tmp_path}" in refused.stderr
     assert tribox("mesh", marked, "--out", tmp_path / "mesh").returncode == 0
     assert tribox("map", marked).returncode == 2
     assert not ran.exists() and not out.exists()
@@ -67,17 +67,10 @@ def test_only_a_trusted_run_imports_a_law(marked, tmp_path, tribox):
     assert not ran.exists() and not (out / "inputs").exists()
 
 
-def test_a_trusted_directory_is_enough(marked, tmp_path, tribox):
-    listed = tribox("trust")
-    assert listed.returncode == 0 and "no directory is trusted" in listed.stdout
-    assert tribox("trust", tmp_path).stdout.startswith(f"{tmp_path}: ")
-    assert tribox("trust", "--list").stdout == f"{tmp_path}\n"
+def test_a_trusted_directory_is_enough(marked, tmp_path, tribox, monkeypatch):
+    monkeypatch.setenv(TRUSTED, str(tmp_path))
     done = tribox("run", marked, "--out", tmp_path / "out")
     assert done.returncode == 0 and (tmp_path / "ran").exists()
-    assert tribox("trust", "--remove", tmp_path).returncode == 0
-    assert tribox("run", marked, "--out", tmp_path / "out", "--force").returncode == 2
-    assert tribox("trust", "--remove").returncode == 2
-    assert tribox("trust", tmp_path / "none").stderr.endswith("none: no such directory\n")
 
 
 def test_ranks_and_the_values_of_a_sweep_are_told(marked, tmp_path, tribox):
@@ -133,7 +126,6 @@ def test_check_tries_laws(marked, tmp_path, tribox):
 
 
 def test_a_drawing_needs_trust_outside_the_container(tmp_path, tribox, monkeypatch):
-    monkeypatch.setenv("TRIBOX_CONFIG", str(tmp_path / "config"))
     drawing, case, ran = tmp_path / "pad.geo", tmp_path / "pad.toml", tmp_path / "ran"
     plain = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nMesh.MeshSizeMax = 1;\n'
     plain += 'Physical Surface("pad") = {1};\nPhysical Curve("foot") = {1};\n'
@@ -157,11 +149,11 @@ def test_a_drawing_needs_trust_outside_the_container(tmp_path, tribox, monkeypat
         allowed = tribox(*words, "--trust")
         assert allowed.returncode == 0 and ran.exists(), allowed.stderr
         ran.unlink()
-    assert tribox("trust", tmp_path).returncode == 0
+    monkeypatch.setenv(TRUSTED, str(tmp_path))
     for words in commands:
         assert tribox(*words).returncode == 0 and ran.exists()
         ran.unlink()
-    assert tribox("trust", "--remove", tmp_path).returncode == 0
+    monkeypatch.delenv(TRUSTED)
     monkeypatch.setenv(CONTAINED, "1")
     assert f"{CONTAINED}=1" in (ROOT / "Dockerfile").read_text()
     assert tribox("check", case).returncode == 0 and ran.exists()

@@ -183,7 +183,8 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     time = float(rows[-1]["time"]) if rows else 0.0
     assert text.startswith(f"stage {stage}, time {time:.6g} s: ")
     assert what in text and cure in text and "\n" not in text
-    assert ("off the end" in text) is (problem in (overrun, wedged))
+    if problem is not wedged:  # whose corner may be past the end when it collapses, or not yet
+        assert ("off the end" in text) is (problem is overrun)
     assert ("no support" in text) is (problem in (unsupported, lifted))
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["failure"]) == ("failed", text)

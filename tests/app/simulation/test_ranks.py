@@ -220,7 +220,7 @@ def _plane(text: str) -> str:
 
 _RINGS = BLOCKS.replace('thickness = "1 mm"', 'section = "axisymmetric"')
 # So deep that of three ranks one has all slaves, one all masters, and one no part in the contact.
-_DEEP = _RINGS.replace("[6, 3]", "[6, 6]").replace("0.8 mm", "1.6 mm").replace("[8, 4]", "[8, 8]")
+_DEEP = _RINGS.replace("[6, 3]", "[6, 4]").replace("0.8 mm", "1.6 mm").replace("[8, 4]", "[8, 12]")
 _TETS = BOXES.replace('kind = "two-boxes"', 'kind = "two-boxes"\ncell = "tetrahedron"')
 _SLID = SLID.replace('duration = "20 us"', 'duration = "13 us"')
 _ROUND = (

@@ -1,15 +1,13 @@
 """cases/sfa.toml: steady points on the closed form, the paper's four claims, and the figures."""
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from tests.ranks import LIMIT
+from tests.ranks import called
 from tribox.app.case.reading import load_case
 from tribox.app.results.directory import read_table
 from tribox.forms.closed_forms.homogeneous_sliding import (
@@ -73,18 +71,11 @@ class Point:
 
 
 @pytest.fixture(scope="module")
-def sfa(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Path:
+def sfa(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of cases/sfa.toml, swept over four thicknesses by the command line."""
     directory = tmp_path_factory.mktemp("sfa") / "sfa"
-    done = subprocess.run(
-        [sys.executable, "-m", "tribox", "run", str(CASE), "--out", str(directory)],
-        cwd=directory.parent,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-    )
-    assert done.returncode == 0, done.stderr
+    code, said = called("run", CASE, "--out", directory)
+    assert code == 0, said
     return directory
 
 

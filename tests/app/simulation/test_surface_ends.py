@@ -341,3 +341,44 @@ def test_a_master_that_would_fade_everywhere_is_refused(block):
     case = Case.model_validate(data_of(block, fade_length="0.7 mm"))
     with pytest.raises(InputError, match=r"contact\.0: fade_length = 0\.0007 m: no part of the"):
         build_model(case, MPI.COMM_SELF)
+
+
+# -- smooth masters that end ----------------------------------------------------------------------
+
+# Both blocks held sideways: uniaxial strain, but for how a smooth master hands on its end's load.
+FLAT = """
+boundary = [
+ { surface = "bottom", symmetry = true }, { surface = "elastomer_left", symmetry = true },
+ { surface = "aluminium_left", symmetry = true }, { surface = "elastomer_right", symmetry = true },
+ { surface = "aluminium_right", symmetry = true },
+ { surface = "top", pressure = [["0 s", "0 MPa"], ["1 s", "1 MPa"]] },
+]
+stage = [{ name = "press", duration = "1 s", steps = 1 }]
+output = { figures = false }
+[[contact]]
+slave = "elastomer_contact"
+master = "aluminium_contact"
+friction = { law = "frictionless" }
+[bodies]
+elastomer = { material = "hencky", E = "70 GPa", nu = 0.3 }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.3 }
+[geometry]
+kind = "two-blocks"
+upper = { width = "10 mm", height = "5 mm", elements = [20, 4] }
+lower = { width = "10 mm", height = "5 mm", elements = [20, 4] }
+"""
+
+
+@pytest.mark.parametrize(("keys", "off"), [({}, 0.0), ({"smoothing_angle": "30 deg"}, 0.11)])
+def test_a_smooth_master_that_ends_below_its_slave_fails_the_patch_test_and_is_told(
+    tmp_path, keys, off
+):
+    data = tomllib.loads(FLAT)
+    data["contact"][0] |= keys
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    result = read(tmp_path / "out")
+    pressure = result.contact().point_data["pressure"] / 1e6
+    assert pressure.max() - 1.0 == pytest.approx(off, abs=0.01)
+    assert result.history.normal_force.iloc[-1] == pytest.approx(1e4, rel=1e-4)
+    told = "is made smooth from one side only" in read_log(tmp_path / "out").replace("\n", " ")
+    assert told == bool(off)

@@ -67,7 +67,7 @@ def test_boxes_have_six_sides():
         ({"high": (0.0, 1.0)}, "strip: x must go from a lower to a higher value"),
         ({"elements": None}, "strip: give either elements or size"),
         ({"elements": (4, 2, 1)}, "strip: elements needs 2 numbers, found 3"),
-        ({"grading": (0.0, 1.0)}, "strip: grading must be from"),
+        ({"grading": (0.0, 1.0)}, "strip: grading = 0 is not allowed; it must be from"),
         ({"elements": None, "size": 1e-9}, "strip: size = 1e-09 m is too small"),
     ],
 )

@@ -198,3 +198,16 @@ def found_and_sampled(seed, facets, height, spacing=(0.7, 1.3)):
     points = np.stack([rng.uniform(0.0, x[-1], 40), rng.uniform(-5.0, 5.0, 40) * height], axis=1)
     found = np.linalg.norm(points - line.project(points, nodes).foot, axis=1)
     return found, cKDTree(places).query(points)[0]
+
+
+def test_a_surface_for_other_points_has_the_same_shape_and_a_search_of_its_own():
+    """Chords of this smooth arc lie .009 inside it."""
+    angle = np.linspace(0.0, np.pi, 13)
+    nodes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    facets = np.stack([np.arange(12), np.arange(1, 13)], axis=1)
+    surface = FacetSurface(facet_shape("interval", 1), facets, nodes, np.radians(30.0))
+    own = surface.project(0.9 * nodes[3:5], nodes)
+    other = surface.for_others().project(np.array([[0.0, 2.0], [0.6, 0.6], [0.0, 0.9]]), nodes)
+    assert abs(np.abs(other.gap) - [1.0, 1.0 - 0.6 * np.sqrt(2.0), 0.1]).max() < 1e-3
+    again = surface.project(0.9 * nodes[3:5], nodes)
+    assert np.array_equal(again.facet, own.facet) and np.array_equal(again.gap, own.gap)
