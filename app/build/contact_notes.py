@@ -23,6 +23,7 @@ from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
 OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
+WAVED_FIT = 0.2  # height of a master's chords over interference that sliding over them is felt from
 DENTED = 1e-4  # depth over facet length from which bodies are said to press at the start
 CHORDS = (
     "; chords of arcs overlap so where their ends do not line up: a drawing of order = 2 keeps arcs"
@@ -50,11 +51,13 @@ class Corners:
 
     Attributes:
         ratio: largest distance between corners over the length of the slave's facets beside them; 0
-            without corners. degrees: largest angle at which facets meet there.
+            without corners. degrees: largest angle at which facets meet there. height: m, of arcs
+            over the chords between such corners.
     """
 
     ratio: float
     degrees: float
+    height: float
 
 
 def stiffer_slave(
@@ -162,8 +165,7 @@ def note_on_fit(
     Args:
         at: the slave's points on the master, undeformed.
     """
-    fit = contact.interference
-    size = max(map(abs, fit.values)) if isinstance(fit, TimeTable) else 0.0
+    size = _fit_size(contact)
     if size == 0.0:
         return
     near = at.on_surface & (np.abs(at.distance) < max(size, surface.facet_length))
@@ -179,6 +181,23 @@ def note_on_fit(
             "interference, which counts from there: chords of arcs do so (finer facets, on both "
             "surfaces at the same places), or the surfaces are drawn so"
         )
+
+
+def note_on_waved_fit(place: str, contact: Contact, corners: Corners) -> Iterator[str]:
+    """A line on a fit whose surfaces ride over each other's corners as they slide."""
+    size = _fit_size(contact)
+    if corners.height > WAVED_FIT * size > 0.0:
+        yield (
+            f"{place}: arcs of {contact.master} stand {corners.height:.2g} m over its chords, "
+            f"{100.0 * corners.height / size:.0f} % of the interference: forces wave as "
+            f"{contact.slave} slides over them; a drawing of order = 2 keeps arcs"
+        )
+
+
+def _fit_size(contact: Contact) -> float:
+    """Largest interference, m, that is given; 0 without one, or for one that is drawn."""
+    fit = contact.interference
+    return max(map(abs, fit.values)) if isinstance(fit, TimeTable) else 0.0
 
 
 def note_on_radius(

@@ -25,6 +25,7 @@ from tribox.app.build.contact_notes import (
     note_on_sliding,
     note_on_stick,
     note_on_tie,
+    note_on_waved_fit,
     notes_on_penalty,
     notes_on_surfaces,
     slides,
@@ -238,7 +239,10 @@ class ContactBuilder:
         yield from note_on_corners(place, asked, corners)
         near = at.on_surface & (at.gap < distance + surface.facet_length)
         normal = surface.space.mesh.comm.allreduce(at.normal[near].sum(axis=0))
-        if surface.dim == 3 and slides(self.case, normal):
+        if not slides(self.case, normal):
+            return
+        yield from note_on_waved_fit(place, asked, corners)
+        if surface.dim == 3:
             smooth = asked.model_copy(update={"smoothing_angle": STRAIGHT})
             degree = self.space.element.basix_element.degree
             cell = self.named.mesh.topology.cell_name()
@@ -443,7 +447,7 @@ def corners_of(
     """
     comm, master = surface.space.mesh.comm, surface.master
     if isinstance(master, RigidMaster):
-        return Corners(0.0, 0.0)
+        return Corners(0.0, 0.0, 0.0)
     size = master.sizes()
     spacing: Floats = np.zeros(len(master.facets))
     angle = spacing
@@ -457,9 +461,14 @@ def corners_of(
     near &= inward < surface.slave.facet_length
     ratio = np.where(near, spacing[at.facet] / surface.slave.facet_length, 0.0)
     worst = int(np.argmax(ratio)) if len(ratio) else -1
-    mine = (float(ratio[worst]), float(angle[at.facet[worst]])) if worst >= 0 else (0.0, 0.0)
-    largest, turned = max(comm.allgather(mine))
-    return Corners(largest, float(np.degrees(turned)))
+    mine = (0.0, 0.0, 0.0)
+    if worst >= 0 and ratio[worst] > 0.0:
+        facet = at.facet[worst]
+        # An arc that turns by ω over a chord c stands c ω/8 over it.
+        height = spacing[facet] * angle[facet] / 8.0
+        mine = (float(ratio[worst]), float(angle[facet]), float(height))
+    largest, turned, height = max(comm.allgather(mine))
+    return Corners(largest, float(np.degrees(turned)), height)
 
 
 def _on_chords(contact: Contact, surface: ContactSurface, at: Projection) -> str:

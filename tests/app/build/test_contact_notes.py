@@ -144,6 +144,36 @@ def test_a_slave_that_slides_over_a_round_master_in_space_is_noted(overrides, cu
         assert cure in note
 
 
+ROUND_MASTER = (
+    'contact.0.slave="aluminium_contact"',
+    'contact.0.master="elastomer_contact"',
+    "geometry.contact_size=150 um",
+    "geometry.growth=2",
+)
+SLID = MOVED.format('displacement={y=0, x=[["0 s", 0], ["1 s", "1 mm"]]}')
+
+
+@pytest.mark.parametrize(
+    ("overrides", "noted"),
+    [
+        (["contact.0.interference=1 um", SLID], True),
+        (["contact.0.interference=1 um", TURNED], True),
+        (["contact.0.interference=1 um", DOWN], False),
+        (["contact.0.interference=4 um", SLID], False),
+        (["contact.0.interference=1 um", SLID, 'contact.0.smoothing_angle="30 deg"'], False),
+        ([SLID], False),
+    ],
+)
+def test_a_fit_that_slides_over_chords_of_its_size_is_noted(overrides, noted):
+    """Facets of 150 um on a radius of 10 mm: arcs stand h²/8R = 0.28 um over them."""
+    case = load_case(CASES / "hertz-line.toml", [*ROUND_MASTER, *overrides])
+    notes = [n for n in build_model(case, MPI.COMM_SELF).notes if "over its chords" in n]
+    assert len(notes) == noted
+    for note in notes:
+        height = float(note.split(" stand ")[1].split(" m ")[0])
+        assert height == pytest.approx(0.281e-6, rel=0.02)
+
+
 def test_a_film_that_the_law_does_not_know_is_noted(block):
     data = tomllib.loads(block)
     assert not [
