@@ -66,10 +66,25 @@ class Arrow:
     Attributes:
         direction: (i,) of length one; None: across the surface, into its body.
         kind: one of `KINDS`.
+        presses: whether the sense of the direction is that into the body.
     """
 
     direction: tuple[float, ...] | None
     kind: str
+    presses: bool = False
+
+    def ways(self, inwards: Points) -> Points:
+        """Where the arrow points (n, i) on a surface with directions (n, i) into its body."""
+        if self.direction is None:
+            return inwards
+        way = np.array(self.direction[: inwards.shape[1]])
+        turned = self.presses & (inwards @ way < 0.0)
+        return np.where(turned[:, None], -way, way)
+
+    @property
+    def comes(self) -> bool:
+        """Whether it ends on the surface and does not begin there."""
+        return self.presses or self.direction is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,8 +234,8 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
             continue
         middle, inside = places[name].mean(axis=(0, 1)), _inwards(places[name], centre)
         for arrow in arrows:
-            along = length * (inside if arrow.direction is None else np.array(arrow.direction))
-            start = (middle - along if arrow.direction is None else middle) @ scene.camera.plane
+            along = length * arrow.ways(inside[None])[0]
+            start = (middle - along if arrow.comes else middle) @ scene.camera.plane
             across, colour = along @ scene.camera.plane, KINDS[arrow.kind]
             if arrow.kind == "held":
                 ends = np.stack([start - 0.25 * across, start + 0.25 * across])
@@ -413,14 +428,13 @@ def _draw_arrows(
     chosen = np.unique(np.linspace(0, len(lines) - 1, ARROWS + 2).round().astype(int)[1:-1])
     for arrow in marks.arrows.get(name, ()):
         start = lines[chosen].mean(axis=1)
-        way = inwards[chosen] if arrow.direction is None else np.array([arrow.direction[:2]])
         length = (0.16 if arrow.kind == "held" else 0.4) * per_inch
-        along = np.broadcast_to(length * way, start.shape)
+        along = length * arrow.ways(inwards[chosen])
         if arrow.kind == "held":
             strokes = np.stack([start - along, start + along], axis=1)
             axes.add_collection(LineCollection(list(strokes), color=KINDS["held"], linewidth=2.0))
             continue
-        tail = start - along if arrow.direction is None else start
+        tail = start - along if arrow.comes else start
         axes.quiver(
             *tail.T, *along.T, color=KINDS[arrow.kind], angles="xy", scale_units="xy", scale=1.0,
             width=0.004, zorder=4,

@@ -127,7 +127,7 @@ def _deeds(table: Boundary | AnyTool, dim: int) -> Iterator[tuple[str, Arrow | N
         if part is not None:
             way = list(unit_vector(part.direction, dim))
             along = "".join(direction_components(part.direction))
-            yield f"{key} in {along}", Arrow(tuple(way), "loaded")
+            yield f"{key} in {along}", Arrow(tuple(way), "loaded", presses=key == "platen")
     if getattr(table, "pressure", None) is not None:
         yield "pressure", Arrow(None, "loaded")
     for key in ("foundation", "rotation"):

@@ -112,6 +112,14 @@ def sheet(direction):
     return NamedMesh(cube, cells, facets, {"sheet": 1}, {"side": 1})
 
 
+def test_a_platen_presses_whatever_sense_its_direction_has():
+    """Into the body on either side of it; an arrow that does not press keeps its own sense."""
+    inwards = np.array([[0.6, -0.8], [0.0, 1.0]])
+    platen = Arrow((0.0, 1.0, 0.0), "loaded", presses=True)
+    assert platen.ways(inwards).tolist() == [[0.0, -1.0], [0.0, 1.0]]
+    assert Arrow((0.0, 1.0), "moved").ways(inwards).tolist() == [[0.0, 1.0], [0.0, 1.0]]
+
+
 @pytest.mark.parametrize(("thin", "upwards"), [(1, "y"), (2, "z")])
 def test_a_sheet_lies_flat_and_slaves_decide(thin, upwards):
     """What lies flat is seen from above, whatever a drawing calls upwards."""
