@@ -145,6 +145,7 @@ def colour_scale(values: Floats, unit: str) -> ColourScale:
     least, most = float(found.min()), float(found.max())
     if high - low <= 1e-9 * max(abs(low), abs(high)):  # uniform but for a few cells, or all of it
         low, high = least, most
+    # Colours about zero only where both signs count: else a trace of the other would take half.
     largest = max(abs(low), abs(high))
     if low < -UNLIKE * largest and high > UNLIKE * largest:
         low, high, cmap = -largest, largest, "RdBu_r"
@@ -294,6 +295,8 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
     count = int(rows.max(initial=0)) + 1
     keys, most = rows[:, 0].astype(np.int64), count
     for column in rows.T[1:]:
+        # Digits of a number to the base ``count``; before it gets too large, what there is so far
+        # is replaced by its rank among all, which is as good a first digit and small.
         if most > np.iinfo(np.int64).max // count:
             keys = np.unique(keys, return_inverse=True)[1].astype(np.int64)
             most = len(rows)

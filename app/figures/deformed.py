@@ -336,6 +336,7 @@ def seen_along_normal(nodes: Grid, pair: int) -> Plan:
     facets = facets_of(nodes, pair)
     x = np.asarray(nodes.points, dtype=np.float64)
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
+    # Weighted by pressure: all round a roller normals cancel, where it touches they do not.
     share = pressure[facets].mean(axis=1)
     areas = area_vectors(x[facets])
     normal = (areas * share[:, None]).sum(axis=0) if share.any() else areas.sum(axis=0)
@@ -416,6 +417,7 @@ def touching(nodes: Grid, facets: Ints, place: Floats) -> Outline:
     data = nodes.point_data
     cover = np.asarray(data["cover"] if "cover" in data else data["pressure"] > 0.0, np.float64)
     mesh, values = _triangles(place, facets, cover)
+    # No share is above 1: the upper level only closes the interval.
     filled = Figure().subplots().tricontourf(mesh, values, levels=[0.5, 2.0])
     return Outline.make_compound_path(*filled.get_paths())
 
@@ -424,6 +426,7 @@ def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulati
     """Triangles of the facets and their nodal values; quadrilaterals are cut from their middle."""
     if facets.shape[1] == 3:
         return Triangulation(*place.T, facets), values
+    # Of two triangles each, colours would show which diagonal was taken.
     middle = len(place) + np.arange(len(facets))
     sides = [np.stack([facets[:, k], facets[:, (k + 1) % 4], middle], axis=1) for k in range(4)]
     places = np.concatenate([place, place[facets].mean(axis=1)])

@@ -65,6 +65,7 @@ def forces_figure(results: Results) -> Figure:
         x = at.values[rows]
         normal, friction = table["normal_force"], table["friction_force"]
         pressed = normal > NOUGHT * float(np.max(np.abs(normal), initial=0.0))
+        # Before there is a contact the ratio would be one of two round-offs.
         ratio = np.full(len(normal), np.nan)
         ratio[pressed] = friction[pressed] / normal[pressed]
         shown = forces[0].of(normal), forces[1].of(friction), ratio
@@ -154,6 +155,7 @@ def energies_figure(results: Results) -> Figure:
     axes = figure.subplots()
     at, table = abscissa_of(results), results.table("history")
     parts, error = _energies(table)
+    # What the parts and the gap add up to: beyond external work, the energy of first velocities.
     supplied = np.sum(list(parts.values()), axis=0) + error
     largest = float(np.max(np.abs(supplied))) or 1.0
     apart = np.abs(supplied - table["external_work"])

@@ -46,6 +46,7 @@ def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathC
     values = values * scale.unit.factor
     colours = colormaps[scale.colours](scale.norm(values), bytes=True).view(np.uint32)[:, 0]
     order = np.argsort(colours, kind="stable")
+    # Before the first stands what is surely another colour, so that it begins a path as well.
     starts = np.flatnonzero(np.diff(colours[order], prepend=~colours[order[:1]]))
     closed = np.concatenate([corners, corners[:, :1]], axis=1)[order]
     codes = np.full(closed.shape[:2], Path.LINETO, dtype=Path.code_type)

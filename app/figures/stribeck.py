@@ -72,6 +72,7 @@ def series_of(results: Results, label: str = "") -> list[StribeckSeries]:
     ends = ends.rows(ends["velocity"] != 0.0)
     if len(np.unique(np.abs(ends["velocity"]))) < 2:
         return []
+    # −1, or no number, is a velocity that was held for a time, not until anything is steady.
     settled = np.array([value not in (False, 0) for value in ends["steady"]])
     contacts = results.table("contacts")
     names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []

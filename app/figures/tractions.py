@@ -110,6 +110,7 @@ def _middle_of_gap(pressed: NDArray[np.bool_]) -> int:
     """Place in the middle of the longest run of a ring that is not pressed; 0 if all of it is."""
     if pressed.all() or not pressed.any():
         return 0
+    # From a pressed place on, so that no gap runs over the end of the row.
     first = int(np.argmax(pressed))
     around = np.roll(pressed, -first)
     edges = np.flatnonzero(np.diff(np.r_[True, around, True].astype(int)))
@@ -292,6 +293,7 @@ def _draw_films(
         lines.append((line, loaded[line.vertices]))
         films.append(line.broken(film))
         pressures.append((line.broken(wet)[1], line.broken(dry)[1]))
+    # Films are thin by far where they carry, and there alone they are of interest.
     inside = np.concatenate([line.arc[on] for line, on in lines])
     reach = max(float(np.ptp(inside)) if len(inside) else 0.0, 1e-12)
     length = fitting(lines[0][0].arc, "m")

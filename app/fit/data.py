@@ -86,7 +86,7 @@ def read_table(
     if len(rows) > MOST_ROWS:
         reason = f"has {len(rows)} rows of data; at most {MOST_ROWS} can be fitted at a time"
         raise InputError(f"{path}: {reason}: average those that repeat a measurement")
-    if separator != ",":
+    if separator != ",":  # where commas part columns, none parts decimals
         rows = _with_points(path, columns, rows)
     table = _values(path, columns, rows, len(header), known, may_be_empty)
     for name, value in (constants or {}).items():
@@ -122,6 +122,7 @@ def _columns(
     if strange:
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
         cure = f'leave them unread with --ignore-columns "{",".join(strange.values())}"'
+        # Where no heading is known, the line is hardly that of the names.
         if len(strange) + len(unread) == len(header):
             cure = 'begin lines before that of the names with "#"'
         wrong.append(
@@ -180,6 +181,7 @@ def _with_points(
     points = commas = 0
     for number, row in rows:
         cells = [row[place] for place in columns if place < len(row)]
+        # The first line with such a cell; 0 as long as there is none.
         points = points or number * any(map(_POINT.fullmatch, cells))
         commas = commas or number * any(map(_COMMA.fullmatch, cells))
         if points and commas:
@@ -236,6 +238,7 @@ def _records(path: Path) -> tuple[str, list[tuple[int, list[str]]]]:
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
+        # By the line of the names, in which quoted ones may hold other separators.
         separator = separator or max(",;\t", key=_QUOTED.sub("", line).count)
         try:
             cells = next(csv.reader([line], delimiter=separator))
@@ -272,6 +275,7 @@ def _column(
 
 def _value(text: str, unit: str, quantity: Quantity) -> float:
     """A cell's value in SI."""
+    # A quantity would also take "2 m", and multiply by the unit of the heading once more.
     try:
         float(text)
     except ValueError:

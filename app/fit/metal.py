@@ -219,6 +219,7 @@ class MetalProblem:
         e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
         slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
         E = self.fixed.get("E", float(np.max(slope)))
+        # The highest stress that lies on the line of E yet: where it yields, about.
         near = s[s > 0.9 * E * e]
         first = float(near.max()) if near.size else 0.3 * top
         first = min(max(first, 0.05 * top), 0.95 * top)
@@ -265,6 +266,7 @@ class MetalProblem:
         begun = [*self.starts(None), *(self.starts(known) if known else ())]
         begun = [np.clip(x, low + 1e-6, high - 1e-6) for x in begun]
         begun.sort(key=lambda x: float(np.sum(self.residual(x) ** 2)))
+        # Searches take the time, and those from bad starts end where others do, or worse.
         x, at_bound = best_minimum(self, begun[:4], (low, high), 1e-11, 100)
         order = np.arange(len(x))  # the fastest branch first
         pairs = order[len(x) - 2 * self.branches :].reshape(-1, 2)

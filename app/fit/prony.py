@@ -295,6 +295,8 @@ class PronyProblem:
     def bounds(self, n: int) -> tuple[Floats, Floats]:
         """Of the search with n branches."""
         top = math.log(float(np.abs(self.measured).max()))
+        # From 1e-8 of what was measured, which no test sees, to 1e5 times as much: of a branch that
+        # had all but relaxed before the first row.
         modulus = (top - 18.0, top + 12.0)
         rows = [modulus] * (n + 1) + [(math.log(self.limits[0]), math.log(self.limits[1]))] * n
         if self.shift is not None:
@@ -338,6 +340,7 @@ class PronyProblem:
 
     def _with_moduli(self, times: Floats, tail: Floats) -> tuple[float, Floats]:
         left, moduli = self._moduli(times, tail)
+        # A modulus of 0, of which there are many, has no logarithm to begin with.
         least = 1e-3 * float(moduli.max() or np.abs(self.measured).max())
         return left, np.concatenate([np.log(np.maximum(moduli, least)), times, tail])
 
@@ -357,6 +360,7 @@ class PronyProblem:
     def fitted(self, n: int, fewer: Floats | None = None) -> PronyFit:
         """The best series of n branches; ``fewer``: search coordinates of the best of n - 1."""
         x, at_bound = best_minimum(self, self.starts(n, fewer), self.bounds(n), 1e-12, 200)
+        # Branches are all alike: numbered by their times, those of two fits can be compared.
         order = np.argsort(x[n + 1 : 2 * n + 1])
         for part in (slice(1, n + 1), slice(n + 1, 2 * n + 1)):
             x[part], at_bound[part] = x[part][order], at_bound[part][order]
@@ -480,6 +484,7 @@ def fit_prony(
     for n in range(1, min(most, MOST_BRANCHES) + 1):
         found.append(problem.fitted(n, found[-1].x if found else None))
         ranks = [one.criterion for one in found]
+        # Two more in a row that are worse than the best before: further ones will be, too.
         if len(ranks) - int(np.argmin(ranks)) > 2:
             break
     best = min(found, key=lambda one: one.criterion)

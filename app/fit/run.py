@@ -152,6 +152,7 @@ def _lines(table: dict[str, Any], result: FitResult) -> Iterator[str]:
     if "V_star" in keys:
         keys.add("V_star_at")
     absent = ABSENT if table["law"] == "friction-map" else ABSENT_WITHOUT_FILM
+    # Of some films alone, rows of alpha are comments; of all, the key is.
     alpha = table.get("alpha")
     if films and (not isinstance(alpha, list) or len(films) == len(alpha)):
         keys.add("alpha")
@@ -441,6 +442,8 @@ def _groups(data: TribometerData, steady: bool) -> Iterator[_Group]:
 def _levels(values: Floats) -> Floats:
     """The mean of the measured values that were meant to be the same as each, (n,)."""
     known, which = np.unique(values, return_inverse=True)
+    # Each level is measured from its lowest value: by neighbours alone, values that scatter over
+    # decades in small steps would all be one.
     level = np.zeros(len(known), dtype=np.intp)
     first = known[0]
     for k, value in enumerate(known[1:], start=1):
@@ -489,6 +492,7 @@ def _open_speeds(
     if not law.D_min < group.thickness < law.D_max:
         return
     at = float(threshold_speed(group.thickness, law))
+    # The interval is that of what was searched, and gamma = eta_b V*².
     power = 0.5 if star.coordinate.key == "gamma" else 1.0
     V = data.velocity[group.rows]
     low = V.min() / 1.3 if star.low is None else at * (star.low / star.value) ** power

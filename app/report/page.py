@@ -18,7 +18,6 @@ from tribox.app.errors import InputError
 from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
     Table,
-    Verdict,
     comparison_tables,
     cost_table,
     detail_tables,
@@ -136,32 +135,6 @@ NAME = "report.html"
 TEMPLATE = "template.html"
 
 
-@dataclass(frozen=True, slots=True)
-class RunPart:
-    """What the page says of one run.
-
-    Attributes:
-        label: of the value of a sweep, "" of a run alone.
-        status: how it ended; origin: when and how it was made.
-        notes: said before its first step; warnings: said in it.
-        tables: of load steps, and of pairs, tools, surfaces and bodies at their ends.
-        energy: whether energies add up; energies: table of them.
-        pictures: its figures; cost: wall time; facts: sizes and versions.
-    """
-
-    label: str
-    status: Verdict
-    origin: Sequence[tuple[str, str]]
-    notes: Sequence[str]
-    warnings: Sequence[str]
-    tables: Sequence[Table]
-    energy: Verdict | None
-    energies: Table | None
-    pictures: Sequence[Picture]
-    cost: Table | None
-    facts: Sequence[tuple[str, str]]
-
-
 def write_report(directory: Path, out: Path | None = None) -> Path:
     """Write the report of a results directory.
 
@@ -201,7 +174,7 @@ def contents(results: Results) -> dict[str, Any]:
     """What the template is filled with."""
     case, summary = results.case, results.summary
     title = case.title or results.directory.resolve().name
-    parts: list[RunPart] = []
+    parts: list[dict[str, Any]] = []
     sweep: Table | None = None
     beside: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
@@ -213,8 +186,8 @@ def contents(results: Results) -> dict[str, Any]:
         beside = comparison_tables(results.sweep, results.sweep_details, list(results.parts))
         pictures = pictures_of(results.directory, title)
         parts = [_run_part(part, label, title) for label, part in results.parts.items()]
-    missing = [label for label in _labels(results) if label not in results.parts]
-    told = dict(parts[0].facts) if parts else {}
+    labels = () if case.sweep is None else case.sweep.labels
+    told = dict(parts[0]["facts"]) if parts else {}
     return {
         "title": title,
         "directory": results.directory.resolve().name,
@@ -224,14 +197,15 @@ def contents(results: Results) -> dict[str, Any]:
         "beside": beside,
         "origin": origin(summary),
         "sweep_key": "" if case.sweep is None else case.sweep.key,
-        "missing": missing,
+        "missing": [label for label in labels if label not in results.parts],
         "sweep_pictures": pictures,
         "inputs": input_tables(case, given),
         "given_known": given is not None,
     }
 
 
-def _run_part(results: Results, label: str, title: str) -> RunPart:
+def _run_part(results: Results, label: str, title: str) -> dict[str, Any]:
+    """What the template says of one run; ``label`` of its value in a sweep."""
     summary, history = results.summary, results.history
     ended = summary.get("status") == "done"
     ends = (
@@ -247,35 +221,22 @@ def _run_part(results: Results, label: str, title: str) -> RunPart:
         results.shape_probes,
     )
     notes, warnings = notes_and_warnings(summary)
-    return RunPart(
-        label,
-        status_verdict(summary, results.unfinished),
-        origin(summary),
-        notes,
-        warnings,
-        [*(table for table in ends if table is not None), *details],
-        energy_verdict(history, summary),
-        energy_table(history),
-        pictures_of(results.directory, f"{title} {label}".strip()),
-        cost_table(summary),
-        facts(summary),
-    )
-
-
-def _labels(results: Results) -> Sequence[str]:
-    return () if results.case.sweep is None else results.case.sweep.labels
+    return {
+        "label": label,
+        "status": status_verdict(summary, results.unfinished),
+        "origin": origin(summary),
+        "notes": notes,
+        "warnings": warnings,
+        "tables": [*(table for table in ends if table is not None), *details],
+        "energy": energy_verdict(history, summary),
+        "energies": energy_table(history),
+        "pictures": pictures_of(results.directory, f"{title} {label}".strip()),
+        "cost": cost_table(summary),
+        "facts": facts(summary),
+    }
 
 
 # -- The case of a run as tables of keys, values and meanings; what was given is marked ------------
-
-_TITLES = {"geometry": "Geometry", "solver": "Solver", "output": "Output", "sweep": "Sweep"}
-_NAMED = {
-    "contact": ("Contact", lambda table: f"{table['slave']} on {table['master']}"),
-    "boundary": ("Boundary", lambda table: table["surface"]),
-    "stage": ("Stage", lambda table: table["name"]),
-    "probe": ("Probe", lambda table: table.get("name", "")),
-}
-
 
 _RAISED = {"^2": "²", "^3": "³", "*": " "}
 _QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)(?: (.*))?")
@@ -328,18 +289,17 @@ def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
 
 def _tables(name: str, value: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
     """(title, path, entries) of a key at the top of a case."""
-    if name == "bodies":
-        for body, entries in value.items():
-            yield f"Body {body}", (name, body), entries
-    elif name == "tools":
-        for tool, entries in value.items():
-            yield f"Tool {tool}", (name, tool), entries
+    if word := {"bodies": "Body", "tools": "Tool"}.get(name):
+        for one, entries in value.items():
+            yield f"{word} {one}", (name, one), entries
     elif isinstance(value, list):
-        word, called = _NAMED.get(name, (name, lambda table: table.get("name", "")))
         for index, entries in enumerate(value):
-            yield f"{word} {index}: {called(entries)}".rstrip(": "), (name, index), entries
+            called = entries.get("name") or entries.get("surface", "")
+            if name == "contact":
+                called = f"{entries['slave']} on {entries['master']}"
+            yield f"{name.capitalize()} {index}: {called}".rstrip(": "), (name, index), entries
     else:
-        yield _TITLES.get(name, name), (name,), value
+        yield name.capitalize(), (name,), value
 
 
 def _flat(entries: Any, before: str = "") -> Iterator[tuple[str, Any]]:

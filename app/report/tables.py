@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from tribox.app.errors import SaidOnce
-from tribox.app.figures import style
 from tribox.app.figures.style import Unit, fitting
-from tribox.app.simulation.history import DECLARED
+from tribox.app.simulation.history import DECLARED, Column
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -312,69 +311,38 @@ def _distinct(values: Sequence[float], scale: Unit) -> list[str]:
 # -- What the columns of the tables are called in the report, and their units ----------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table of results.
-
-    Attributes:
-        name: in the file; title: in the report; unit: SI, "" of a plain number.
-    """
-
-    name: str
-    title: str
-    unit: str = ""
-
-
-_VECTORS = {
-    "displacement": style.DISPLACEMENT,
-    "force": style.REACTION,
-    "moment": style.MOMENT,
+_TITLES = {  # where the name with blanks says too little; of vectors with their axis
+    "label": "load step",
+    "off_circle": "off the circle",
+    "min_thickness": "least thickness",
+    "max_thickness": "largest thickness",
+    "rotation": "rotation θ",
+    "displacement": "displacement u_{}",
+    "velocity": "velocity v_{}",
+    "force": "force R_{}",
+    "moment": "moment M_{}",
+    "boundary_force": "force of boundaries, {}",
+    "contact_force": "force of contacts, {}",
+    "driving_force": "driving force, {}",
 }
-_KNOWN = {
-    column.name: column
-    for column in (
-        Column("label", "load step"),
-        Column("steady", "steady"),
-        Column("pair", "pair"),
-        Column("surface", "surface"),
-        Column("body", "body"),
-        Column("tool", "tool"),
-        Column("probe", "probe"),
-        Column("angle", "angle", "rad"),
-        Column("bend_angle", "bend angle", "rad"),
-        Column("springback", "springback", "rad"),
-        Column("radius", "radius", "m"),
-        Column("off_circle", "off the circle", "m"),
-        Column("length", "length", "m"),
-        Column("mean_thickness", "mean thickness", "m"),
-        Column("min_thickness", "least thickness", "m"),
-        Column("max_thickness", "largest thickness", "m"),
-        Column("thinnest_at", "thinnest at", "m"),
-        Column("rotation", "rotation θ", "rad"),
-        Column("driving_moment", "driving moment", "N m"),
-        Column("radial_force", "radial force", "N"),
-    )
-}
-_KINDS = {
-    **{name: (f"{one.name} {one.symbol}_{{}}", one.unit) for name, one in _VECTORS.items()},
-    "velocity": ("velocity v_{}", "m/s"),
-    "boundary_force": ("force of boundaries, {}", "N"),
-    "contact_force": ("force of contacts, {}", "N"),
-    "driving_force": ("driving force, {}", "N"),
+_UNITS = {
+    **dict.fromkeys(("angle", "bend_angle", "springback", "rotation"), "rad"),
+    **dict.fromkeys(("radius", "off_circle", "length", "thinnest_at", "displacement"), "m"),
+    **dict.fromkeys((f"{which}_thickness" for which in ("mean", "min", "max")), "m"),
+    **dict.fromkeys(("force", "radial_force", "contact_force", "boundary_force"), "N"),
+    **{"driving_force": "N", "moment": "N m", "driving_moment": "N m", "velocity": "m/s"},
 }
 
 
 def column(name: str) -> Column:
-    """The column of this name; of an unknown one the name itself, without a unit."""
+    """Title and unit of a column: of the history as declared there, of others by their words."""
     if (known := DECLARED.get(name)) is not None:
-        return Column(name, known.title, known.unit.replace("text", ""))
-    if name in _KNOWN:
-        return _KNOWN[name]
+        return Column(known.title, known.unit.replace("text", ""))
     kind, _, axis = name.rpartition("_")
-    if axis in ("x", "y", "z") and kind in _KINDS:
-        title, unit = _KINDS[kind]
-        return Column(name, title.format(axis), unit)
-    return Column(name, name)
+    if axis not in ("x", "y", "z"):
+        kind, axis = name, ""
+    title = _TITLES.get(kind, name.replace("_", " "))
+    return Column(title.format(axis), _UNITS.get(kind, ""))
 
 
 # -- How a run ended and whether its energies add up, in words with numbers ------------------------

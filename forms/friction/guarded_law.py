@@ -94,6 +94,7 @@ class GuardedLaw:
         )
         if response is None:
             return _no_response(state, n, dim)
+        # Newton may ask at places that are no numbers, and then the law is not to blame.
         if all(np.isfinite(asked).all() for asked in (slip_increment, pressure, film)):
             self.not_finite = self._not_finite(response, slip_increment, dt, pressure, film)
         return response

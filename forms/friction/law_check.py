@@ -16,7 +16,7 @@ dissipates:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,10 +75,14 @@ class Finding:
         """Whether enough was compared, and nothing was wrong."""
         return self.worst <= self.allowed and self.compared >= FEWEST * self.asked
 
-    def add(self, error: Floats, used: NDArray[np.bool_], where: Callable[[int], str]) -> None:
-        """Enter relative errors (q,) at the points that are used."""
+    def add(
+        self, error: Floats, where: Callable[[int], str], used: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Enter relative errors (q,), at the points that are used (default all)."""
+        used = np.ones(len(error), dtype=np.bool_) if used is None else used
         self.asked += len(used)
         self.compared += int(used.sum())
+        # An answer that is no number is as wrong as can be, and not one to be passed over.
         errors = np.where(used, np.nan_to_num(error, nan=np.inf), 0.0)
         q = int(np.argmax(errors))
         if errors[q] > self.worst:
@@ -112,14 +116,11 @@ class _Sample:
         )
 
 
-@dataclass(slots=True)
-class _Findings:
+class _Findings(dict[str, Finding]):
     """The findings by quantity, in the order in which they come up."""
 
-    found: dict[str, Finding] = field(default_factory=dict)
-
     def of(self, quantity: str, allowed: float) -> Finding:
-        return self.found.setdefault(quantity, Finding(quantity, allowed))
+        return self.setdefault(quantity, Finding(quantity, allowed))
 
 
 def check_law(law: FrictionLaw, at: Conditions, seed: int = 0) -> list[Finding]:
@@ -138,7 +139,7 @@ def check_law(law: FrictionLaw, at: Conditions, seed: int = 0) -> list[Finding]:
             _compare_derivatives(law, sample, findings)
             _compare_alone(law, sample, findings)
             _compare_dissipation(law, sample, at, rng, findings)
-    return list(findings.found.values())
+    return list(findings.values())
 
 
 # -- points ---------------------------------------------------------------------------------------
@@ -154,7 +155,8 @@ def _sample(
     none, state = np.zeros((POINTS, dim)), law.initial_state(POINTS, dim)
     pressure, film = np.full(POINTS, at.pressure), np.full(POINTS, at.film)
     sample = _Sample(none, dt, pressure, film, state, np.ones(POINTS), options)
-    # Slip (q,), m, at which the traction is half of what its first slope would give.
+    # Slip (q,), m, at which the traction is half of what its first slope would give: laws may stick
+    # over a fraction of a nanometre or over a millimetre, and only near that do they bend.
     secant = np.empty((len(SIZES), POINTS))
     slip = np.zeros_like(sample.slip)
     for row, size in enumerate(SIZES):
@@ -162,6 +164,7 @@ def _sample(
         secant[row] = sample.ask(law, slip=slip).traction[:, 0] / size
     fallen = secant < 0.5 * secant[0]
     first = np.argmax(fallen, axis=0)
+    # Where it never falls, as of a film alone, any slip is as good as another.
     sample.scale = np.where(fallen.any(axis=0), SIZES[first], 1e-6)
     _draw(sample, at, rng)
     return sample
@@ -186,16 +189,19 @@ def _compare_derivatives(law: FrictionLaw, sample: _Sample, findings: _Findings)
     before = sample.state.copy()
     response = sample.ask(law)
     _compare_state(sample, before, findings)
+    # An error counts beside the derivative or, where that vanishes, beside traction over length:
+    # a law of constant traction is not wrong by rounding over nothing.
     size = np.linalg.norm(response.traction, axis=1)
     length = np.maximum(np.linalg.norm(sample.slip, axis=1), sample.scale)
     step = STEP * np.minimum(np.linalg.norm(sample.slip, axis=1), sample.scale)
     closed = sample.pressure > 0.0
-    for name, vary in (("slip", _with_slip), ("elastic", _with_elastic)):
+    every = np.ones(POINTS, dtype=np.bool_)
+    for name in ("slip", "elastic"):
         exact = getattr(response, f"d_traction_d_{name}")
-        for j in range(sample.slip.shape[1]):
-            traction = vary(law, sample, j)
+        directions: Floats = np.eye(sample.slip.shape[1])
+        for j in range(len(directions)):
+            traction = _varied(law, sample, name, directions[j])
             finding = findings.of(f"d_traction_d_{name}", TOLERANCE)
-            every = np.ones(POINTS, dtype=np.bool_)
             _enter(finding, exact[:, :, j], traction, step, size / length, every, sample)
     for name, value in (("pressure", sample.pressure), ("film", sample.film)):
         used = closed & (value > 0.0)
@@ -203,29 +209,24 @@ def _compare_derivatives(law: FrictionLaw, sample: _Sample, findings: _Findings)
             continue
         safe = np.where(used, value, 1.0)
         exact = getattr(response, f"d_traction_d_{name}")
-        traction = _with_scalar(law, sample, name)
+        traction = _varied(law, sample, name, used.astype(np.float64))
         finding = findings.of(f"d_traction_d_{name}", TOLERANCE)
         _enter(finding, exact, traction, STEP * safe, size / safe, used, sample)
 
 
-def _with_slip(law: FrictionLaw, sample: _Sample, j: int) -> Traction:
-    along = np.eye(sample.slip.shape[1])[j]
-    return lambda h: sample.ask(law, slip=sample.slip + h[:, None] * along).traction
-
-
-def _with_elastic(law: FrictionLaw, sample: _Sample, j: int) -> Traction:
-    along = np.eye(sample.slip.shape[1])[j]
+def _varied(law: FrictionLaw, sample: _Sample, name: str, along: Floats) -> Traction:
+    """The tractions (q, i) over a change (q,) of what the law is asked with."""
 
     def traction(h: Floats) -> Floats:
-        moved = sample.state.elastic_slip + h[:, None] * along
-        return sample.ask(law, state=replace(sample.state, elastic_slip=moved)).traction
+        if name in ("pressure", "film"):  # ``along``: (q,) 1 where it varies, or would leave 0
+            return sample.ask(law, **{name: getattr(sample, name) + h * along}).traction
+        moved = h[:, None] * along  # (i,) a direction
+        if name == "slip":
+            return sample.ask(law, slip=sample.slip + moved).traction
+        elastic = sample.state.elastic_slip + moved
+        return sample.ask(law, state=replace(sample.state, elastic_slip=elastic)).traction
 
     return traction
-
-
-def _with_scalar(law: FrictionLaw, sample: _Sample, name: str) -> Traction:
-    value = getattr(sample, name)
-    return lambda h: sample.ask(law, **{name: np.where(value > 0.0, value + h, value)}).traction
 
 
 def _enter(
@@ -239,14 +240,13 @@ def _enter(
 ) -> None:
     """Compare derivatives (q, i) for one number with differences of the tractions."""
     coarse, fine = _difference(traction, step), _difference(traction, 0.25 * step)
-    size = np.maximum(np.abs(exact).max(axis=1), np.abs(fine).max(axis=1))
-    size = np.maximum(size, floor)
+    size = np.maximum(np.maximum(np.abs(exact).max(axis=1), np.abs(fine).max(axis=1)), floor)
     size = np.where(size > 0.0, size, 1.0)
     smooth = np.abs(coarse - fine).max(axis=1) <= AGREEMENT * size
     smooth |= ~np.isfinite(exact).all(axis=1)  # those are wrong wherever they are
     rows = np.nonzero(asked)[0]
     error = np.abs(exact - fine).max(axis=1) / size
-    finding.add(error[rows], smooth[rows], lambda q: sample.where(int(rows[q])))
+    finding.add(error[rows], lambda q: sample.where(int(rows[q])), smooth[rows])
 
 
 def _difference(traction: Traction, h: Floats) -> Floats:
@@ -266,12 +266,13 @@ def _compare_state(sample: _Sample, before: FrictionState, findings: _Findings) 
     for name, values in then.items():
         different = (now[name] != values).reshape(POINTS, -1)
         changed = np.maximum(changed, different.any(axis=1))
-    every = np.ones(POINTS, dtype=np.bool_)
-    findings.of("state passed in, changed", 0.0).add(changed, every, sample.where)
+    findings.of("state passed in, changed", 0.0).add(changed, sample.where)
 
 
 def _compare_alone(law: FrictionLaw, sample: _Sample, findings: _Findings) -> None:
     """A point's answer is its own: it does not depend on which points are asked together."""
+    # Ranks and chunks of cells ask for other groups of points: a law that averages, or decides by
+    # any point for all, would give results that depend on them.
     some = np.arange(0, POINTS, 7)
     options = {k: v[some] if isinstance(v, np.ndarray) else v for k, v in sample.options.items()}
     alone = law.update(
@@ -282,9 +283,8 @@ def _compare_alone(law: FrictionLaw, sample: _Sample, findings: _Findings) -> No
     together = sample.ask(law).traction[some]
     size = np.abs(together).max(axis=1)
     error = np.abs(alone - together).max(axis=1) / np.where(size > 0.0, size, 1.0)
-    every = np.ones(len(some), dtype=np.bool_)
     finding = findings.of("traction among other points", ROUNDING)
-    finding.add(error, every, lambda q: sample.where(int(some[q])))
+    finding.add(error, lambda q: sample.where(int(some[q])))
 
 
 def _compare_dissipation(
@@ -298,10 +298,9 @@ def _compare_dissipation(
     least = findings.of("dissipation, below 0", ROUNDING)
     parts = findings.of("dissipation, its parts", ROUNDING)
     for work, said, size in _losses(law, sample, at, rng):
-        every = np.ones(POINTS, dtype=np.bool_)
         size = np.where(size > 0.0, size, 1.0)
-        least.add(np.maximum(-work / size, 0.0), every, sample.where)
-        parts.add(np.abs(work - said) / size, every, sample.where)
+        least.add(np.maximum(-work / size, 0.0), sample.where)
+        parts.add(np.abs(work - said) / size, sample.where)
 
 
 def _losses(

@@ -80,18 +80,14 @@ def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str
     task = json.dumps({"path": str(partial), "how": asdict(how)})
     try:
         partial.touch()
-        counts = json.loads(ask("draw", drawing, task, LONGEST, _all_memory()))
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes: all there is
+        counts = json.loads(ask("draw", drawing, task, LONGEST, memory))
         partial.replace(path)
     except json.JSONDecodeError:
         raise MeshError(f"{drawing}: gmsh ended without a mesh") from None
     finally:
         partial.unlink(missing_ok=True)
     return {str(name): int(count) for name, count in counts.items()}
-
-
-def _all_memory() -> int:
-    """Bytes of this machine's memory."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def write_mesh_of(drawing: Path, task: str) -> dict[str, int]:
@@ -127,8 +123,8 @@ def _mesh(gmsh: ModuleType, drawing: Path, how: Meshing) -> None:
         _draw(gmsh, drawing, how)
         dim = max((d for d, _ in gmsh.model.getPhysicalGroups()), default=0)
         if dim >= 2:
-            set_sizes(gmsh, dim, how.size, how.sizes)
-            refuse_too_many(gmsh, dim, how.size, how.sizes, how.most)
+            _set_sizes(gmsh, dim, how)
+            _refuse_too_many(gmsh, dim, how)
             _set_cells(gmsh, dim, how)
             gmsh.model.mesh.generate(dim)
     except MeshError as error:
@@ -157,10 +153,9 @@ def _draw(gmsh: ModuleType, drawing: Path, how: Meshing) -> None:
     else:
         gmsh.merge(str(drawing))
     if how.every:
-        name_every_part(gmsh)
+        _name_every_part(gmsh)
     else:
-        plain = drawing.suffix.lower() in STEP
-        name_parts(gmsh, how.bodies, how.surfaces, plain)
+        _name_parts(gmsh, how, plain=drawing.suffix.lower() in STEP)
 
 
 def _set_cells(gmsh: ModuleType, dim: int, how: Meshing) -> None:
@@ -176,9 +171,11 @@ def _set_cells(gmsh: ModuleType, dim: int, how: Meshing) -> None:
         if four:
             gmsh.option.setNumber("Mesh.Algorithm", 8)  # fronts of right angles
             gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)  # quadrilaterals alone
+        # By dividing tetrahedra into four hexahedra each, which it can in any body.
         gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2 * (how.cell == "hexahedron"))
     if how.order is not None:
         gmsh.option.setNumber("Mesh.ElementOrder", how.order)
+    # With nodes at the middle of faces: DOLFINx reads no second-order cells without.
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
 
 
@@ -197,26 +194,21 @@ OFF = 1e-3
 """Distance over the extent of the drawing up to which a point counts as on a part."""
 
 _KIND = {1: "curve", 2: "face", 3: "volume"}
-Spots = Mapping[str, Sequence[int | Sequence[float]]]
 
 
-def name_parts(gmsh: ModuleType, bodies: Spots, surfaces: Spots, plain: bool) -> None:
-    """Name bodies and surfaces.
+def _name_parts(gmsh: ModuleType, how: Meshing, plain: bool) -> None:
+    """Name bodies and surfaces as asked.
 
-    Args:
-        gmsh: The module, with the drawing.
-        bodies: Numbers of, or points in, the volumes (in the plane faces) by name.
-        surfaces: Likewise of their faces (curves).
-        plain: Whether the drawing has no names of its own: bodies are then called "body 1", ...,
-            unless they are named.
+    ``plain``: whether the drawing has no names of its own: bodies are then called "body 1", ...,
+    unless they are named.
 
     Raises:
         MeshError: There is no such part, or it has two names.
     """
-    if not (bodies or surfaces or plain):
+    if not (how.bodies or how.surfaces or plain):
         return
     dim = 3 if gmsh.model.getEntities(3) else 2
-    for d, kind, parts in ((dim, "bodies", bodies), (dim - 1, "surfaces", surfaces)):
+    for d, kind, parts in ((dim, "bodies", how.bodies), (dim - 1, "surfaces", how.surfaces)):
         taken: dict[int, str] = {}
         for name, spots in parts.items():
             tags = sorted({_tag_of(gmsh, d, spot, f"{kind}.{name}") for spot in spots})
@@ -224,12 +216,12 @@ def name_parts(gmsh: ModuleType, bodies: Spots, surfaces: Spots, plain: bool) ->
                 if (other := taken.setdefault(tag, name)) != name:
                     raise MeshError(f'{kind}: {_KIND[d]} {tag} is "{other}" and "{name}"')
             gmsh.model.addPhysicalGroup(d, tags, name=name)
-    if plain and not bodies:
+    if plain and not how.bodies:
         for _, tag in gmsh.model.getEntities(dim):
             gmsh.model.addPhysicalGroup(dim, [tag], name=f"body {tag}")
 
 
-def name_every_part(gmsh: ModuleType) -> None:
+def _name_every_part(gmsh: ModuleType) -> None:
     """Name every body "body N" and every surface "surface N", by their numbers."""
     gmsh.model.removePhysicalGroups()
     dim = 3 if gmsh.model.getEntities(3) else 2
@@ -238,7 +230,7 @@ def name_every_part(gmsh: ModuleType) -> None:
             gmsh.model.addPhysicalGroup(d, [tag], name=f"{word} {tag}")
 
 
-def _tag_of(gmsh: ModuleType, dim: int, spot: int | Sequence[float], place: str) -> int:
+def _tag_of(gmsh: ModuleType, dim: int, spot: Spot, place: str) -> int:
     """The number of a part, by itself or by a point."""
     tags = [int(tag) for _, tag in gmsh.model.getEntities(dim)]
     if not tags:
@@ -287,21 +279,17 @@ SAMPLES = 200  # of a curve, for distances from it
 FILLED = 0.1  # share of its bounding box that a body is taken to fill at least
 
 
-def set_sizes(gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float]) -> None:
-    """Set the largest size, and those on surfaces and in bodies.
-
-    Args:
-        gmsh: The module, with the drawing and its physical groups.
-        dim: Dimension of the bodies.
-        size: Largest size, in units of the drawing; None: as drawn.
-        sizes: Sizes by name of a surface or body.
+def _set_sizes(gmsh: ModuleType, dim: int, how: Meshing) -> None:
+    """Set the largest size, and those on surfaces and in bodies of dimension ``dim``.
 
     Raises:
         MeshError: There is no part of a name.
     """
+    size, sizes = how.size, how.sizes
     if size is None:
         return
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    # Far below any that is asked for, as narrow parts of the drawing may need smaller cells.
     gmsh.option.setNumber("Mesh.MeshSizeMin", min([size, *sizes.values()]) * 1e-3)
     points = gmsh.model.getEntities(0)
     drawn = gmsh.model.mesh.getSizes(points)
@@ -314,36 +302,28 @@ def set_sizes(gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str
     least = field.add("Min")
     field.setNumbers(least, "FieldsList", made)
     field.setAsBackgroundMesh(least)
+    # Sizes inside are those of the fields, and not what gmsh would extend from cells of surfaces.
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
 
 
-def refuse_too_many(
-    gmsh: ModuleType, dim: int, size: float | None, sizes: Mapping[str, float], most: int | None
-) -> None:
+def _refuse_too_many(gmsh: ModuleType, dim: int, how: Meshing) -> None:
     """Refuse sizes that gmsh would mesh for hours, as where the unit of a drawing is forgotten.
 
-    Args:
-        gmsh: The module, with the drawing and its physical groups.
-        dim: Dimension of the bodies.
-        size: Largest size, in units of the drawing; None: as drawn.
-        sizes: Sizes by name of a surface or body.
-        most: Largest number of cells; None: any.
-
     Raises:
-        MeshError: There would be more, as far as bounding boxes of bodies tell.
+        MeshError: There would be more cells, as far as bounding boxes of bodies tell.
     """
-    if size is None or most is None:
+    if how.size is None or how.most is None:
         return
     cells = 0.0
     for _, tag in gmsh.model.getPhysicalGroups(dim):
-        own = min(size, sizes.get(gmsh.model.getPhysicalName(dim, tag), size))
+        own = min(how.size, how.sizes.get(gmsh.model.getPhysicalName(dim, tag), how.size))
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
             box = gmsh.model.getBoundingBox(dim, int(entity))
             cells += FILLED * prod((box[3 + i] - box[i]) / own for i in range(dim))
-    if cells > most:
+    if cells > how.most:
         raise MeshError(
-            f"these sizes make some {cells:.0e} cells, and geometry.max_cells = {most} allows no "
-            'more; is scale missing, such as scale = "mm", or is a size too small?'
+            f"these sizes make some {cells:.0e} cells, and geometry.max_cells = {how.most} allows "
+            'no more; is scale missing, such as scale = "mm", or is a size too small?'
         )
 
 
@@ -370,6 +350,7 @@ def _field(gmsh: ModuleType, dim: int, name: str, value: float, size: float) -> 
     distance = field.add("Distance")
     field.setNumbers(distance, lists[d], entities)
     field.setNumber(distance, "Sampling", SAMPLES if d == 1 else 40)
+    # The size of the surface on it, growing linearly to the largest away from it.
     threshold = int(field.add("Threshold"))
     values = {"SizeMin": value, "SizeMax": size, "DistMin": 0.0}
     values["DistMax"] = max((size - value) / GROWTH, 1e-3 * value)

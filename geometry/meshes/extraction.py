@@ -48,6 +48,7 @@ def arrays_of(gmsh: ModuleType, source: str) -> MeshArrays:
     """
     groups = named_groups(gmsh, source)
     numbers, x, _ = gmsh.model.mesh.getNodes()
+    # gmsh gives nodes in no order; its numbers, from 1 on without gaps, are the rows from here on.
     position = np.empty((len(numbers), 3))
     position[np.asarray(numbers, dtype=np.int64) - 1] = np.reshape(x, (-1, 3))
     bodies, surfaces = (
@@ -56,8 +57,14 @@ def arrays_of(gmsh: ModuleType, source: str) -> MeshArrays:
     )
     kinds = {kind for _, blocks in bodies.values() for kind in blocks}
     first = next(iter(kinds))
+    # A mesh has cells of one kind, and facets of one kind, which those of a prism are not.
     if len(kinds) > 1 or first.shape not in FACETS:
-        _check_facet_order(surfaces, source)
+        for name, (_, blocks) in surfaces.items():
+            if any(kind.order > 1 for kind in blocks):
+                raise MeshError(
+                    f"{source}: the facets of surface {name!r} are of second order, its cells are "
+                    "not"
+                )
         return _refined(gmsh, groups, position, (bodies, surfaces), source)
     wanted = KINDS[NUMBERS[FACETS[first.shape], first.order]]
     for name, (_, blocks) in surfaces.items():
@@ -79,6 +86,7 @@ def _groups(
     gmsh: ModuleType, groups: NamedGroups, bodies: dict[str, Part], source: str
 ) -> dict[str, npt.NDArray[np.int64]]:
     """Nodes of the named points and edges, those that are of the bodies."""
+    # Points that only helped to draw, such as centres of arcs, are of no cell.
     used = np.unique(np.concatenate([part.nodes.reshape(-1) for part in bodies.values()]))
     found = {
         name: _nodes_of(gmsh, name, dim, entities, source)
@@ -128,15 +136,6 @@ def _elements(gmsh: ModuleType, dim: int, tag: int) -> dict[Kind, npt.NDArray[np
         name = gmsh.model.mesh.getElementProperties(kind)[0]
         raise MeshError(f"elements of the kind {name} in physical group {tag} cannot be read")
     return {KINDS[kind]: rows - 1 for kind, rows in blocks.items()}
-
-
-def _check_facet_order(surfaces: _Named, source: str) -> None:
-    """Facets of first-order cells must be of first order themselves."""
-    for name, (_, blocks) in surfaces.items():
-        if any(kind.order > 1 for kind in blocks):
-            raise MeshError(
-                f"{source}: the facets of surface {name!r} are of second order, its cells are not"
-            )
 
 
 def _by_shape(parts: _Named) -> Parts:
@@ -223,13 +222,10 @@ class _Middles:
                 for side in _parts_with(shape, corners)
             ]
             if found:
-                self._add(np.concatenate(found), position)
-        self._cells: dict[int, Longs] = {}
-
-    def _add(self, rows: Longs, position: Floats) -> None:
-        unique = np.unique(rows, axis=0)
-        self._known[rows.shape[1]] = (unique, self._count)
-        self._append(position[unique].mean(axis=1))
+                # Sorted corners are the same from either cell: neighbours share one middle.
+                unique = np.unique(np.concatenate(found), axis=0)
+                self._known[corners] = (unique, self._count)
+                self._append(position[unique].mean(axis=1))
 
     def _append(self, places: Floats) -> None:
         self._position.append(places)
@@ -242,6 +238,8 @@ class _Middles:
     def of(self, rows: Longs) -> Longs:
         """Numbers of the middles of edges or faces (f, a)."""
         known, first = self._known.get(rows.shape[1], (np.empty((0, rows.shape[1])), 0))
+        # Of known rows and wanted ones together np.unique says where each first stands: that is its
+        # place among the known, or beyond them if it is none.
         wanted = np.sort(rows, axis=1)
         both = np.concatenate([known, wanted]).astype(np.int64)
         _, at, back = np.unique(both, axis=0, return_index=True, return_inverse=True)
@@ -341,7 +339,7 @@ def _check_shape(mesh: MeshArrays, source: str) -> None:
             ]
         )
         determinants.append(np.linalg.det(np.einsum("ja,cai->cij", slopes, x)))
-    det = np.array(determinants)
+    det = np.array(determinants)  # (corner or middle, c); of one sign in a cell that is not folded
     wrong = np.flatnonzero(~((np.sign(det) == np.sign(det[-1])) & (det != 0.0)).all(axis=0))
     if len(wrong):
         where = ", ".join(f"{value:.4g}" for value in x[wrong[0]].mean(axis=0))

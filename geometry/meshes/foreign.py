@@ -149,6 +149,7 @@ def check_neighbours(mesh: MeshArrays, source: str) -> None:
     counts = np.diff(np.r_[begins, len(facets)])
     if (many := int(np.count_nonzero(counts > 2))) > 0:
         raise MeshError(f"{source}: {many} facets are those of more than two cells")
+    # Cells on either side go round their facet in opposite senses, so that the two add up to 0.
     sums = np.add.reduceat(side[order], begins)
     if (tangled := int(np.count_nonzero((counts == 2) & (sums != 0)))) > 0:
         raise MeshError(

@@ -367,6 +367,7 @@ def _facets(arrays: MeshArrays, surface: str) -> npt.NDArray[np.int64]:
 
 def _agreed(comm: MPI.Comm, names: _Names | None, problem: Exception | None) -> _Names:
     """The first process's result on all; or an error on all, so that none waits for the others."""
+    # As text: an exception may hold what cannot be sent to another process.
     own = (names, None if problem is None else str(problem), isinstance(problem, MeshError))
     agreed, message, expected = comm.bcast(own, root=0)
     if problem is not None:
@@ -515,6 +516,7 @@ def group_dofs(space: dolfinx.fem.FunctionSpace, group: Group, component: int) -
 def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Group:
     """The group of points (n, 1) or edges (e, 2), given by the nodes of the mesh's file."""
     topology, geometry = mesh.topology, mesh.geometry
+    # DOLFINx numbers nodes anew on every rank: those of the file are the only names in common.
     original = np.asarray(geometry.input_global_indices, dtype=np.int64)
     topology.create_connectivity(topology.dim, 0)
     links = topology.connectivity(topology.dim, 0)
@@ -535,6 +537,7 @@ def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Grou
 
 def _numbers(pairs: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """A number (e,) for each pair (e, 2) of nodes, the same in either order."""
+    # Nodes of a file are fewer than 2³¹, by the number of cells that are read.
     out: npt.NDArray[np.int64] = pairs.min(axis=1) * (1 << 31) + pairs.max(axis=1)
     return out
 
@@ -549,6 +552,7 @@ def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, 
     layout, quadratic = space.dofmap.dof_layout, space.element.basix_element.degree == 2
     ends = mesh.geometry.x[entity_nodes(mesh, 1, edges)]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) if len(edges) else np.empty(0)
+    # Integrals of shape functions: of second order as in Simpson's rule, with the middle last.
     share = np.array([1.0, 1.0, 4.0]) / 6.0 if quadratic else np.array([0.5, 0.5])
     nodes = []
     for edge in edges:

@@ -155,7 +155,7 @@ def test_a_line_of_each_tool_is_in_the_log(pressed):
 
 def test_the_report_has_tables_of_tools_at_the_ends_and_at_their_largest(pressed):
     (part,) = contents(pressed)["parts"]
-    tables = {table.caption: table for table in part.tables}
+    tables = {table.caption: table for table in part["tables"]}
     ends = tables["Tools: force and moment of the bodies on them"]
     most = tables["Tools: largest value of each over the run"]
     assert [row[:2] for row in ends.rows] == [
