@@ -266,7 +266,7 @@ def sliding(regime: str, kind: str, velocity: float = 0.2, **solver) -> Simulati
                     "K": "0.3 GPa",
                     "density": 1100,
                 },
-                "aluminium": {"material": "hencky", "E": "70 GPa", "nu": 0.33, "density": 2700},
+                "aluminium": {"material": "hencky", "E": "7 GPa", "nu": 0.33, "density": 2700},
             },
             "contact": [
                 {

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.conftest import Pair
-from tests.forms.contact.test_penalty import whole_tangent
+from tests.contact_boxes import dense_tangent, nodal_forces
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
@@ -109,13 +109,6 @@ def vectors(blocks):
     return NodalVector(space, blocks.u.x), NodalVector(space)
 
 
-def residual(term, trial, size):
-    nodes, values = term.nodal_forces(trial)
-    out = np.zeros((size, 2))
-    np.add.at(out, nodes.reshape(-1), values.reshape(-1, 2))
-    return out.reshape(-1)
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize("name", LAWS)
@@ -150,7 +143,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
             compare(trial.normal_contact, expected.normal_contact, NORMAL, step, 1e-13)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
         seen |= {("lost", bool(kind == "averaged" and expected.faded.lost.any()))}
-        force = residual(reference, expected, len(out.owned) // 2)
+        force = nodal_forces(reference, expected, len(out.owned) // 2).reshape(-1)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
         seen |= {("clamped", bool((at.clamped & k.closed).any()))}
@@ -334,7 +327,7 @@ def test_stiffness_of_a_pair_is_nowhere_less_than_that_of_the_contact(kind):
     out.owned[:] = 0.0
     contact.spread_weights(0.5, out)
     mass[:] = np.where(out.owned > 0.0, out.owned, np.inf)
-    exact = whole_tangent(term, trial, blocks)
+    exact = dense_tangent(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
     scale = np.abs(matrix).max()
     assert np.linalg.eigvalsh(matrix - exact).min() > -1e-12 * scale
     # Nor is it much more than it: of the highest frequencies on the nodes' areas.
