@@ -28,11 +28,8 @@ C10 = "0.738 MPa"
 C01 = "0.184 MPa"
 K = "10 MPa"
 density = "1100 kg/m^3"
-[bodies.aluminium]
-material = "hencky"
-E = "50 MPa"
-nu = 0.33
-density = "2700 kg/m^3"
+[bodies]
+aluminium = { material = "hencky", E = "50 MPa", nu = 0.33, density = "2700 kg/m^3" }
 [output]
 figures = false
 fields_every = 3
@@ -175,9 +172,7 @@ surface = "bottom"
 displacement = { x = 0, y = 0 }
 [[boundary]]
 surface = "top"
-[boundary.displacement]
-x = 0
-y = [["0 s", "0 mm"], ["2 s", "-0.1 mm"], ["4 s", "0.02 mm"]]
+displacement = { x = 0, y = [["0 s", "0 mm"], ["2 s", "-0.1 mm"], ["4 s", "0.02 mm"]] }
 [[stage]]
 name = "all"
 duration = "4 s"
@@ -321,6 +316,13 @@ def test_history(results, case, ranks):
         for name in (*PHYSICAL, *RESULTANTS)
     }
     assert {n: v for n, v in apart.items() if v > SAME * largest(alone, n)} == {}
+    if case.endswith("explicit"):  # the stable step, and what limits it
+        one, found = (
+            json.loads((results(case, n) / "summary.json").read_text())["explicit"]
+            for n in (1, ranks)
+        )
+        assert found["stable_step"] == pytest.approx(one["stable_step"], rel=SAME)
+        assert found["limited_by"] == one["limited_by"]
 
 
 def test_a_film_acts_at_once_on_points_that_come_over_an_end_in_space(results):

@@ -8,12 +8,12 @@ import pytest
 from tests.contact_boxes import unknowns_of
 from tests.forms.contact import test_tool
 from tests.forms.contact.test_tool import Rectangle, Scene, TwoBlocks, generate
+from tests.laws import coulomb
 from tribox.forms.contact.asperities import FilmModel
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactMode
 from tribox.forms.film.reynolds import FilmError, ReynoldsFilm, wedge_film
 from tribox.forms.film.roughness import Exponential, RoughGap
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters
@@ -22,7 +22,7 @@ from tribox.geometry.surfaces.rigid_shapes import Circle
 
 SIGMA = 0.01
 PRESSED = ContactMode(rate_dependent=False)
-COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=25.0))
+COULOMB = coulomb(0.3, 25.0)
 MAP = FrictionMap(
     FrictionMapParameters(
         mu_s=0.3, K_T=25.0, eta_b=1e-2, D_max=6 * SIGMA, beta=1.0, V_star=1e3, V_star_at=SIGMA

@@ -6,20 +6,16 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import dense_tangent, nodal_forces
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 PENALTY = 50.0
 DOWN = -0.02
-
-
-def coulomb(mu, K_T=60.0):
-    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
 
 
 KINDS = get_args(PressureKind)

@@ -14,8 +14,8 @@ from tests.contact_boxes import box, dense_tangent, nodal_forces, slope_error
 from tests.geometry.surfaces.rigid_shapes import SMOOTH, STEP
 from tests.geometry.surfaces.test_rigid_mesh import hill, parabolas, triangles
 from tests.grid import coordinate_element
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.law import Regime
 from tribox.geometry.surfaces.rigid import RigidMotion, normals
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
@@ -82,7 +82,7 @@ class Scene:
         self.motion = RigidMotion(centre, shape.control_points, 0.8, axis)
         master = RigidMaster(self.tool.astype(np.int64), shape)
         surface = ContactSurface(self.space, facets, master, 5)
-        law = CoulombLaw(CoulombParameters(mu=friction, K_T=60.0))
+        law = coulomb(friction)
         self.term = ContactTerm(surface, law, PENALTY, pressure=pressure)
 
     def place(self, facet, xi):

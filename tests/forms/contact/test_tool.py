@@ -7,8 +7,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.contact_boxes import dense_tangent, nodal_forces, unknowns_of
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block as Rectangle
 from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
@@ -52,7 +52,7 @@ class Scene:
         self.motion = RigidMotion(self.centre, points, 0.7, axis)
         tool = self.surface, self.tool, self.motion
         pair = ContactSurface.for_tool(self.space, facets, *tool, 5)
-        law = CoulombLaw(CoulombParameters(mu=mu, K_T=25.0))
+        law = coulomb(mu, 25.0)
         self.term = ContactTerm(pair, law, PENALTY, pressure=kind, modulus=3.0)
         self.size = self.space.dofmap.index_map.size_local * dim
 
