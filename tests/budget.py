@@ -1,8 +1,9 @@
-"""What tests cost: their CPU time, beside what each took when ``budget.csv`` was written.
+"""What tests cost: CPU time by file, from which the costly files are handed out first.
 
-Processes that a test starts count with it, but for the ranks that tests share: they have lines of
+Processes that a test starts count with it, but for the ranks that tests share: they have a line of
 their own (`tests/ranks.py`). Anything else that is shared counts with the first that asks for it.
-Nothing fails for its cost: the summary of a run shows what has grown.
+Nothing fails for its cost, nor is a single test held against what it took once: on a busy machine,
+or on another, that points at the machine. ``--durations`` tells which tests are long.
 """
 
 import csv
@@ -14,12 +15,9 @@ from pathlib import Path
 import pytest
 
 BUDGET = Path(__file__).with_name("budget.csv")
-LEAST = 0.2  # s; cheaper tests are noted together, one line for each file
-GROWTH = 2.0  # what is pointed out costs so many times its budget,
-EXCESS = 0.5  # and so many seconds more
 RANKS = "tests/ranks.py"  # the file whose lines are those of ranks that tests share
 
-# CPU time in seconds by tier and test, or by tier and file for all of its cheap tests together.
+# CPU time in seconds by tier and test, or by tier and file.
 Costs = Mapping[tuple[str, str], float]
 
 
@@ -28,68 +26,41 @@ def cpu_time() -> float:
     return sum(os.times()[:4])
 
 
-def file_of(test: str) -> str:
-    return test.partition("::")[0]
+def by_file(costs: Costs) -> Counter[tuple[str, str]]:
+    """The costs of tests summed by tier and file."""
+    found: Counter[tuple[str, str]] = Counter()
+    for (tier, test), cost in costs.items():
+        found[tier, test.partition("::")[0]] += cost
+    return found
 
 
 def read_budget(path: Path = BUDGET) -> dict[tuple[str, str], float]:
-    """Costs as they were last written; none if they never were."""
+    """Costs of files as they were last written; none if they never were."""
     if not path.exists():
         return {}
     with path.open(newline="", encoding="utf-8") as stream:
-        return {(row["tier"], row["test"]): float(row["cpu"]) for row in csv.DictReader(stream)}
+        return {(row["tier"], row["file"]): float(row["cpu"]) for row in csv.DictReader(stream)}
 
 
 def write_budget(costs: Costs, path: Path = BUDGET) -> None:
-    """Note costs of tests; lines of files that were not run stay, unless the file is gone."""
-    run = {(tier, file_of(test)) for tier, test in costs}
-    kept = {
-        (tier, test): cost
-        for (tier, test), cost in read_budget(path).items()
-        if (tier, file_of(test)) not in run and Path(file_of(test)).exists()
-    }
-    noted = kept | grouped(costs, {key for key, cost in costs.items() if cost >= LEAST})
+    """Note costs of files; lines of those that were not run stay, unless the file is gone."""
+    known = {key: cost for key, cost in read_budget(path).items() if Path(key[1]).exists()}
+    noted = known | by_file(costs)
     with path.open("w", newline="", encoding="utf-8") as stream:
         out = csv.writer(stream, lineterminator="\n")
-        out.writerow(["cpu", "tier", "test"])
-        for tier, test in sorted(noted, key=lambda key: (file_of(key[1]), key[1], key[0])):
-            out.writerow([f"{noted[tier, test]:.1f}", tier, test])
-
-
-def grouped(costs: Costs, alone: set[tuple[str, str]]) -> dict[tuple[str, str], float]:
-    """The same costs with those of tests that have no line of their own summed by file."""
-    found: Counter[tuple[str, str]] = Counter()
-    for (tier, test), cost in costs.items():
-        found[tier, test if (tier, test) in alone else file_of(test)] += cost
-    return dict(found)
+        out.writerow(["cpu", "tier", "file"])
+        for tier, file in sorted(noted, key=lambda key: key[::-1]):
+            out.writerow([f"{noted[tier, file]:.1f}", tier, file])
 
 
 def report(costs: Costs, budget: Costs) -> Iterator[str]:
-    """Lines on what each tier cost, what has no budget, and what costs much more than its own."""
-    found = grouped(costs, set(budget))
+    """A line for each tier: what it cost, and what its files did when that was written."""
     for tier in sorted({tier for tier, _ in costs}):
-        count = sum(mine == tier and not test.startswith(RANKS) for mine, test in costs)
-        total = sum(cost for (mine, _), cost in found.items() if mine == tier)
-        noted = sum(budget.get(key, 0.0) for key in found if key[0] == tier)
-        yield f"{tier}: {total:.0f} s of CPU time in {count} tests, budget {noted:.0f} s"
-    new = {
-        (tier, test): cost
-        for (tier, test), cost in costs.items()
-        if (tier, test) not in budget and (tier, file_of(test)) not in budget
-    }
-    if new:
-        files = len({file_of(test) for _, test in new})
-        where = f"{len(new)} tests in {files} files"
-        yield f"no budget yet: {where}, {sum(new.values()):.1f} s together"
-    grown = {
-        key: cost
-        for key, cost in found.items()
-        if key in budget and cost > max(GROWTH * budget[key], budget[key] + EXCESS)
-    }
-    for key in sorted(grown, key=lambda key: -grown[key]):
-        _, test = key
-        what = test if "::" in test else f"{test}, all its cheap tests"
-        yield f"over budget: {grown[key]:.1f} s instead of {budget[key]:.1f} s: {what}"
+        mine = {key: cost for key, cost in costs.items() if key[0] == tier}
+        count = sum(not test.startswith(RANKS) for _, test in mine)
+        noted = sum(budget.get(key, 0.0) for key in by_file(mine))
+        total = sum(mine.values())
+        yield f"{tier}: {total:.0f} s of CPU time in {count} tests, noted {noted:.0f} s"
 
 
 class Meter:
@@ -155,8 +126,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log):
     if config.getvalue("dist") != "loadfile":
         return None
     cost: Counter[str] = Counter()
-    for (_, test), seconds in read_budget().items():
-        cost[file_of(test)] += seconds
+    for (_, file), seconds in read_budget().items():
+        cost[file] += seconds
 
     class CostlyFirst(LoadFileScheduling):
         def _assign_work_unit(self, node) -> None:

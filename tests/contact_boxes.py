@@ -28,6 +28,51 @@ def box(cell, count, low, high):
     return mesh.geometry.x[:, : len(low)], cell_nodes(mesh).astype(np.int64)
 
 
+def unknowns_of(nodes, dim):
+    """Numbers (..., a dim) of the unknowns of nodes (..., a)."""
+    return (dim * nodes[..., None] + np.arange(dim)).reshape(*nodes.shape[:-1], -1)
+
+
+def nodal_forces(term, trial, count):
+    """Contact residual (n, i) of so many nodes."""
+    nodes, values = term.nodal_forces(trial)
+    out = np.zeros((count, values.shape[-1]))
+    np.add.at(out, nodes.reshape(-1), values.reshape(-1, values.shape[-1]))
+    return out
+
+
+def dense_tangent(term, trial, count):
+    """Tangent (n dim, n dim) of so many nodes: the points' blocks, and the vertices' part."""
+    dim = term.surface.dim
+    couplings = [part for part in [term.coupling(trial)] if part is not None]
+    return with_blocks(np.zeros((dim * count,) * 2), term.tangent(trial), couplings, dim)
+
+
+def with_blocks(out, blocks, couplings, dim):
+    """A dense matrix to which blocks of nodes, and couplings between nodes, are added."""
+    for nodes, values in blocks:
+        at = unknowns_of(nodes, dim)
+        values = values.reshape(len(at), at.shape[1], at.shape[1])
+        np.add.at(out, (at[:, :, None], at[:, None, :]), values)
+    for part in couplings:
+        rows, columns = (unknowns_of(nodes, dim) for nodes in (part.rows, part.columns))
+        np.add.at(out, np.ix_(rows, columns), part.matrix.toarray())
+    return out
+
+
+def slope_error(exact, along, steps=(1e-5, 2e-6)):
+    """Largest difference of a slope from central differences of ``along(h)``, over the largest.
+
+    The best of some steps: truncation and round-off are both bounded so.
+    """
+    found = []
+    for h in steps:
+        ahead, near, behind, far = (along(k * h) for k in (2.0, 1.0, -1.0, -2.0))
+        slope = (8.0 * (near - behind) - (ahead - far)) / (12.0 * h)
+        found.append(np.abs(exact - slope).max() / np.abs(slope).max())
+    return min(found)
+
+
 def take_all_for_kinked(patch):
     """Flat masters in the plane count as kinked: points are projected along the slave's normals."""
     make_ready = RaySearch.__init__
@@ -120,45 +165,22 @@ class Scene:
 
     def residual(self, x, dt=1.0, mode=AS_IS):
         trial = self.term.evaluate(x, dt, mode)
-        nodes, values = self.term.nodal_forces(trial)
-        out = np.zeros((len(self.where), self.dim))
-        np.add.at(out, nodes.reshape(-1), values.reshape(-1, self.dim))
-        return out.reshape(-1), trial
+        return nodal_forces(self.term, trial, len(self.where)).reshape(-1), trial
 
     def tangent(self, x, dt=1.0, mode=AS_IS):
-        out = np.zeros((self.size, self.size))
-        for nodes, blocks in self.term.tangent(self.term.evaluate(x, dt, mode)):
-            dofs = (nodes[..., None] * self.dim + np.arange(self.dim)).reshape(len(nodes), -1)
-            blocks = blocks.reshape(len(nodes), dofs.shape[1], dofs.shape[1])
-            np.add.at(out, (dofs[:, :, None], dofs[:, None, :]), blocks)
-        coupling = self.term.coupling(self.term.evaluate(x, dt, mode))
-        if coupling is not None:
-            axes = np.arange(self.dim)
-            rows, columns = (
-                (nodes[:, None] * self.dim + axes).reshape(-1)
-                for nodes in (coupling.rows, coupling.columns)
-            )
-            whole = coupling.matrix.toarray()
-            np.add.at(out, (rows[:, None], columns[None, :]), whole)
-        return out
+        return dense_tangent(self.term, self.term.evaluate(x, dt, mode), len(self.where))
 
     def error(self, x, steps=(1e-5, 2e-6), mode=AS_IS):
-        """Largest difference of K d from central differences over the largest entry.
-
-        In random directions, the best of some steps: truncation and round-off are both bounded so.
-        """
+        """Largest error of the tangent in random directions."""
         K = self.tangent(x, mode=mode)
         rng = np.random.default_rng(0)
         moved, worst = x.copy(), 0.0
         for _ in range(2):
             d = rng.normal(size=self.size)
-            found = []
-            for h in steps:
-                sides = []
-                for sign in (2.0, 1.0, -1.0, -2.0):
-                    moved.array[:] = x.array_r + sign * h * d
-                    sides.append(self.residual(moved, mode=mode)[0])
-                slope = (8.0 * (sides[1] - sides[2]) - (sides[0] - sides[3])) / (12.0 * h)
-                found.append(np.abs(K @ d - slope).max() / np.abs(slope).max())
-            worst = max(worst, min(found))
+
+            def along(h, d=d):
+                moved.array[:] = x.array_r + h * d
+                return self.residual(moved, mode=mode)[0]
+
+            worst = max(worst, slope_error(K @ d, along, steps))
         return worst

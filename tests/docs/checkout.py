@@ -20,6 +20,9 @@ LIMIT = 500.0  # s for one block
 # A page may write beside these; all else of the tree is a link.
 _COPIED = ("cases", "examples")
 _LEFT_OUT = ("results", "tribox")
+# What of a shell script may be done in a shell of its own, command by command.
+_SIMPLE = re.compile(r"(cat|cp|head|mkdir|tail|wc) [\w./* -]+(> *[\w./-]+)?$")
+_LOOP = re.compile(r"^for (\w+) in ([\w. -]+); do\n(.*?)^done$", re.MULTILINE | re.DOTALL)
 # Commands of the program that keys can be set for.
 _SETTABLE = "run | check | mesh | map | bench"
 # Commands that can be called in the process of the test: no others take its place.
@@ -63,8 +66,19 @@ class Checkout:
 
     def run(self, script: str, words: str = "") -> Done:
         """Run commands up to the first that fails; ``words`` go behind those of tribox."""
-        if calls := _plain(script):
-            return self._call(calls, shlex.split(words))
+        if not (calls := _plain(script)):
+            return self._shell(script, words)
+        code, printed = 0, ""
+        for call in calls:
+            shell = isinstance(call, str)
+            done = self._shell(call, "") if shell else self._call(call, shlex.split(words))
+            code, printed = done.code, printed + done.printed
+            if code:
+                break
+        return Done(code, printed)
+
+    def _shell(self, script: str, words: str) -> Done:
+        """Run commands in a shell, those of tribox in processes of their own."""
         quoted = shlex.join(shlex.split(words))
         program = _PROGRAM.format(python=sys.executable, settable=_SETTABLE, words=quoted)
         (self.path / "tribox").unlink(missing_ok=True)
@@ -81,9 +95,8 @@ class Checkout:
         )
         return Done(done.returncode, done.stdout)
 
-    def _call(self, calls: list[list[str]], words: list[str]) -> Done:
-        """The same by calls of the command line in this process."""
-        code, printed = 0, ""
+    def _call(self, call: list[str], words: list[str]) -> Done:
+        """The same for one call of the command line, in this process."""
         with (
             pytest.MonkeyPatch.context() as patch,
             contextlib.chdir(self.path),
@@ -94,19 +107,16 @@ class Checkout:
                 patch.delenv(name)
             for name, value in self.environment.items():
                 patch.setenv(name, value)
-            for call in calls:
-                more = words if call[0] in _SETTABLE.split(" | ") else []
-                code, said = called(*call, *more)
-                printed += said
-                if code:
-                    break
-        return Done(code, printed)
+            return Done(*called(*call, *(words if call[0] in _SETTABLE.split(" | ") else [])))
 
 
-def _plain(script: str) -> list[list[str]]:
-    """The words of each call of tribox, if there is nothing else for a shell to do."""
-    calls = []
-    for line in script.replace("\\\n", " ").splitlines():
+def _plain(script: str) -> list[list[str] | str]:
+    """The words of each call of tribox, and simple commands; empty if there is more to do."""
+    calls: list[list[str] | str] = []
+    for line in _unrolled(script.replace("\\\n", " ")).splitlines():
+        if _SIMPLE.match(line):
+            calls.append(line)
+            continue
         bare = re.sub(r"'[^']*'|\"[^\"$`\\]*\"", "", line)
         words = shlex.split(line, comments=True)
         if not words:
@@ -117,6 +127,16 @@ def _plain(script: str) -> list[list[str]]:
             return []
         calls.append(words[1:])
     return calls
+
+
+def _unrolled(script: str) -> str:
+    """A script with its loops over words written out."""
+
+    def passes(loop: re.Match[str]) -> str:
+        variable = re.compile(rf"\${loop[1]}\b")
+        return "".join(variable.sub(value, loop[3]) for value in loop[2].split())
+
+    return _LOOP.sub(passes, script)
 
 
 def _write_program(path: Path, text: str) -> None:

@@ -15,14 +15,9 @@ from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.gmsh_model import write_msh
 
 BODIES = """
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.495
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
+[bodies]
+elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.495 }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"

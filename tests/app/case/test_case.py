@@ -26,20 +26,13 @@ title = "film"
 kind = "two-blocks"
 upper = { width = "1.0 mm", height = "0.1 mm", size = "0.02 mm" }
 lower = { width = "2.0 mm", height = "0.5 mm", elements = [61, 15] }
-[bodies.elastomer]
-material = "mooney-rivlin"
-C10 = "0.474 MPa"
-C01 = "0.118 MPa"
-K = "1 GPa"
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
+[bodies]
+elastomer = { material = "mooney-rivlin", C10 = "0.474 MPa", C01 = "0.118 MPa", K = "1 GPa" }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"
-[contact.film]
-thickness = "30 nm"
+film = { thickness = "30 nm" }
 [contact.friction]
 law = "friction-map"
 mu_s = 0.12

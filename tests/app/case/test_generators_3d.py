@@ -13,14 +13,9 @@ from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.reading import check_case, format_problem, load_case, problems_of
 
 COMMON = """
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
+[bodies]
+elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"

@@ -78,6 +78,7 @@ DAMAGES = {
     "manifest cut off": ("manifest.json", _shorten),
     "manifest a list": ("manifest.json", lambda path: path.write_text("[]")),
     "manifest empty": ("manifest.json", lambda path: path.write_text("{}")),
+    "manifest of a format": ("manifest.json", lambda path: path.write_text('{"format": 5}')),
     "manifest binary": ("manifest.json", lambda path: path.write_bytes(b"\xff\x00")),
     "manifest deep": ("manifest.json", lambda path: path.write_text("[" * 100_000)),
     "manifest of another": ("manifest.json", _other),

@@ -98,19 +98,6 @@ def rewritten(
     damage_manifest(path, about | {"sha256": _sum(about)})
 
 
-@pytest.mark.parametrize(
-    "about",
-    ["[]", '{"format": 5}', "[" * 100_000, '{"format": 5, "files": []}', "\0"],
-    ids=["list", "nothing", "nested", "no files", "zero"],
-)
-def test_the_checkpoint_before_a_damaged_one_is_taken(done, tmp_path, about):
-    out = as_killed(done, tmp_path / "out", 3)
-    damage_manifest(out / "checkpoints" / "000003", about)
-    found, notes = latest(out)
-    assert found is not None and found.about["step"] == 2
-    assert len(notes) == 1 and "000003: is damaged" in notes[0] and "one before" in notes[0]
-
-
 def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_path):
     out = as_killed(done, tmp_path / "out", 2)
     for number in (1, 2):

@@ -9,10 +9,10 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tests.laws import coulomb
 from tribox.app.equilibrium.added_contact import AddedContact
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
@@ -33,7 +33,7 @@ class Scene:
         self.mass = dolfinx.fem.form(form)
 
     def term(self):
-        law = CoulombLaw(CoulombParameters(mu=0.3, K_T=1e9))
+        law = coulomb(0.3, 1e9)
         facets = (self.named.facets(f"{b}_contact") for b in ("elastomer", "aluminium"))
         return ContactTerm.between(self.u, *facets, law, penalty=1e10)
 

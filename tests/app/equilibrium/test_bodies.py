@@ -5,13 +5,13 @@ import pytest
 from petsc4py import PETSc
 
 from tests.conftest import Pair
+from tests.laws import coulomb
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 
@@ -29,7 +29,7 @@ class Scene:
         )
         self.pair = Pair(generate(blocks, comm))
         self.platen = Platen(self.pair.held("top", 1).dofs, force=-0.1, stiffness=0.3)
-        law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+        law = coulomb(0.3)
         contact = ContactTerm(self.pair.surface(), law, 50.0, 0.0, "averaged")
         solids = self.pair.solids(RUBBER, lower, formulation)
         self.problem = Equilibrium(self.pair.u, solids, [contact], platens=[self.platen])

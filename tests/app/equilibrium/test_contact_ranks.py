@@ -7,16 +7,16 @@ import pytest
 from tests.app.implicit.test_linear_solver import linear_step
 from tests.conftest import Pair
 from tests.contact_boxes import Scene
+from tests.laws import coulomb
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.simulation.contact_resultants import measure_contact
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 
 
 def facts(shape, parallel):
     """Numbers of a pair that was pressed and slid, that no numbering enters; collective."""
-    law = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+    law = coulomb(0.3)
     scene = Scene(shape, law, master=7, parallel=parallel)
     comm = scene.space.mesh.comm
     problem = Equilibrium(dolfinx.fem.Function(scene.space), [], [scene.term])

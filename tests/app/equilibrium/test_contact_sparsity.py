@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import Scene, take_all_for_kinked
+from tests.laws import coulomb
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
-LAW = CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+LAW = coulomb(0.3)
 SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]
 
 

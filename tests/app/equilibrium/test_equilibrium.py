@@ -8,6 +8,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests.grid import grid
+from tests.laws import FILM, coulomb, film_map
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
@@ -15,36 +16,10 @@ from tribox.forms.bodies.loads import FollowerPressure
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
-from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
-from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
-
-FILM = 0.5
-
-
-def coulomb(mu, K_T=60.0):
-    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
-
-
-def film_map(**changes):
-    """A friction map of numbers near one; the film is FILM thick, steps last one second."""
-    values = {
-        "mu_s": 0.3,
-        "mu_d": 0.2,
-        "A_d": 0.01,
-        "B": 20.0,
-        "K_T": 60.0,
-        "eta_b": 5.0,
-        "D_max": 1.0,
-        "alpha": 0.4,
-        "V_star": 100.0,
-        "V_star_at": FILM,
-        "film_onset_pressure": 1.0,
-    }
-    return FrictionMap(FrictionMapParameters(**(values | changes)))
 
 
 @dataclass(frozen=True)

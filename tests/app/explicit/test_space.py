@@ -9,6 +9,7 @@ from mpi4py import MPI
 from tests.app.case.test_generators_3d import COMMON, RINGS
 from tests.contact_boxes import GAP, Scene
 from tests.grid import grid
+from tests.laws import coulomb
 from tribox.app.case.reading import check_case
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -18,7 +19,6 @@ from tribox.app.simulation.explicit_stage import IntervalAverages
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.explicit_compiled import explicit_contact
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.surfaces.surface import NodalVector
 
 SOFT = NeoHookean(shear_modulus=1.0, bulk_modulus=5.0)
@@ -27,7 +27,7 @@ WAY = np.array([0.6, 0.8, 0.0])
 
 def dragged(shape, formulation="q1"):
     """Two boxes, pressed and dragged by the top in ``WAY``."""
-    scene = Scene(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    scene = Scene(shape, coulomb(0.3))
     cells = np.arange(scene.space.mesh.topology.index_map(3).size_local, dtype=np.int32)
     u = dolfinx.fem.Function(scene.space)
     held = []
@@ -154,7 +154,7 @@ def test_a_ring_breathes():
 
 def test_the_area_of_a_ring_grows_with_its_radius():
     """The explicit pair stretches like the implicit one; loops for the plane alone do not."""
-    scene = Scene("Q4", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)), axisymmetric=True)
+    scene = Scene("Q4", coulomb(0.3), axisymmetric=True)
     pair = explicit_contact(scene.term)
     u = NodalVector(scene.space)
     u.owned[:] = (0.1 * scene.where[: len(u.owned) // 2, :2] * [1.0, 0.0]).reshape(-1)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.laws import coulomb, viscous_map
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.explicit.energies import EnergyWatch, ExplicitError
@@ -14,9 +15,6 @@ from tribox.forms.bodies.loads import FollowerPressure
 from tribox.forms.bodies.materials import NeoHookean, Ogden
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
-from tribox.forms.friction.friction_map import FrictionMap
-from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -54,21 +52,6 @@ class Bench:
 
     def problem(self, contacts=(), **loads):
         return Equilibrium(self.u, self.solids, list(contacts), **loads)
-
-
-def film_law(viscosity, alpha=1.0, **changes):
-    """A friction map at thickness 0.5 whose film has ``viscosity`` per speed where it is whole."""
-    values = {
-        "mu_s": 0.3,
-        "K_T": 60.0,
-        "eta_b": 0.5 * viscosity,
-        "D_max": 1.0,
-        "alpha": alpha,
-        "V_star": 1e9,
-        "V_star_at": 0.5,
-        "transition_width": 0.0,
-    }
-    return FrictionMap(FrictionMapParameters(**(values | changes)))
 
 
 def stored(stepper):
@@ -170,7 +153,7 @@ def test_a_stiff_spring_is_in_the_stable_step():
 def test_the_energy_balance_closes_with_all_loads_together():
     """Supports that move, a follower pressure, a platen with a mass, friction and damping."""
     bench = Bench((1.0, 0.6, (5, 3)), (1.8, 0.6, (6, 3)))
-    term = bench.contact(CoulombLaw(CoulombParameters(mu=0.4, K_T=60.0)), 60.0)
+    term = bench.contact(coulomb(0.4), 60.0)
     held = [Prescribed(bench.dofs("bottom", 0)), Prescribed(bench.dofs("bottom", 1))]
     held.append(Prescribed(bench.dofs("top", 0)))
     platen = Platen(bench.dofs("top", 1), mass=0.2)
@@ -242,9 +225,9 @@ def two_in_flight(law, film=0.0, pressure="averaged", **options):
 @pytest.mark.parametrize("kind", ["coulomb", "thin film", "map"])
 def test_momentum_and_energy_are_balanced(kind, compiled):
     law, film = {
-        "coulomb": (CoulombLaw(CoulombParameters(mu=0.4, K_T=60.0)), 0.0),
-        "thin film": (film_law(50.0), 0.5),
-        "map": (film_law(5.0, alpha=0.5), 0.5),
+        "coulomb": (coulomb(0.4), 0.0),
+        "thin film": (viscous_map(50.0), 0.5),
+        "map": (viscous_map(5.0, alpha=0.5), 0.5),
     }[kind]
     stepper = two_in_flight(law, film, compiled=compiled)
     start, mass = stored(stepper), stepper.mass.reshape(-1, 2)
@@ -265,7 +248,7 @@ def test_momentum_and_energy_are_balanced(kind, compiled):
 def sliding(viscosity, law=None, penalty=40.0, **options):
     """A block pressed on a fixed one by a platen and dragged along at a speed that rises to 0.2."""
     bench = Bench((1.0, 0.4, (6, 2)), (2.4, 0.4, (13, 2)))
-    term = bench.contact(law or film_law(viscosity), penalty, 0.5)
+    term = bench.contact(law or viscous_map(viscosity), penalty, 0.5)
     held = [Prescribed(bench.dofs("bottom", k)) for k in (0, 1)]
     held.append(Prescribed(bench.dofs("top", 0)))
     platen = Platen(bench.dofs("top", 1))

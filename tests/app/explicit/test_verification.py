@@ -209,15 +209,6 @@ def test_a_block_on_friction_and_film_comes_to_rest():
     assert -height / slope == pytest.approx(stop, rel=CLOSE)
 
 
-def test_a_block_on_a_film_slows_down_exponentially():
-    decay = MASS * FILM / MAP["eta_b"]
-    found = slide({**MAP, "mu_s": 0.2, "alpha": 1.0}, 2.0 * decay)
-    exact = START * np.exp(-found.time / decay)
-    assert np.max(np.abs(found.speed / exact - 1.0)) < CLOSE
-    way = START * decay * -np.expm1(-found.time / decay)
-    assert np.max(np.abs(found.place - way)) < CLOSE * way[-1]
-
-
 def test_a_block_on_friction_that_weakens_with_slip():
     mu_s, mu_d, length, B = 0.3, 0.1, 2e-5, 5e4
 
@@ -266,7 +257,7 @@ def sliding(regime: str, kind: str, velocity: float = 0.2, **solver) -> Simulati
                     "K": "0.3 GPa",
                     "density": 1100,
                 },
-                "aluminium": {"material": "hencky", "E": "70 GPa", "nu": 0.33, "density": 2700},
+                "aluminium": {"material": "hencky", "E": "7 GPa", "nu": 0.33, "density": 2700},
             },
             "contact": [
                 {

@@ -12,9 +12,9 @@ from mpi4py import MPI
 
 from tests.app.checkpoint.small_cases import changed
 from tests.app.conftest import BLOCK, BOXES
-from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.app.implicit.test_linear_solver import new_solver
 from tests.conftest import SOFT
+from tests.laws import coulomb
 from tests.solved import built, solved
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError

@@ -20,8 +20,8 @@ import scipy.sparse
 from mpi4py import MPI
 
 import tribox.app.implicit.newton
-from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT, STIFF
+from tests.laws import coulomb
 from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium

@@ -10,9 +10,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.app.conftest import BLOCK, BOXES
-from tests.app.equilibrium.test_equilibrium import coulomb
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
+from tests.laws import coulomb
 from tests.solved import built, solved
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case

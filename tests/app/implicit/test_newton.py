@@ -7,7 +7,7 @@ import pytest
 
 import tribox.app.implicit.newton
 import tribox.app.implicit.predictor
-from tests.app.equilibrium.test_equilibrium import FILM, coulomb, film_map
+from tests.laws import FILM, coulomb, film_map
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.linear_solver import LinearSolver

@@ -21,14 +21,9 @@ SPACE = """
 kind = "two-boxes"
 upper = { width = "1 mm", height = "0.5 mm", depth = "0.6 mm", elements = [3, 1, 2] }
 lower = { width = "2 mm", height = "0.5 mm", depth = "1 mm", elements = [3, 1, 2] }
-[bodies.elastomer]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-[bodies.aluminium]
-material = "hencky"
-E = "70 GPa"
-nu = 0.33
+[bodies]
+elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.45 }
+aluminium = { material = "hencky", E = "70 GPa", nu = 0.33 }
 [[contact]]
 slave = "elastomer_contact"
 master = "aluminium_contact"

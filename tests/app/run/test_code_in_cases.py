@@ -73,28 +73,19 @@ def test_a_trusted_directory_is_enough(marked, tmp_path, tribox, monkeypatch):
     assert done.returncode == 0 and (tmp_path / "ran").exists()
 
 
-def test_ranks_and_the_values_of_a_sweep_are_told(marked, tmp_path, tribox):
-    values = '[sweep]\nkey = "contact.0.friction.parameters.mu"\nvalues = [0.2]\n'
-    sweep = tmp_path / "sweep.toml"
-    sweep.write_text(marked.read_text() + values)
-    done = tribox("run", sweep, "--out", tmp_path / "sweep", "--trust", "--np", "2", process=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
-    assert {part["status"] for part in summary["parts"].values()} == {"done"}
-    assert list(summary["inputs"]) == ["my_law.py"]
-
-
 @pytest.mark.long
 @pytest.mark.skipif(not Path("/usr/bin/mpirun").exists(), reason="needs Debian's mpirun")
-def test_nothing_is_imported_from_the_working_directory(block, tmp_path, environment):
-    """Nor by the values of a sweep and by their ranks, with the system's own mpirun."""
+def test_the_ranks_of_a_sweeps_values_import_what_is_trusted_and_nothing_else(
+    marked, tmp_path, environment
+):
+    """Nothing from the working directory, with the system's own mpirun."""
     for name in ("tribox", "numpy", "pydantic", "mpi4py", "dolfinx", "typer"):
-        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'a')\n")
-    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1]\n'
-    (tmp_path / "case.toml").write_text(block + sweep)
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'wrong')!r}, 'a')\n")
+    values = '[sweep]\nkey = "contact.0.friction.parameters.mu"\nvalues = [0.2]\n'
+    (tmp_path / "case.toml").write_text(marked.read_text() + values)
     kept = {key: value for key, value in environment.items() if key != "PYTHONSAFEPATH"}
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "tribox", "run", "case.toml", "--np", "2"],
+        [sys.executable, "-P", "-m", "tribox", "run", "case.toml", "--np", "2", "--trust"],
         cwd=tmp_path,
         env=kept | {"PATH": "/usr/bin:/bin"},
         capture_output=True,
@@ -102,9 +93,11 @@ def test_nothing_is_imported_from_the_working_directory(block, tmp_path, environ
         timeout=LIMIT,
         check=False,
     )
-    assert not (tmp_path / "ran").exists()
-    assert done.returncode == 0, done.stderr
-    summary = read(tmp_path / "results" / "case" / "mu=0.1").summary
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "ran").exists() and not (tmp_path / "wrong").exists()
+    results = tmp_path / "results" / "case"
+    assert list(json.loads((results / "summary.json").read_text())["inputs"]) == ["my_law.py"]
+    summary = read(results / "mu=0.2").summary
     assert (summary["status"], summary["ranks"]) == ("done", 2)
 
 

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.contact_boxes import PENALTY, Scene
+from tests.laws import coulomb
 from tests.solved import solved
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
@@ -17,7 +18,6 @@ from tribox.app.simulation.contact_resultants import contact_columns, measure_co
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
 
 def slid(text: str, refined: int) -> list[Row]:
@@ -136,7 +136,7 @@ def test_friction_of_points_that_open_within_a_step_is_in_the_balance():
 
 DEPTH = 0.02
 PRESSURE = PENALTY * DEPTH
-STICKY = CoulombLaw(CoulombParameters(mu=1e3, K_T=60.0))
+STICKY = coulomb(1e3)
 
 
 def pressed(shape, law=STICKY):
@@ -154,7 +154,7 @@ def measured(scene, motion, driven=None):
 def test_sliding_in_space(shape):
     """The slave's square of side 0.5 is dragged along an oblique way; μ p A resists."""
     way = np.array([0.6, -0.8, 0.0])
-    scene = pressed(shape, CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    scene = pressed(shape, coulomb(0.3))
     normal, friction = PRESSURE * 0.25, 0.3 * PRESSURE * 0.25
     for driven, share in ((None, 1.0), (way, 1.0), ([1.0, 0.0, 0.0], 0.6), ([0, 0, -1.0], 1.0)):
         m = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), driven)
@@ -185,7 +185,7 @@ def test_twist(shape):
 
 def test_a_dry_pair_beside_a_film_leaves_its_viscosity_alone():
     """D and η_eff are those of the pairs with a film; μ is weighted by the normal force."""
-    scene = pressed("hex8", CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)))
+    scene = pressed("hex8", coulomb(0.3))
     way = np.array([0.6, -0.8, 0.0])
     found = measured(scene, lambda x: np.broadcast_to(0.1 * way, x.shape), way)
     wet = replace(found, film=3.0)

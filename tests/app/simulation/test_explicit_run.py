@@ -4,8 +4,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -14,12 +12,12 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.conftest import FILM, SLID
-from tests.ranks import LIMIT
 from tests.solved import solved
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.results.directory import read_table
+from tribox.app.run import progress
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -234,7 +232,7 @@ def test_files_of_an_explicit_run(slid):
     assert [row["time"] for row in top] == [row["time"] for row in history]
     assert top[-1]["force_y"] == pytest.approx(-0.3, rel=1e-12)  # 0.5 MPa, downwards
     at = {row["body"]: row["displacement_x"] for row in bodies[-2:]}
-    assert abs(at["aluminium"]) < 1e-9 < at["elastomer"] < 4e-6
+    assert abs(at["aluminium"]) < 1e-8 < at["elastomer"] < 4e-6
     assert (out / "figures" / "energy.png").stat().st_size > 1000
     assert sorted(p.name for p in (out / "contact").iterdir()) == ["000002.vtu", "000012.vtu"]
 
@@ -344,24 +342,20 @@ def test_runaway_energy_stops_the_run(monkeypatch):
     assert re.search(r"at \(\S+, \S+\) m", str(caught.value))
 
 
-def test_a_long_interval_can_be_interrupted(case_file, environment, tmp_path):
-    out = tmp_path / "out"
-    words = ["run", str(case_file(SLID)), "--out", str(out)]
-    words += ["--set", "stage.1.duration=1 s", "--set", "stage.1.steps=1"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "tribox", *words],
-        env=environment | {"PYTHONUNBUFFERED": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as process:
-        for line in process.stdout:
-            if line.startswith("time step "):
-                assert re.search(r"\d+ steps/s", line)
-                os.kill(process.pid, signal.SIGINT)
-                break
-        rest, _ = process.communicate(timeout=LIMIT)
-    assert process.returncode == 130 and "Traceback" not in rest
+def test_a_long_interval_can_be_interrupted(case_file, tribox, tmp_path, monkeypatch):
+    advance, out = ExplicitStepper.advance, tmp_path / "out"
+
+    def interrupted(stepper: ExplicitStepper, dt: float) -> None:
+        advance(stepper, dt)
+        if stepper.state.steps == 150:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(ExplicitStepper, "advance", interrupted)
+    monkeypatch.setattr(progress, "LINE_EVERY", 0.0)
+    words = ("--set", "stage.1.duration=1 s", "--set", "stage.1.steps=1")
+    done = tribox("run", case_file(SLID), "--out", out, *words)
+    assert done.returncode == 130 and "Traceback" not in done.stdout + done.stderr
+    assert re.search(r"^time step .* \d+ steps/s$", done.stdout, re.MULTILINE)
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["steps"]) == ("interrupted", 2)
-    assert summary["explicit"]["time_steps"] > 100
+    assert 150 <= summary["explicit"]["time_steps"] < 1000

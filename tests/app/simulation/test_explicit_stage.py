@@ -215,11 +215,8 @@ def test_a_stiff_penalty_is_noted_where_steps_are_explicit(film):
 DRAWN = """
 geometry = { kind = "blocks", blocks.block = { x = [0, 2e-3], y = [0, 5e-4], elements = [8, 2] } }
 tools.plane = { shape = "plane", point = [0, 0], normal = [0, 1] }
-[bodies.block]
-material = "neo-hookean"
-E = "5 MPa"
-nu = 0.45
-density = "1100 kg/m^3"
+[bodies]
+block = { material = "neo-hookean", E = "5 MPa", nu = 0.45, density = "1100 kg/m^3" }
 [[contact]]
 slave = "block_bottom"
 master = "plane"

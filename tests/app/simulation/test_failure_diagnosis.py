@@ -5,6 +5,7 @@ import tomllib
 import pytest
 from mpi4py import MPI
 
+from tests.laws import coulomb
 from tests.solved import built
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
@@ -13,9 +14,8 @@ from tribox.app.equilibrium.supports import loose_directions
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.failure_diagnosis import explain, is_unstable
 from tribox.app.simulation.run_state import Observer
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
-LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
+LAW = coulomb(0.2)
 
 
 def test_a_residual_that_rounding_leaves_is_not_laid_on_anything_else(pair):

@@ -69,7 +69,7 @@ def wedged(block: str, film: str) -> dict:
     """The corner of a body that cannot slide is folded under."""
     data = pointwise(block)
     data["contact"][0]["friction"]["mu"] = 5.0
-    data["solver"] = {"min_step_fraction": 0.02, "max_iterations": 20}
+    data["solver"] = {"min_step_fraction": 0.1, "max_iterations": 20}
     data["boundary"][1]["displacement"] = {
         "x": [[1.0, 0.0], [2.0, 2e-3]],
         "y": [[0.0, 0.0], [1.0, -2e-4]],
@@ -113,8 +113,8 @@ def firm(block: str, film: str) -> dict:
     """A fine slave on a soft coarse master, with a hundred times the default penalty."""
     data = plain(block)
     data["contact"][0]["penalty_factor"] = 3e3
-    data["geometry"]["upper"]["elements"] = [30, 5]
-    data["geometry"]["lower"]["elements"] = [8, 4]
+    data["geometry"]["upper"]["elements"] = [20, 3]
+    data["geometry"]["lower"]["elements"] = [6, 3]
     data["bodies"]["aluminium"]["E"] = 1e6
     return data
 

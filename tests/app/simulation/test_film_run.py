@@ -556,7 +556,7 @@ def soft_line(across):
     speeds = {g: 4.0 * (LOAD / g) ** 2 * MODULUS * RADIUS / ETA for g in
               (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589, 3.108)}  # fmt: skip
     rate, time = [[0.0, 0.0], [1.0, 0.0]], 1.0
-    stages = [{"name": "press", "duration": "1 s", "steps": 6, "rate_dependent": False}]
+    stages = [{"name": "press", "duration": "1 s", "steps": 1, "rate_dependent": False}]
     for g, speed in speeds.items():
         way = 0.3 * a / speed
         rate += [[time + 1e-9 * way, speed / RADIUS], [time + way, speed / RADIUS]]

@@ -173,31 +173,3 @@ def test_ranks_agree(on_ranks):
     np.testing.assert_allclose(many["forces"], expected, rtol=0, atol=1e-9 * scale)
     for name in ("dissipated", "most"):
         assert many[name] == pytest.approx(one[name], rel=1e-9)
-
-
-@pytest.mark.long
-def test_slow_explicit_steps_press_as_hard(tmp_path):
-    """Within 0.5 % of the largest force, in a time of some hundred passages of a wave.
-
-    An explicit row holds the means over its interval, which two implicit steps make up.
-    """
-    intervals, duration = 10, 2e-4
-    case = pressed(tmp_path / "block.msh")
-    stages = [stage | {"steps": 2 * intervals} for stage in STAGES]
-    slow = forces(run(case | {"stage": stages}))
-    slow = np.vstack([np.zeros(4), slow])
-    means = 0.25 * (slow[:-2:2] + 2.0 * slow[1:-1:2] + slow[2::2])
-    for axis in case["tools"]["punch"]["displacement"].values():
-        axis[:] = [[0.5 * duration * k, value] for k, (_, value) in enumerate(axis)]
-    case["stage"] = [
-        {"name": stage["name"], "duration": 0.5 * duration, "solver": "explicit"}
-        for stage in STAGES
-    ]
-    case["solver"] = {"kind": "explicit"}
-    found = forces(run(case))
-    assert len(found) == 2 * intervals
-    # The first touch is a knock, and the turn to dragging another.
-    calm = [*range(intervals // 2, intervals), *range(intervals + 2, 2 * intervals)]
-    scale = np.abs(means).max()
-    np.testing.assert_allclose(found[calm], means[calm], rtol=0, atol=5e-3 * scale)
-    assert scale > 300.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 import numpy as np
 import pytest
 
+from tests.laws import FILM, coulomb, film_map
 from tests.solved import built, solved
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -20,40 +21,17 @@ from tribox.app.simulation.contact_resultants import (
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.simulation import Simulation
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
-from tribox.forms.friction.parameters import FrictionMapParameters
 
 SAME = 1e-8
 CENTRE = np.array([0.3, 1.1])  # of the turns, away from everything that could be special
 
-FILM = 0.5
+
+def film_of(mu: float) -> FrictionMap:
+    return film_map(mu_s=1.5 * mu, mu_d=mu, eta_b=0.5, film_onset_pressure=0.01)
 
 
-def coulomb(mu: float) -> CoulombLaw:
-    return CoulombLaw(CoulombParameters(mu=mu, K_T=60.0))
-
-
-def film_map(mu: float) -> FrictionMap:
-    """A friction map of numbers near one; the film is FILM thick, steps last one second."""
-    return FrictionMap(
-        FrictionMapParameters(
-            mu_s=1.5 * mu,
-            mu_d=mu,
-            A_d=0.01,
-            B=20.0,
-            K_T=60.0,
-            eta_b=0.5,
-            D_max=1.0,
-            alpha=0.4,
-            V_star=100.0,
-            V_star_at=FILM,
-            film_onset_pressure=0.01,
-        )
-    )
-
-
-LAWS = {"coulomb": (coulomb, 0.0), "film": (film_map, FILM)}
+LAWS = {"coulomb": (coulomb, 0.0), "film": (film_of, FILM)}
 # Coefficient of friction, and how far the upper grip is moved in the end.
 MODES = {"stuck": (5.0, 0.04), "sliding": (0.2, 0.2)}
 DEPTH = 0.05

@@ -63,31 +63,23 @@ def test_np_starts_the_ranks_itself(tribox, on_ranks, case_file, block, tmp_path
         assert {k: v for k, v in apart.items() if v > SAME} == {}
 
 
-@pytest.mark.mpi
-def test_ranks_refuse_together_with_one_line(tribox, case_file, block, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "mine.txt").write_text("mine")
-    result = tribox("run", case_file(block), "--out", tmp_path / "out", ranks=2)
-    assert result.returncode == 2
-    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
-    assert len(said) == 1 and "--force" in said[0]
-    assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
+def refused(comm, directory):
+    """Run the small block into a directory that holds something else."""
+    path, out = directory / "block.toml", directory / "out"
+    if comm.rank == 0:
+        path.write_text(BLOCK, encoding="utf-8")
+        out.mkdir()
+        (out / "mine.txt").write_text("mine")
+    comm.barrier()
+    codes, said = command(comm, "run", path, "--out", out)
+    return codes, said, [p.name for p in out.iterdir()]
 
 
-@pytest.mark.mpi
-def test_ranks_give_up_together(tribox, case_file, film, tmp_path):
-    """A platen that pulls the bodies apart: one line, and mpirun ends with the code."""
-    text = film.replace('thickness = "1 mm"', 'thickness = "1 mm"\ngap = "1 um"', 1)
-    text = text.replace('["1 s", "0.5 MPa"]', '["1 s", "-0.5 MPa"]')
-    result = tribox(
-        *("run", case_file(text), "--out", tmp_path / "out"),
-        *("--set", "solver.min_step_fraction=0.6", "--set", "solver.max_iterations=5"),
-        ranks=2,
-    )
-    assert result.returncode == 3
-    said = [line for line in result.stderr.splitlines() if line.startswith("tribox: ")]
-    assert len(said) == 1 and "no solution" in said[0]
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+@pytest.mark.mpi(refused, 2)
+def test_ranks_refuse_together_with_one_line(on_ranks):
+    codes, said, there = on_ranks(refused, 2)
+    [line] = [line for line in said.splitlines() if line.startswith("tribox: ")]
+    assert codes == [2, 2] and "--force" in line and there == ["mine.txt"]
 
 
 # -- Values that are allowed one by one and come to nothing together: one line, on all ranks -------

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.contact_boxes import GAP, Scene
+from tests.laws import coulomb
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.equilibrium.constraints import Prescribed
@@ -20,7 +21,6 @@ from tribox.app.simulation.contact_resultants import measure_contact
 from tribox.app.verify.result import CASES
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 SMOOTH = 'contact.0.smoothing_angle="30 deg"'
@@ -81,9 +81,7 @@ def held(scene, side, component, value=0.0):
 
 def problem_of(shape, smoothing_angle):
     """Both boxes as solids; the top is driven, the bottom fixed."""
-    scene = Scene(
-        shape, CoulombLaw(CoulombParameters(mu=MU, K_T=60.0)), smoothing_angle=smoothing_angle
-    )
+    scene = Scene(shape, coulomb(MU), smoothing_angle=smoothing_angle)
     mesh = scene.space.mesh
     cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     middle = dolfinx.mesh.compute_midpoints(mesh, mesh.topology.dim, cells)[:, scene.dim - 1]

@@ -1,4 +1,4 @@
-"""The sphere on a block: its section of revolution against a quarter in space, and twisted."""
+"""The sphere on a block: twisted in space, and the pressures of its section of revolution."""
 
 import tomllib
 
@@ -8,7 +8,6 @@ import pytest
 from tests.solved import built, solved
 from tribox.app.results.contact_points import contact_nodes
 from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
 
 SPHERE = """
 bodies.elastomer = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
@@ -30,32 +29,6 @@ slave = "elastomer_contact"
 master = "aluminium_contact"
 friction = { law = "frictionless" }
 """
-
-
-def pressed(part: str, **geometry: str) -> Simulation:
-    data = tomllib.loads(SPHERE)
-    data["geometry"] |= {"part": part, **geometry}
-    if part == "quarter":
-        for boundary in data["boundary"]:
-            boundary["displacement"]["z"] = 0
-        data["boundary"] += [
-            {"surface": f"{body}_symmetry_{axis}", "displacement": {axis: 0}}
-            for body in ("elastomer", "aluminium")
-            for axis in "xz"
-        ]
-    return solved(data)
-
-
-@pytest.fixture(scope="module")
-def ring() -> Simulation:
-    return pressed("axisymmetric")
-
-
-def test_quarter_in_space_agrees_with_the_section(ring):
-    """Force and energy of a quarter, four times, within 2 % of those of the section."""
-    whole, quarter = ring.rows[-1], pressed("quarter").rows[-1]
-    assert 4.0 * quarter.normal_force == pytest.approx(whole.normal_force, rel=0.02)
-    assert 4.0 * quarter.strain_energy == pytest.approx(whole.strain_energy, rel=0.02)
 
 
 def test_sphere_pressed_and_twisted():
@@ -113,7 +86,9 @@ def means_of_hertz(r: np.ndarray, a: float, peak: float) -> np.ndarray:
 
 def test_nodal_pressure_under_the_sphere_is_hertz():
     """Of the force found, at all nodes in the contact but that on the axis."""
-    ring = pressed("axisymmetric", contact_size="0.1 mm")
+    data = tomllib.loads(SPHERE)
+    data["geometry"] |= {"part": "axisymmetric", "contact_size": "0.1 mm"}
+    ring = solved(data)
     found = contact_nodes(ring.model)
     assert found is not None
     r, pressure = found.values["position"][:, 0], found.values["pressure"]

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.laws import coulomb
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.steady import SlidWay
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.return_mapping import SlipWeakening
 
 STIFFNESS = 2e6  # N/m, of the bodies in shear
 LOAD = 10.0  # N
 PRESLIDING = 2e-7  # m
 TOLERANCE = 1e-4
-COULOMB = CoulombLaw(CoulombParameters(mu=0.1, K_T=1e12))
+COULOMB = coulomb(0.1, 1e12)
 
 
 class Telling:

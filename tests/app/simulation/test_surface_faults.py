@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.laws import coulomb
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.failure_diagnosis import explain
 from tribox.app.simulation.surface_ends import ends_text
 from tribox.app.simulation.surface_faults import _deepest
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 
-LAW = CoulombLaw(CoulombParameters(mu=0.2, K_T=60.0))
+LAW = coulomb(0.2)
 NAMES = [SimpleNamespace(slave="pad", master="strip")]
 PAD = Path(__file__).parents[3] / "cases" / "forming" / "pad.toml"
 FAR = StepResult(False, 30, 30, -5, [0.3])  # a residual far from zero

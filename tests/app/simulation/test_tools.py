@@ -8,6 +8,7 @@ from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plan
 from tribox.app.simulation.run_state import Observer
 
 THICKNESS = 2e-3  # m, of the slab
+FREE = {"law": "frictionless"}
 DRY = {"law": "coulomb", "mu": 0.3}
 # Nothing holds the block sideways but one side: it is compressed evenly.
 EVEN = [
@@ -52,8 +53,8 @@ def rolled(**rotation):
 def test_a_plane_presses_as_a_platen_does(mesh):
     """Where the pressure is even, the block is the same under the same force."""
     anvil = plane(point=[0, 0], normal=[0, 1])
-    below = {"slave": "bottom", "master": "anvil", "friction": {"law": "frictionless"}}
-    above = {"slave": "top", "master": "punch", "friction": {"law": "frictionless"}}
+    below = {"slave": "bottom", "master": "anvil", "friction": FREE}
+    above = {"slave": "top", "master": "punch", "friction": FREE}
     left = {"surface": "left", "displacement": {"x": 0}}
     tools = {"anvil": anvil, "punch": plane(displacement=down())}
     exact = {"solver": {"tolerance": 1e-12}}
@@ -162,7 +163,7 @@ def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
 
 def test_one_tool_is_the_master_of_two_pairs(tmp_path, mesh):
     halves = block_mesh(tmp_path / "halves.msh", halves=True)
-    one = {"master": "punch", "friction": {"law": "frictionless"}}
+    one = {"master": "punch", "friction": FREE}
     pairs = [{"slave": "top", **one}, {"slave": "right top", **one}]
     for tools in ({"punch": plane(displacement=down())}, {"punch": plane(force=pushed("-3 N"))}):
         whole = last(run(block_case(mesh, boundary=EVEN, tools=tools)))
@@ -186,8 +187,8 @@ def test_explicit_steps_come_to_the_implicit_state(mesh, loaded):
         spring = {"direction": "y", "stiffness": "20 N/mm"}
         motion = {"spring": {**spring, "end": down()["y"]}}
         slow = {"spring": {**spring, "end": slow_way}, "mass": "10 mg"}
-    still = last(run(block_case(mesh, tools={"punch": circle(**motion)})))
-    data = block_case(mesh, tools={"punch": circle(**slow)})
+    still = last(run(block_case(mesh, tools={"punch": circle(**motion)}, contact=SOFT)))
+    data = block_case(mesh, tools={"punch": circle(**slow)}, contact=SOFT)
     data["bodies"]["block"]["density"] = 1000
     data["solver"] = {"kind": "explicit", "damping": "2e4 1/s"}
     data["stage"] = [{"name": "all", "duration": "1.25 ms", "steps": 5}]
@@ -234,6 +235,10 @@ def of_tool(simulation, column, tool="punch"):
     return np.array([row[at] for row in rows if row[which] == tool])
 
 
+# With a penalty that does not shorten explicit steps.
+SOFT = [{"slave": "top", "master": "punch", "friction": FREE, "penalty_factor": 3}]
+
+
 def stages(*names, steps=2):
     return [{"name": name, "duration": "1 s", "steps": steps} for name in names]
 
@@ -274,12 +279,13 @@ def test_a_tool_goes_on_by_force_in_explicit_steps_too(mesh):
         "force": {"y": "-0.5 N"},
         "mass": "10 mg",
     }
-    data = block_case(mesh, tools={"punch": circle(**switched)})
+    data = block_case(mesh, tools={"punch": circle(**switched)}, contact=SOFT)
     data["bodies"]["block"]["density"] = 1000
     data["solver"] = {"kind": "explicit", "damping": "2e4 1/s"}
     data["stage"] = [{"name": name, "duration": "0.9 ms", "steps": 3} for name in ("press", "load")]
     moved = run(data)
-    still = last(run(block_case(mesh, tools={"punch": circle(force=pushed("-0.5 N"))})))
+    pushed_on = {"punch": circle(force=pushed("-0.5 N"))}
+    still = last(run(block_case(mesh, tools=pushed_on, contact=SOFT)))
     assert last(moved)["displacement_y"] == pytest.approx(still["displacement_y"], rel=1e-3)
     assert last(moved)["force_y"] == pytest.approx(0.5, rel=1e-3)
     assert abs(moved.rows[-1].energy_error) < 0.01 * moved.rows[-1].external_work
@@ -297,7 +303,7 @@ def test_a_holder_presses_with_its_force_from_first_touch_on(tmp_path):
         "punch": plane(point=[2e-3, HEIGHT + gap], force={"y": "-2 N"}),
     }
     pairs = [
-        {"slave": slave, "master": master, "friction": {"law": "frictionless"}}
+        {"slave": slave, "master": master, "friction": FREE}
         for slave, master in (("bottom", "table"), ("top", "punch"))
     ]
     left = {"surface": "left", "displacement": {"x": 0}}
@@ -368,7 +374,7 @@ def facts(comm, directory):
     comm.barrier()
     tables = rolled(moment=0)
     tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], force={"x": "-0.1 N"})
-    wall = {"slave": "right", "master": "wall", "friction": {"law": "frictionless"}}
+    wall = {"slave": "right", "master": "wall", "friction": FREE}
     tables["contact"].append(wall)
     del tables["tools"]["punch"]["displacement"]["y"]
     end = [["0 s", "0 m"], ["1 s", "-60 um"]]

@@ -7,16 +7,15 @@ import pytest
 from mpi4py import MPI
 
 from tests.conftest import Pair
-from tests.forms.contact.test_penalty import whole_tangent
+from tests.contact_boxes import dense_tangent, nodal_forces
+from tests.laws import coulomb, film_map
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.stiffness import PairStiffness, elastic_stiffness, largest_viscosity
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
-from tribox.forms.friction.friction_map import FrictionMap
-from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.surface import NodalVector
@@ -24,28 +23,11 @@ from tribox.geometry.surfaces.surface import NodalVector
 PENALTY = 50.0
 
 
-def film_law(**changes):
-    values = {
-        "mu_s": 0.3,
-        "mu_d": 0.2,
-        "A_d": 0.01,
-        "B": 20.0,
-        "K_T": 60.0,
-        "eta_b": 5.0,
-        "D_max": 1.0,
-        "alpha": 0.4,
-        "V_star": 100.0,
-        "V_star_at": 0.5,
-        "film_onset_pressure": 1.0,
-    }
-    return FrictionMap(FrictionMapParameters(**(values | changes)))
-
-
 LAWS = {
     "none": (FrictionlessLaw(), 0.0),
-    "coulomb": (CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0)), 0.0),
-    "map": (film_law(), 0.5),
-    "film over the pressure": (film_law(), FilmTable(((0.0, 0.8), (5.0, 0.3)))),
+    "coulomb": (coulomb(0.3), 0.0),
+    "map": (film_map(), 0.5),
+    "film over the pressure": (film_map(), FilmTable(((0.0, 0.8), (5.0, 0.3)))),
 }
 
 
@@ -109,13 +91,6 @@ def vectors(blocks):
     return NodalVector(space, blocks.u.x), NodalVector(space)
 
 
-def residual(term, trial, size):
-    nodes, values = term.nodal_forces(trial)
-    out = np.zeros((size, 2))
-    np.add.at(out, nodes.reshape(-1), values.reshape(-1, 2))
-    return out.reshape(-1)
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("kind", get_args(PressureKind))
 @pytest.mark.parametrize("name", LAWS)
@@ -150,7 +125,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
             compare(trial.normal_contact, expected.normal_contact, NORMAL, step, 1e-13)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
         seen |= {("lost", bool(kind == "averaged" and expected.faded.lost.any()))}
-        force = residual(reference, expected, len(out.owned) // 2)
+        force = nodal_forces(reference, expected, len(out.owned) // 2).reshape(-1)
         np.testing.assert_allclose(out.owned - 1.0, force, atol=1e-12)
         k = expected.kinematics
         seen |= {("clamped", bool((at.clamped & k.closed).any()))}
@@ -172,7 +147,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
 @pytest.mark.parametrize("compiled", [True, False])
 def test_its_steps_are_too_short_to_look_for_points_that_come_to_rest_within(pair, compiled):
     """The last step of the path is slow; without an upper bound the elastic slip is all of it."""
-    blocks, law = pair(lower=(5, 2)), film_law(V_star=0.5, eta_b=0.01)
+    blocks, law = pair(lower=(5, 2)), film_map(V_star=0.5, eta_b=0.01)
     reference = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
     contact = explicit_contact(ContactTerm(blocks.surface(), law, PENALTY, 0.5), compiled)
     u, _ = vectors(blocks)
@@ -210,7 +185,7 @@ def test_a_penetration_of_roundoff_is_no_contact(pair, compiled):
 def test_film_correction_in_numbers(pair, compiled):
     """One correction from nothing at a uniform speed, by the formula written out here."""
     blocks = pair()
-    law = film_law(alpha=1.0, film_onset_pressure=0.0)
+    law = film_map(alpha=1.0, film_onset_pressure=0.0)
     contact = explicit_contact(ContactTerm(blocks.surface(3), law, PENALTY, 0.5), compiled)
     u, out = vectors(blocks)
     velocity, scratch = NodalVector(blocks.u.function_space), vectors(blocks)[1]
@@ -270,20 +245,20 @@ def test_compliance_bounds_the_impulses_of_all_points_together(pair, compiled):
 def test_the_law_tells_its_stiffness_and_its_viscosity(pair):
     blocks = pair()
     onset = {"film_onset_pressure": 1e-3}
-    term = ContactTerm(blocks.surface(), film_law(alpha=0.25, **onset), PENALTY, 0.5)
+    term = ContactTerm(blocks.surface(), film_map(alpha=0.25, **onset), PENALTY, 0.5)
     assert elastic_stiffness(term) == pytest.approx(0.75 * 60.0)
     assert largest_viscosity(term) == pytest.approx(0.25 * 10.0)
-    law = film_law(alpha=0.25, V_star=0.1, **onset)
+    law = film_map(alpha=0.25, V_star=0.1, **onset)
     fast = ContactTerm(blocks.surface(), law, PENALTY, 0.5)
     assert largest_viscosity(fast) == pytest.approx(10.0)
-    dry = ContactTerm(blocks.surface(), CoulombLaw(CoulombParameters(mu=0.3, K_T=7.0)), PENALTY)
+    dry = ContactTerm(blocks.surface(), coulomb(0.3, 7.0), PENALTY)
     assert elastic_stiffness(dry) == pytest.approx(7.0)
     assert largest_viscosity(dry) == 0.0
 
 
 def test_the_pressures_of_the_probes_are_those_of_each_points_own_facet(pair):
     """The same on a facet of another length with its own penalty, whatever the mean length."""
-    law = film_law(alpha=0.25, film_onset_pressure=1e-3, barus=0.1)
+    law = film_map(alpha=0.25, film_onset_pressure=1e-3, barus=0.1)
     surface = pair().surface()
     found = set()
     for kind, count in (("averaged", surface.vertices.count), ("pointwise", 18)):
@@ -334,7 +309,7 @@ def test_stiffness_of_a_pair_is_nowhere_less_than_that_of_the_contact(kind):
     out.owned[:] = 0.0
     contact.spread_weights(0.5, out)
     mass[:] = np.where(out.owned > 0.0, out.owned, np.inf)
-    exact = whole_tangent(term, trial, blocks)
+    exact = dense_tangent(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
     scale = np.abs(matrix).max()
     assert np.linalg.eigvalsh(matrix - exact).min() > -1e-12 * scale
     # Nor is it much more than it: of the highest frequencies on the nodes' areas.

@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.contact_boxes import GAP, PENALTY, Scene
+from tests.contact_boxes import GAP, PENALTY, Scene, nodal_forces
 from tests.forms.contact.test_explicit import LAWS, NORMAL, PROJECTION, STATE, compare
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import CompiledContact, explicit_contact
@@ -69,9 +69,7 @@ def test_the_same_contact_along_a_path(shape, law, kind):
             compare(*normals, NORMAL, step)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
             seen["lost"] |= bool(expected.faded.lost.any())
-        nodes, values = reference.nodal_forces(expected)
-        force = np.zeros((len(scene.where), 3))
-        np.add.at(force, nodes.reshape(-1), values.reshape(-1, 3))
+        force = nodal_forces(reference, expected, len(scene.where))
         np.testing.assert_allclose(out.owned.reshape(-1, 3) - 1.0, force, atol=1e-12)
         clamped = at.clamped & at.on_surface
         seen["on a side"] |= bool((clamped & at.along.any(axis=1)).any())

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import Scene
-from tests.forms.contact.test_tangent import State, coulomb, film_map
+from tests.forms.contact.test_tangent import State
+from tests.laws import coulomb, film_map
 from tribox.forms.contact.interior_point import (
     CentralPoint,
     CentralSlip,

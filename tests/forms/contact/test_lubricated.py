@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.contact_boxes import unknowns_of
 from tests.forms.contact import test_tool
 from tests.forms.contact.test_tool import Rectangle, Scene, TwoBlocks, generate
+from tests.laws import coulomb
 from tribox.forms.contact.asperities import FilmModel
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactMode
 from tribox.forms.film.reynolds import FilmError, ReynoldsFilm, wedge_film
 from tribox.forms.film.roughness import Exponential, RoughGap
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters
@@ -21,7 +22,7 @@ from tribox.geometry.surfaces.rigid_shapes import Circle
 
 SIGMA = 0.01
 PRESSED = ContactMode(rate_dependent=False)
-COULOMB = CoulombLaw(CoulombParameters(mu=0.3, K_T=25.0))
+COULOMB = coulomb(0.3, 25.0)
 MAP = FrictionMap(
     FrictionMapParameters(
         mu_s=0.3, K_T=25.0, eta_b=1e-2, D_max=6 * SIGMA, beta=1.0, V_star=1e3, V_star_at=SIGMA
@@ -63,10 +64,10 @@ KINDS = {
 def slid(scene, down=-0.03, along=-0.04, close=0.002):
     """Unknowns after a step in which the tool slid, turned and closed; that before is committed."""
     first = scene.unknowns(1, 0.001, tool=0.0, theta=0.0)
-    first[scene._dofs(scene.tool)[1]] = down
+    first[unknowns_of(scene.tool, 2)[1]] = down
     scene.term.commit(scene.term.evaluate(scene.vector(first), 1.0, PRESSED))
     x = first + scene.unknowns(2, 0.0005, tool=0.0, theta=0.003)
-    x[scene._dofs(scene.tool)[:2]] = along, down + close
+    x[unknowns_of(scene.tool, 2)[:2]] = along, down + close
     return x
 
 
@@ -132,7 +133,7 @@ def test_a_slider_round_a_cylinder_is_a_plane_one_whatever_its_facets(ratio, mon
     x[vertices.nodes] = scene.centre + (radius + film)[:, None] * radial - vertices.position
     x = x.reshape(-1)
     scene.term.commit(scene.term.evaluate(scene.vector(x), 1.0, PRESSED))
-    x[scene._dofs(scene.tool)[2]] = -turned * scene.motion.length
+    x[unknowns_of(scene.tool, 2)[2]] = -turned * scene.motion.length
     found = scene.term.evaluate(scene.vector(x), 1.0).normal_contact.lubrication
     assert found.film == pytest.approx(film, rel=1e-3)
     wide, scale = film / least, 6.0 * eta * turned * radius / least**2
@@ -149,7 +150,7 @@ def test_a_turning_tool_rubs_over_its_arc(angle):
     scene = Lubricated()
     scene.motion = scene.term.surface.master.motion
     x = scene.unknowns(1, 0.0, tool=0.0, theta=0.0)
-    tool = scene._dofs(scene.tool)
+    tool = unknowns_of(scene.tool, 2)
     x[tool[1]] = -0.03
     # The tool turns about the centre of its circle: that moves with the centre of the motion.
     arm = scene.surface.centre - scene.centre

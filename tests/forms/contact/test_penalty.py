@@ -5,20 +5,17 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from tests.contact_boxes import dense_tangent, nodal_forces
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PressureKind
 from tribox.forms.contact.state import ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 PENALTY = 50.0
 DOWN = -0.02
-
-
-def coulomb(mu, K_T=60.0):
-    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
 
 
 KINDS = get_args(PressureKind)
@@ -40,31 +37,6 @@ def summed(*motions):
     return lambda X: sum(motion(X) for motion in motions)
 
 
-def nodal(term, trial, size):
-    """Contact residual of all nodes, (n, i)."""
-    nodes, values = term.nodal_forces(trial)
-    out = np.zeros((size, 2))
-    np.add.at(out, nodes.reshape(-1), values.reshape(-1, 2))
-    return out
-
-
-def whole_tangent(term, trial, blocks):
-    """Dense tangent of the pair (2 n, 2 n): the points' blocks, and the vertices' part."""
-    size = 2 * blocks.u.function_space.dofmap.index_map.size_local
-    out = np.zeros((size, size))
-
-    def dofs(nodes):
-        return (2 * nodes[..., None] + np.arange(2)).reshape(*nodes.shape[:-1], -1)
-
-    for nodes, stiffness in term.tangent(trial):
-        at, m = dofs(nodes), 2 * nodes.shape[1]
-        np.add.at(out, (at[:, :, None], at[:, None, :]), stiffness.reshape(-1, m, m))
-    coupling = term.coupling(trial)
-    if coupling is not None:
-        out[np.ix_(dofs(coupling.rows), dofs(coupling.columns))] += coupling.matrix.toarray()
-    return out
-
-
 def committed(term, x, dt=1.0):
     trial = term.evaluate(x, dt)
     term.commit(trial)
@@ -80,7 +52,7 @@ def test_sticking_and_sliding_in_numbers(pair):
         trial = term.evaluate(blocks.displaced(shifted(move, DOWN), still), 1.0)
         np.testing.assert_allclose(trial.kinematics.slip[:, 0], move, rtol=1e-10)
         np.testing.assert_allclose(trial.traction[:, 0], -expected, rtol=1e-9)
-        forces = nodal(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
+        forces = nodal_forces(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
         slave = np.unique(term.surface.slave.nodes)
         # The residual is minus the force on the body; the slave surface has unit length.
         np.testing.assert_allclose(forces[slave].sum(axis=0), [expected, -PENALTY * 0.02])
@@ -179,7 +151,7 @@ def test_touching_points_have_a_stiffness_but_no_pressure(pair, kind):
     term = term_of(blocks, coulomb(0.3), pressure=kind)
     trial = term.evaluate(blocks.displaced(still, still), 1.0)
     assert not trial.pressure.any()
-    stiffness = whole_tangent(term, trial, blocks)
+    stiffness = dense_tangent(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
     slave = 2 * np.unique(term.surface.slave.nodes) + 1
     assert stiffness[np.ix_(slave, slave)].sum() == pytest.approx(PENALTY, rel=1e-10)
     master = 2 * term.surface.master.nodes + 1

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import PENALTY, SHAPES, Scene, take_all_for_kinked
-from tests.forms.contact.test_tangent import film_map
 from tests.geometry.surfaces.test_vertices import parted
+from tests.laws import coulomb, film_map
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import (
@@ -18,7 +18,7 @@ from tribox.forms.contact.pressure import (
     normal_rule,
 )
 from tribox.forms.contact.state import AS_IS, ContactMode
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.facets import order_by_place
 
 KINDS = ("averaged", "pointwise")
@@ -215,7 +215,7 @@ def facts(comm, directory):
 def facts_of(shape, comm, film=0.0, start=0.0):
     surface = parted(shape, comm)
     space, dim = surface.space, surface.dim
-    law = film_map() if film else CoulombLaw(CoulombParameters(mu=0.3, K_T=60.0))
+    law = film_map() if film else coulomb(0.3)
     penalty = PENALTY * np.linspace(1.0, 2.0, surface.vertices.count)
     term = ContactTerm(surface, law, penalty, film, modulus=50.0)
     problem = Equilibrium(dolfinx.fem.Function(space), [], [term])

@@ -10,12 +10,12 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tests.contact_boxes import box
+from tests.contact_boxes import box, dense_tangent, nodal_forces, slope_error
 from tests.geometry.surfaces.rigid_shapes import SMOOTH, STEP
 from tests.geometry.surfaces.test_rigid_mesh import hill, parabolas, triangles
 from tests.grid import coordinate_element
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.law import Regime
 from tribox.geometry.surfaces.rigid import RigidMotion, normals
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
@@ -82,7 +82,7 @@ class Scene:
         self.motion = RigidMotion(centre, shape.control_points, 0.8, axis)
         master = RigidMaster(self.tool.astype(np.int64), shape)
         surface = ContactSurface(self.space, facets, master, 5)
-        law = CoulombLaw(CoulombParameters(mu=friction, K_T=60.0))
+        law = coulomb(friction)
         self.term = ContactTerm(surface, law, PENALTY, pressure=pressure)
 
     def place(self, facet, xi):
@@ -111,53 +111,30 @@ class Scene:
         values[self.tool] = controls - self.shape.control_points
 
     def residual(self, values):
-        trial = self.evaluate(values)
-        nodes, force = self.term.nodal_forces(trial)
-        out = np.zeros_like(self.where)
-        np.add.at(out, nodes.reshape(-1), force.reshape(-1, self.dim))
-        return out.reshape(-1)
+        return nodal_forces(self.term, self.evaluate(values), len(values)).reshape(-1)
 
     def evaluate(self, values):
         x = PETSc.Vec().createMPI((values.size, None), bsize=self.dim, comm=MPI.COMM_SELF)
         x.array[:] = values.reshape(-1)
         return self.term.evaluate(x, 1.0)
 
-    def tangent(self, values):
-        trial, size = self.evaluate(values), values.size
-        out = np.zeros((size, size))
-        for nodes, blocks in self.term.tangent(trial):
-            dofs = self.dofs(nodes)
-            count = dofs.shape[1]
-            at = dofs[:, :, None], dofs[:, None, :]
-            np.add.at(out, at, blocks.reshape(len(nodes), count, count))
-        coupling = self.term.coupling(trial)
-        if coupling is not None:
-            rows, columns = (self.dofs(n[None])[0] for n in (coupling.rows, coupling.columns))
-            np.add.at(out, (rows[:, None], columns[None, :]), coupling.matrix.toarray())
-        return out
-
-    def dofs(self, nodes):
-        return (nodes[..., None] * self.dim + np.arange(self.dim)).reshape(len(nodes), -1)
-
     def error(self, depth, along, shift, theta):
         """Largest difference of K d from central differences over the largest entry."""
         values = self.unknowns(depth, along, shift, theta)
-        K, rng, worst = self.tangent(values), np.random.default_rng(0), 0.0
+        K = dense_tangent(self.term, self.evaluate(values), len(values))
+        rng, worst = np.random.default_rng(0), 0.0
         for _ in range(2):
             way, turn = rng.normal(size=self.where.shape), rng.normal()
             d = way.copy()
             both = np.concatenate([way[0], [turn * self.motion.length], np.zeros(self.dim - 1)])
             d[self.tool] = self.motion.tangent(theta) @ both
-            found = []
-            for h in (1e-5, 2e-6):
-                sides = []
-                for step in (2.0 * h, h, -h, -2.0 * h):
-                    moved = values + step * way
-                    self.move_tool(moved, shift + step * way[0], theta + step * turn)
-                    sides.append(self.residual(moved))
-                slope = (8.0 * (sides[1] - sides[2]) - (sides[0] - sides[3])) / (12.0 * h)
-                found.append(np.abs(K @ d.reshape(-1) - slope).max() / np.abs(slope).max())
-            worst = max(worst, min(found))
+
+            def along(h, way=way, turn=turn):
+                moved = values + h * way
+                self.move_tool(moved, shift + h * way[0], theta + h * turn)
+                return self.residual(moved)
+
+            worst = max(worst, slope_error(K @ d.reshape(-1), along))
         return worst
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.contact_boxes import PENALTY, Scene
 from tests.forms.contact.test_pressure import touching
-from tests.forms.contact.test_tangent import film_map
+from tests.laws import film_map
 from tribox.forms.contact.pressure import _EARLY, PointwisePressure, _along_slope, rim_cover
 from tribox.forms.contact.state import AS_IS, NormalContact
 

@@ -6,8 +6,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.contact_boxes import GAP, PENALTY, Scene, box
-from tests.forms.contact.test_tangent import coulomb, film_map
 from tests.grid import coordinate_element
+from tests.laws import coulomb, film_map
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.shared_slave import introduce, keep_what_went_over
 from tribox.geometry.surfaces.surface import ContactSurface

@@ -7,24 +7,10 @@ import pytest
 
 import tribox.forms.contact.tangent
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
+from tests.laws import coulomb, film_map
 from tribox.forms.contact.tangent import PairTangent
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
-from tribox.forms.friction.friction_map import FrictionMap
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.law import Regime
-from tribox.forms.friction.parameters import FrictionMapParameters
-
-
-def coulomb(mu, K_T=60.0):
-    return CoulombLaw(CoulombParameters(mu=mu, K_T=K_T))
-
-
-def film_map():
-    return FrictionMap(
-        FrictionMapParameters(
-            mu_s=0.3, mu_d=0.2, A_d=0.01, B=20.0, K_T=60.0, eta_b=5.0, D_max=1.0, alpha=0.4,
-            V_star=100.0, V_star_at=0.5, film_onset_pressure=1.0,
-        )
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tests.contact_boxes import dense_tangent, nodal_forces, unknowns_of
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.geometry.generators.two_blocks import Block as Rectangle
 from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
@@ -51,7 +52,7 @@ class Scene:
         self.motion = RigidMotion(self.centre, points, 0.7, axis)
         tool = self.surface, self.tool, self.motion
         pair = ContactSurface.for_tool(self.space, facets, *tool, 5)
-        law = CoulombLaw(CoulombParameters(mu=mu, K_T=25.0))
+        law = coulomb(mu, 25.0)
         self.term = ContactTerm(pair, law, PENALTY, pressure=kind, modulus=3.0)
         self.size = self.space.dofmap.index_map.size_local * dim
 
@@ -71,22 +72,10 @@ class Scene:
 
     def residual(self, x):
         trial = self.term.evaluate(self.vector(x), 1.0)
-        nodes, values = self.term.nodal_forces(trial)
-        out = np.zeros((self.size // self.dim, self.dim))
-        np.add.at(out, nodes.reshape(-1), values.reshape(-1, self.dim))
-        return out.reshape(-1), trial
+        return nodal_forces(self.term, trial, self.size // self.dim).reshape(-1), trial
 
     def tangent(self, x):
-        trial = self.residual(x)[1]
-        out = np.zeros((self.size, self.size))
-        for nodes, stiffness in self.term.tangent(trial):
-            at, m = self._dofs(nodes), self.dim * nodes.shape[1]
-            np.add.at(out, (at[:, :, None], at[:, None, :]), stiffness.reshape(-1, m, m))
-        coupling = self.term.coupling(trial)
-        if coupling is not None:
-            place = np.ix_(self._dofs(coupling.rows), self._dofs(coupling.columns))
-            out[place] += coupling.matrix.toarray()
-        return out
+        return dense_tangent(self.term, self.residual(x)[1], self.size // self.dim)
 
     def error(self, x, step=1e-6):
         """Largest error of the tangent against differences, over its largest entry."""
@@ -101,15 +90,11 @@ class Scene:
             worst = max(worst, np.abs(exact[:, dof] - column).max())
         return worst / np.abs(exact).max()
 
-    def _dofs(self, nodes):
-        shape = nodes.shape[:-1]
-        return (self.dim * nodes[..., None] + np.arange(self.dim)).reshape(*shape, -1)
-
     def acting(self):
         """Unknowns of the slave's nodes, and those of the tool that do something."""
         nodes = np.unique(self.term.surface.slave.nodes)
-        tool = self._dofs(self.tool)
-        return np.concatenate([self._dofs(nodes), tool[: self.dim + 1]])
+        tool = unknowns_of(self.tool, self.dim)
+        return np.concatenate([unknowns_of(nodes, self.dim), tool[: self.dim + 1]])
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -119,8 +104,9 @@ def test_the_tangent_is_that_of_differences_for_the_angle_too(dim, kind):
     scene.term.commit(scene.residual(scene.unknowns(1))[1])
     # Friction sticks at some points and slips at others, and the tool turns on.
     x = scene.unknowns(1) + 0.5 * (scene.unknowns(2, 0.002) - scene.unknowns(1, 0.0))
-    x[scene._dofs(scene.tool)] += 0.01
-    x[scene._dofs(scene.tool)[dim + 1 :]] = 0.0
+    tool = unknowns_of(scene.tool, dim)
+    x[tool] += 0.01
+    x[tool[dim + 1 :]] = 0.0
     trial = scene.residual(x)[1]
     assert trial.kinematics.closed.sum() > 3
     assert scene.error(x) < 2e-7
@@ -191,8 +177,9 @@ def test_the_tangent_is_exact_beside_sharp_corners_too(shape, degree):
     start = scene.unknowns(1, tool=0.01, theta=0.02)
     scene.term.commit(scene.residual(start)[1])
     x = start + 0.5 * (scene.unknowns(2, 0.002) - scene.unknowns(1, 0.0))
-    x[scene._dofs(scene.tool)] = start[scene._dofs(scene.tool)] + 0.004
-    x[scene._dofs(scene.tool)[3:]] = 0.0
+    tool = unknowns_of(scene.tool, 2)
+    x[tool] = start[tool] + 0.004
+    x[tool[3:]] = 0.0
     trial = scene.residual(x)[1]
     assert trial.kinematics.closed.sum() > 3
     assert scene.error(x) < 2e-7

@@ -7,8 +7,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.contact_boxes import Scene
+from tests.laws import coulomb
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces import master
@@ -32,9 +33,7 @@ def contact_facts(comm, directory):
     blocks = TwoBlocks(Block(1.0, 0.5, (6, 6)), Block(2.0, 0.5, (19, 4)), 0.47)
     named = generate(blocks, comm)
     space = space_on(named)
-    term = ContactTerm(
-        surface_on(space, named, 3), CoulombLaw(CoulombParameters(mu=0.3, K_T=40.0)), 50.0
-    )
+    term = ContactTerm(surface_on(space, named, 3), coulomb(0.3, 40.0), 50.0)
     down = np.where(space.tabulate_dof_coordinates()[:, 1] > -1e-9, 1.0, 0.0)
     u = dolfinx.fem.Function(space)
     u.interpolate(lambda X: 0.03 * np.stack([np.cos(3.0 * X[1]), np.sin(4.0 * X[0])]))
