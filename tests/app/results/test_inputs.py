@@ -96,7 +96,7 @@ def test_a_sweep_holds_one_copy_for_all_its_values(made, tmp_path, tribox):
     made.write_text(made.read_text() + sweep)
     out = tmp_path / "out"
     words = ["--jobs", "1", "--trust"]
-    done = tribox("run", made, "--out", out, *words, process=True)
+    done = tribox("run", made, "--out", out, *words)
     assert done.returncode == 0, done.stderr
     meshes = [out / "inputs" / "two.msh", *(out / f"mu=0.{k}/inputs/two.msh" for k in (2, 3))]
     assert len({path.stat().st_ino for path in meshes}) == 1

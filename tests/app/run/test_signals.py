@@ -15,7 +15,7 @@ import pytest
 
 from tests.app.read_log import read_log
 from tests.app.simulation.test_explicit_run import THROWN
-from tests.ranks import LIMIT
+from tests.ranks import LIMIT, called
 from tribox.app.results import read
 from tribox.app.results.directory import LOCK, RESERVE
 from tribox.app.run.process import is_first_rank, ranks_around
@@ -269,7 +269,7 @@ def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):
     assert_tidy(out)
 
 
-def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_path):
+def test_a_killed_run_is_readable_and_in_nobodys_way(start, case_file, block, tmp_path):
     process, out = start("single"), tmp_path / "out"
     read_steps(process)
     # Meanwhile nobody else may have the directory, whatever they say.
@@ -285,11 +285,10 @@ def test_a_killed_run_is_readable_and_in_nobodys_way(start, environment, tmp_pat
     assert results.summary["status"] == "running" and len(results.history) >= 3
     assert list(results.history.step) == list(range(1, len(results.history) + 1))
     assert len(results.fields().points) and results.steps[0] == 1
-    command = [sys.executable, "-m", "tribox", "report", str(out)]
-    told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert "note: the run ended from outside; this is what it had written" in told.stdout
-    again = start("single", "--force", steps=1)
-    assert again.wait(LIMIT) == 0 and statuses(out) == {"out": "done"}
+    code, told = called("report", out)
+    assert code == 0 and "note: the run ended from outside; this is what it had written" in told
+    code, told = called("run", case_file(block), "--out", out, "--force")
+    assert code == 0 and statuses(out) == {"out": "done"}, told
 
 
 @pytest.mark.parametrize(("target", "code"), [("closed", 0), ("/dev/full", 4)])
