@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.comparison import level_options
 from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
 from tribox.app.verify.contact import REFERENCE, Profile, press, pressure_checks, traction_checks
 from tribox.app.verify.report import percent

@@ -34,7 +34,7 @@ from tribox.app.figures.scenes import (
 from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE, axis_names, body_names, heading, pair_names
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
-from tribox.app.results.directory import create
+from tribox.app.results.directory import written_whole
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -109,9 +109,7 @@ def animate(results: Results, path: Path, field: str) -> int:
     scale = common_scale([state.field for state in states])
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    create(part)
-    with rc_context(CASE_STYLE | FFMPEG):
+    with rc_context(CASE_STYLE | FFMPEG), written_whole(path, f".part{path.suffix}") as part:
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
             results, steps, states, scale
         )
@@ -120,7 +118,6 @@ def animate(results: Results, path: Path, field: str) -> int:
                 draw(number)
                 figure.suptitle(heading(results, title_of(results, step)), fontsize=8)
                 writer.grab_frame()
-    part.replace(path)
     return len(steps)
 
 

@@ -209,11 +209,7 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
 
 
 def _fill_panels(
-    panels: list[Axes],
-    nodes: Grid,
-    points: Grid | None,
-    pairs: Mapping[int, str],
-    total: int,
+    panels: list[Axes], nodes: Grid, points: Grid | None, pairs: Mapping[int, str], total: int
 ) -> None:
     """Tractions of each pair, in the same unit in all panels."""
     data = nodes.point_data

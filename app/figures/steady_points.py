@@ -167,6 +167,14 @@ def with_room(axes: Axes, level: float, share: float = 0.3) -> None:
     axes.set_ylim(min(low, share * level), max(high, level / share))
 
 
+def mark_bulk(axes: Axes, eta: float, *, named: bool = True) -> None:
+    """A line at the viscosity of the bulk fluid, Pa s."""
+    axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
+    if named:
+        axes.annotate(f"η_b = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
+                      xytext=(0, -6), textcoords="offset points", va="top", fontsize=8)  # fmt: skip
+
+
 def _viscosity_figure(series: list[Series], case: str) -> Figure:
     figure = Figure(figsize=(10, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
@@ -177,16 +185,7 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
             _viscosity_curve(axes, one, (numbers[place], place), speed, scale)
     eta = series[0].parameters.eta_b
     for axes in (left, right):
-        axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
-    left.annotate(
-        f"η_b = {eta:g} Pa s",
-        (0.02, eta),
-        xycoords=("axes fraction", "data"),
-        xytext=(0, -8),
-        textcoords="offset points",
-        va="top",
-        fontsize=8,
-    )
+        mark_bulk(axes, eta, named=axes is left)
     with_room(left, eta)
     left.set_xlabel(VELOCITY.label(unit.name))
     left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = |Σ T| D/(A V) ({VISCOSITY.unit})")

@@ -164,12 +164,7 @@ def _threshold(case: Case, pair: int, pressure: float) -> float:
 
 
 def _series(
-    label: str,
-    rows: Table,
-    velocity: Floats,
-    settled: NDArray[np.bool_],
-    case: Case,
-    pair: int,
+    label: str, rows: Table, velocity: Floats, settled: NDArray[np.bool_], case: Case, pair: int
 ) -> StribeckSeries:
     speed, normal = np.abs(velocity), rows["normal_force"]
     friction, area = rows["friction_force"], rows["contact_area"]

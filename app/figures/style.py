@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from tribox.app.results.directory import create
+from tribox.app.results.directory import written_whole
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -59,19 +59,12 @@ CASE_STYLE = STYLE | {"text.parse_math": False}
 
 
 def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
-    """Write a PNG under a temporary name and rename it.
+    """Write a PNG, complete or not at all.
 
     ``tight``: the page is cut or widened to what is drawn and a margin.
     """
-    part = path.with_suffix(".part.png")
-    create(part)
-    try:
-        with _ticks_once(figure):
-            _write(figure, part, tight)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    with written_whole(path, ".part.png") as part, _ticks_once(figure):
+        _write(figure, part, tight)
 
 
 def _write(figure: Figure, part: Path, tight: bool) -> None:

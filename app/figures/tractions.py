@@ -191,12 +191,7 @@ def write_no_load(axes: Axes) -> None:
 
 
 def draw_tractions(
-    axes: Axes,
-    nodes: Grid,
-    points: Grid | None,
-    pair: int,
-    length: Unit,
-    stress: Unit,
+    axes: Axes, nodes: Grid, points: Grid | None, pair: int, length: Unit, stress: Unit
 ) -> None:
     """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
 

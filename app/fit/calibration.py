@@ -138,6 +138,7 @@ class Calibration:
 
     def _residual(self, x: Floats) -> Floats:
         computed = friction(self.parameters(x), self.data)
+        # A law may give no friction at all, and its logarithm would end the search.
         ratio = np.maximum(computed, 1e-300) / self.data.traction
         return np.asarray(np.sqrt(self.data.weight) * np.log(ratio))
 
@@ -157,12 +158,13 @@ class Calibration:
         slips = self.data.slip[~self.data.steady]
         variants = [x]
         if "V_s" in keys and "V_s" not in self._starts:
+            # From a V_s below or above all rows the fall would not be seen, and V_s not moved.
             variants = [x.copy() for _ in range(4)]
             shares = np.quantile(np.log(self.data.velocity), [0.1, 0.35, 0.6, 0.9])
             for at, share in zip(variants, shares, strict=True):
                 at[keys.index("V_s")] = float(share)
         if "A_d" in keys and "A_d" not in self._starts and slips.size:
-            variants = []
+            variants = []  # likewise: weakening far from the slips of the rows has no slope
             for share in (0.02, 0.1, 0.3):
                 A_d = share * float(slips.max())
                 at = x.copy()
@@ -189,10 +191,12 @@ class Calibration:
             dry = data.thickness <= self._map.D_min
             return math.log(float((ratio[dry] if dry.any() else ratio).max()))
         if c.key == "eta_b":
+            # Asperities only add to what the film drags: the least is the nearest to it.
             wet = data.thickness > self._map.D_min
             viscosity = (data.traction * data.thickness / data.velocity)[wet]
             return math.log(float(viscosity.min())) if viscosity.size else math.log(0.1)
         if c.key == "alpha":
+            # Slow rows have (1 − alpha) of the friction of dry asperities.
             rows = data.thickness == c.film
             slow = float(ratio[rows][np.argmin(data.velocity[rows])])
             mu = max(self._starts.get("mu_s", float(ratio.max())), self._map.mu_dynamic)
@@ -218,6 +222,7 @@ class Calibration:
             rise = max(float(T[fastest] - T.min()), 0.01 * float(T[fastest]))
             return math.log(rise / float(V[fastest]))
         if c.key == "K_T" and not self.data.steady.all():
+            # Before it slips T = K_T g: the steepest of all chords from rest.
             moved = ~self.data.steady
             return math.log(float(np.max(self.data.traction[moved] / self.data.slip[moved])))
         return c.to_search(RANGES[c.key].start)
@@ -324,10 +329,7 @@ class Calibration:
         width = self._map.transition_width
         below = speeds[speeds <= (-math.inf if low is None else low + math.log1p(-width) + ROUNDED)]
         above = speeds[speeds >= (math.inf if high is None else high + math.log1p(width) - ROUNDED)]
-        return (
-            float(below[-1]) if below.size else None,
-            float(above[0]) if above.size else None,
-        )
+        return (float(below[-1]) if below.size else None, float(above[0]) if above.size else None)
 
     def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
         """Edges of intervals of ln V* in which the same rows lie below, at and above it.
@@ -454,10 +456,7 @@ CURES = {
     "viscous": "faster rows, in which the friction rises",
 }
 """Rows that would determine a parameter."""
-CURES_WITHOUT_FILM = CURES | {
-    "mu_s": "rows slower than V_s",
-    "mu_d": "rows faster than V_s",
-}
+CURES_WITHOUT_FILM = CURES | {"mu_s": "rows slower than V_s", "mu_d": "rows faster than V_s"}
 """The same for Stribeck and Coulomb friction."""
 
 

@@ -391,11 +391,7 @@ def read_data(
 
 
 def _assembled(
-    path: Path,
-    table: dict[str, Floats],
-    lines: list[int],
-    needs_film: bool,
-    needs_pressure: bool,
+    path: Path, table: dict[str, Floats], lines: list[int], needs_film: bool, needs_pressure: bool
 ) -> TribometerData:
     """Pressure and traction from what there is."""
     seen = [name for name in OBSERVED if name in table]

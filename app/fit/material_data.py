@@ -164,6 +164,7 @@ def read_material(
         in_shear = how["modulus"] == "shear"
         return MaterialData("relaxation", weight, values["time"], modulus=shear, in_shear=in_shear)
     _need(path, values, "strain", "stress")
+    # A strain that is held is a relaxation, one that goes on is cycles.
     spread = np.ptp(values["strain"])
     if spread <= HELD * float(np.abs(values["strain"]).max()):
         return _relaxation(table, values, how, weight)
@@ -251,6 +252,7 @@ def _relaxation(
     if in_shear:
         modulus = stress / strain
     else:
+        # True stress of a neo-Hookean rubber without change of volume, per shear modulus.
         stretch = np.exp(strain)
         per_modulus = stretch**2 - 1.0 / stretch
         modulus = stress * (stretch if how["stress"] == "engineering" else 1.0) / per_modulus

@@ -267,10 +267,7 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
         "assumed": setup.assumed,
         "warnings": list(result.warnings),
         "singular_values": list(result.singular_values),
-        "correlation": {
-            "names": list(result.correlated),
-            "matrix": result.correlation.tolist(),
-        },
+        "correlation": {"names": list(result.correlated), "matrix": result.correlation.tolist()},
     }
 
 

@@ -214,6 +214,7 @@ def _base(
     table: dict[str, Any] = {"law": "friction-map", **ASSUMED}
     if "gamma" in given or "gamma" in names:
         del table["V_star"], table["V_star_at"]
+    # mu_d alone says nothing: what it weakens over is assumed where neither is asked for.
     if {"mu_d", *WEAKENING} & {*names, *given}:
         table |= {"A_d": "1 um", "B": "1e6 1/m"}
     table |= given
@@ -224,6 +225,7 @@ def _base(
     if "mu_d" in names and "mu_s" not in names:
         table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
     film = float(max(data.thickness.max(), 1e-9))
+    # V* is searched, and stated, at a film that was measured.
     if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
         table["V_star_at"] = float(data.thickness[data.thickness > 0.0].min())
     friction = _validated(table, film)

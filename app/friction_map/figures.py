@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from tribox.app.figures.steady_points import broken, film_numbers, with_room
+from tribox.app.figures.steady_points import broken, film_numbers, mark_bulk, with_room
 from tribox.app.figures.style import (
     COLOURS,
     LOCAL_RATIO,
@@ -194,11 +194,7 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         _draw_steady(setup, axes, curve, marks, label, by_traction=lambda v, D=film: D / v)  # type: ignore[misc]
     _explain(setup, axes, _mark_stars(setup, axes, curves))
     eta = setup.parameters.eta_b
-    axes.axhline(eta, color="k", lw=0.8, ls="--", zorder=0)
-    axes.annotate(
-        f"η_b = {eta:g} Pa s", (0.02, eta), xycoords=("axes fraction", "data"),
-        xytext=(0, -5), textcoords="offset points", va="top", fontsize=8,
-    )  # fmt: skip
+    mark_bulk(axes, eta)
     with_room(axes, min(eta, *(float(curve.viscosity.min()) for curve in wet)), 0.2)
     name = f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})"
     _finish(axes, VELOCITY.label(), name, "upper right", _under(setup))

@@ -123,17 +123,8 @@ class LineContact:
         # w below 0 is a film that is not full, without pressure.
         ten = 10.0 * max(self.rough.sigma, 1e-12)
         shape: Floats = np.asarray(self.place**2 / (2.0 * self.radius), dtype=np.float64)
-        start = Point(
-            shape + ten,
-            np.full(len(shape), -1e-3),
-            -ten,
-            0.0,
-            1.0,
-            shape,
-            np.zeros(len(shape)),
-            1.0,
-            0,
-        )
+        none = np.zeros(len(shape))
+        start = Point(shape + ten, none - 1e-3, -ten, 0.0, 1.0, shape, none, 1.0, 0)
         for share in (1e-3, 1e-2, 0.1, 0.3, 1.0):
             start = self.at(share * load, 0.0, np.inf, start)
         return start

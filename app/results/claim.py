@@ -68,7 +68,7 @@ class DirectoryLock:
                 if self._try():
                     break
                 if tries + 1 == TRIES:
-                    raise InputError(in_use(self._directory, _owner(self._path)))
+                    raise InputError(in_use(self._directory, _told(self._path)))
                 time.sleep(PAUSE)
             assert self._descriptor is not None
             owner = {
@@ -104,7 +104,7 @@ class DirectoryLock:
             # Who held it may have removed it meanwhile: a lock on a file without a name is none.
             mine = _same(descriptor, self._path)
         except OSError as error:
-            mine = error.errno not in _HELD and not _lives(_owner(self._path))
+            mine = error.errno not in _HELD and not _lives(_told(self._path))
         if mine:
             self._descriptor = descriptor
         else:
@@ -130,7 +130,7 @@ def owner_of(directory: Path) -> dict[str, Any] | None:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
         return None
     except OSError as error:
-        owner = _owner(path)
+        owner = _told(path)
         return owner if error.errno in _HELD or _lives(owner) else None
     finally:
         os.close(descriptor)
@@ -147,8 +147,8 @@ def in_use(directory: Path, owner: dict[str, Any]) -> str:
     )
 
 
-def _owner(path: Path) -> dict[str, Any]:
-    """What the lock says of its owner; empty where it says nothing."""
+def _told(path: Path) -> dict[str, Any]:
+    """The table that a file in JSON holds; empty where it holds none, or is none."""
     try:
         found = json_of(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -272,35 +272,28 @@ def claimed(directory: Path, force: bool, goes_on: bool = False) -> Iterator[Cla
 
 # -- How far the run in a results directory has come, from its summary alone  ---------------------
 
+SUMMARY = "summary.json"
 UNFINISHED = ("running", "interrupted", "failed")
 
 
 def status_of(directory: Path) -> str | None:
     """What ``summary.json`` says: running, done, interrupted or failed; None without one."""
-    status = _summary(directory).get("status")
+    status = _told(directory / SUMMARY).get("status")
     return status if isinstance(status, str) else None
 
 
 def given_keys_of(directory: Path) -> set[str]:
     """Dotted keys that the case file of the run gave; all others were filled in."""
-    given = _summary(directory).get("given")
+    given = _told(directory / SUMMARY).get("given")
     return set(map(str, given)) if isinstance(given, list) else set()
 
 
 def end_of(directory: Path) -> float:
     """Time, s, of the last row of the last load step that has ended; infinite if there is none."""
     try:
-        return float(_summary(directory)["load_steps"][-1]["time"])
+        return float(_told(directory / SUMMARY)["load_steps"][-1]["time"])
     except (LookupError, TypeError, ValueError):
         return math.inf
-
-
-def _summary(directory: Path) -> dict[str, Any]:
-    try:
-        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return summary if isinstance(summary, dict) else {}
 
 
 def is_done(directory: Path) -> bool:
@@ -310,7 +303,7 @@ def is_done(directory: Path) -> bool:
 
 def is_beginning(directory: Path) -> bool:
     """Whether a run has not begun there yet: it was ended while the directory was made ready."""
-    return _summary(directory) == BEGINNING
+    return _told(directory / SUMMARY) == BEGINNING
 
 
 def check_may_begin_anew(directory: Path) -> None:

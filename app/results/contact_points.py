@@ -317,6 +317,7 @@ def displacement_at(model: Model, nodes: Longs) -> Floats:
 def _facets(term: ContactTerm) -> Longs:
     """Vertices (f, k) of all slave facets, ordered by place; collective."""
     surface = term.surface
+    # Points of one facet have the same vertices: its first stands for it.
     _, first = np.unique(surface.slave.facet, return_index=True)
     gathered = surface.vertices.comm.allgather(surface.vertices.of_point[first])
     facets: Longs = np.concatenate(gathered)

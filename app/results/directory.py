@@ -220,16 +220,6 @@ def unwritable(directory: Path, error: OSError) -> OutputError:
     return OutputError(f"{directory}: cannot be written ({why})")
 
 
-def create(path: Path) -> None:
-    """Make an empty file; what has its name, be it a link of somebody else, goes.
-
-    Raises:
-        OSError: it cannot be made.
-    """
-    path.unlink(missing_ok=True)
-    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
-
-
 def open_own(path: Path, flags: int, mode: int = 0o666) -> int:
     """Open a file of a results directory: no link to another file, nor a pipe.
 
@@ -268,13 +258,16 @@ def check_no_links(directory: Path) -> None:
 
 
 @contextlib.contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def written_whole(path: Path, ending: str = ".part") -> Iterator[Path]:
     """Context that gives a temporary name to write to; at its end the file gets its own name.
 
-    After an error there is no file, or the old one.
+    After an error there is no file, or the old one. ``ending``: of the temporary name, ".part" and
+    what a library takes the format of a file from.
     """
-    part = path.with_name(path.name + ".part")
-    create(part)
+    part = path.with_name(path.name + ending)
+    # What has its name, be it a link of somebody else, goes.
+    part.unlink(missing_ok=True)
+    os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
     try:
         yield part
         part.replace(path)
@@ -311,10 +304,7 @@ def json_of(text: str) -> Any:
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write a CSV file, as :func:`write_text`; numbers with all their digits."""
-    with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        out = csv.writer(stream, lineterminator="\n")
-        out.writerow(columns)
-        out.writerows(map(_digits, rows))
+    write_text(path, _lines([columns, *map(_digits, rows)]))
 
 
 def _digits(row: Sequence[Any]) -> list[Any]:
@@ -437,33 +427,3 @@ def _lines(rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
-
-
-def _entry(column: str, text: str) -> float | str:
-    """A number, or the text of a column that holds text; what is swept may be either."""
-    if column in TEXT_COLUMNS:
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        if column == "value":
-            return text
-        raise
-
-
-def read_table(path: Path) -> list[dict[str, Any]]:
-    """Rows of a CSV file written here, numbers as floats.
-
-    Raises:
-        InputError: no such file.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            return [
-                {key: _entry(key, value) for key, value in row.items()}
-                for row in csv.DictReader(stream)
-            ]
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; is this a results directory?") from None
-    except (TypeError, ValueError):
-        raise InputError(f"{path}: is cut off or not a table of tribox") from None

@@ -137,6 +137,7 @@ def _numbered(rows: Longs) -> tuple[Longs, Longs]:
         (c, a) the same cells in new numbers, and (n,) the old number of each node.
     """
     old, first, at = np.unique(rows.reshape(-1), return_index=True, return_inverse=True)
+    # Unique numbers come sorted; where each first stands says in which order cells name them.
     order = np.argsort(first)
     new = np.empty(len(order), dtype=np.int64)
     new[order] = np.arange(len(order))

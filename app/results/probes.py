@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, read_table
+from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows
 from tribox.app.results.fields import strain_of
 from tribox.app.results.point_probes import (
     AXES,
@@ -24,6 +24,7 @@ from tribox.app.results.point_probes import (
     components,
     reduced_rows,
 )
+from tribox.app.results.reading import read_table
 from tribox.app.results.saving import Saving
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.motion_history import KEYS

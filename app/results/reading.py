@@ -145,6 +145,18 @@ class Table:
         return [dict(zip(self.columns, row, strict=True)) for row in rows]
 
 
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Rows of a CSV file that was written whole, by name.
+
+    Raises:
+        InputError: there is none, or it is cut off.
+    """
+    try:
+        return Table.from_csv(_text(path, "a table")).records()
+    except ValueError:
+        raise InputError(f"{path}: {CUT_OFF} a table of tribox") from None
+
+
 def column_of(name: str, values: Iterable[Any]) -> Column:
     """A column (n,) of a table: text where its name says so, else floats.
 

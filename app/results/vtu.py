@@ -259,6 +259,7 @@ def _array(element: ElementTree.Element, order: str) -> Array:
 
 def _blocks(nodes: Array, offsets: Array, types: Array) -> Iterator[CellBlock]:
     """Runs of cells of one kind."""
+    # Before the first stands another kind, so that it begins a run as well.
     begins = np.flatnonzero(np.diff(types, prepend=types[:1] + 1))
     starts = np.concatenate([[0], offsets])
     for begin, end in zip(begins, [*begins[1:], len(types)], strict=False):

@@ -338,12 +338,7 @@ def _check_meshed(gmsh: ModuleType, dim: int, tag: int, what: str) -> None:
 
 
 def _check_facets(
-    gmsh: ModuleType,
-    dim: int,
-    tag: int,
-    name: str,
-    source: str,
-    nodes: npt.NDArray[np.int64],
+    gmsh: ModuleType, dim: int, tag: int, name: str, source: str, nodes: npt.NDArray[np.int64]
 ) -> None:
     """Facets of a surface must be on cells and listed once."""
     what = f"surface {name!r}"
@@ -394,14 +389,7 @@ def _repeated(rows: npt.NDArray[np.int64]) -> int:
 INTERVAL, TRIANGLE, QUADRILATERAL = "interval", "triangle", "quadrilateral"
 TETRAHEDRON, HEXAHEDRON, PRISM = "tetrahedron", "hexahedron", "prism"
 
-DIMENSION = {
-    INTERVAL: 1,
-    TRIANGLE: 2,
-    QUADRILATERAL: 2,
-    TETRAHEDRON: 3,
-    HEXAHEDRON: 3,
-    PRISM: 3,
-}
+DIMENSION = {INTERVAL: 1, TRIANGLE: 2, QUADRILATERAL: 2, TETRAHEDRON: 3, HEXAHEDRON: 3, PRISM: 3}
 CORNERS = {INTERVAL: 2, TRIANGLE: 3, QUADRILATERAL: 4, TETRAHEDRON: 4, HEXAHEDRON: 8, PRISM: 6}
 """Number of corners of a cell or facet."""
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 
 LENGTH = 1e-3
 

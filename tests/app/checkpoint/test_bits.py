@@ -23,7 +23,7 @@ from tribox.app.errors import Interrupted, SolutionError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.run import Interruption
 from tribox.app.simulation import explicit_stage
 from tribox.app.simulation.run_state import RunState

@@ -17,7 +17,7 @@ from tests.flowing import soft_block
 from tests.tool_cases import WIDTH, block_case, block_mesh, plane
 from tribox.app.figures.history import moved_parts
 from tribox.app.results import read
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.simulation import explicit_stage
 from tribox.app.simulation.history import PHYSICAL
 

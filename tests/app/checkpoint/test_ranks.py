@@ -13,7 +13,7 @@ from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
 from tests.app.simulation.test_ranks import SAME, largest
 from tribox.app.case.case import Case
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.simulation.history import PHYSICAL, RESULTANTS
 
 TIGHT = {"tolerance": 1e-11}

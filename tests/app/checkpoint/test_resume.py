@@ -17,7 +17,7 @@ from tests.app.read_log import read_log
 from tests.own_law import documented_law, with_law
 from tribox.app.checkpoint import checkpointer as files
 from tribox.app.results import read
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.progress import Together
 
 CASE = (

@@ -10,6 +10,7 @@ from PIL import Image
 
 from tests.app.figures.made_results import write_strip
 from tribox.app.errors import InputError
+from tribox.app.figures import animation
 from tribox.app.figures.animation import MOST_FRAMES, animate, frames_of
 from tribox.app.results import read
 
@@ -38,6 +39,20 @@ def test_every_output_is_a_frame_in_the_same_colours(strip, tmp_path):
     assert (np.diff(brightness) > 0.0).all()
     bar = [frame[height // 5 :, int(0.89 * width) :] for frame in frames]
     assert np.abs(bar[0] - bar[-1]).mean() < 2.0
+
+
+def test_an_animation_that_fails_leaves_what_was_there(strip, tmp_path, monkeypatch):
+    def title(results, step):
+        if step == 3:
+            raise OSError("no room")
+        return "title"
+
+    monkeypatch.setattr(animation, "title_of", title)
+    (tmp_path / "a.gif").write_text("before")
+    with pytest.raises(OSError, match="no room"):
+        animate(strip, tmp_path / "a.gif", "von_mises_stress")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.gif"]
+    assert (tmp_path / "a.gif").read_text() == "before"
 
 
 def test_one_output_is_no_animation(tmp_path):

@@ -18,8 +18,9 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError, OutputError
 from tribox.app.results import Results, read
-from tribox.app.results.directory import GrowingTable, prepare, read_table
+from tribox.app.results.directory import GrowingTable, prepare
 from tribox.app.results.output_files import Series
+from tribox.app.results.reading import read_table
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Together

@@ -18,10 +18,10 @@ from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
 from tribox.app.report.page import write_report
-from tribox.app.results.directory import check_free, read_table
+from tribox.app.results.directory import check_free
 from tribox.app.results.point_probes import PointProbes, arc_length
 from tribox.app.results.probes import BodyProbes, ProbeRecorder
-from tribox.app.results.reading import read
+from tribox.app.results.reading import read, read_table
 from tribox.app.run import run as running
 from tribox.app.simulation.simulation import Simulation
 

@@ -16,7 +16,7 @@ from tests.solved import solved
 from tribox.app.case.case import Case
 from tribox.app.errors import SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run import progress
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer

@@ -15,7 +15,7 @@ from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.implicit.globalisation import ThinnedOil
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation

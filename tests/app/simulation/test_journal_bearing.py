@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 from tribox import load_case, run_case
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 
 RING = """
 For i In {0:3}

@@ -12,7 +12,7 @@ from tests.ranks import command
 from tribox.app.build.model import build_model, failures_as
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError, SolutionError, TriboxError
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.building import notes_on_building
 from tribox.app.simulation.history import PHYSICAL
 from tribox.app.simulation.run_state import Observer

@@ -15,7 +15,7 @@ from tests.app.conftest import SLID
 from tests.ranks import command
 from tribox.app.case.case import Case
 from tribox.app.results import read
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import PHYSICAL, RESULTANTS
 

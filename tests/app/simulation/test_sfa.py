@@ -9,7 +9,7 @@ import pytest
 
 from tests.ranks import called
 from tribox.app.case.reading import load_case
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     film_fraction,

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from tests.solved import Cuts, solved
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import PHYSICAL, Row
 from tribox.app.simulation.run_state import Observer
