@@ -49,7 +49,7 @@ _OF_A_TOOL = (
     "driving_moment",
 )
 _OF_A_SHAPE = (
-    *("probe", "label", "angle", "bend_angle", "radius", "off_circle", "length"),
+    *("probe", "label", "angle", "bend_angle", "largest_turn", "radius", "off_circle", "length"),
     *("mean_thickness", "min_thickness", "max_thickness", "thinnest_at"),
 )
 _OF_NO_PAIR = ("label", "stage", "steady", "velocity", "time")
@@ -342,6 +342,7 @@ _KNOWN = {
         Column("probe", "probe"),
         Column("angle", "angle", "rad"),
         Column("bend_angle", "bend angle", "rad"),
+        Column("largest_turn", "largest turn", "rad"),
         Column("springback", "springback", "rad"),
         Column("radius", "radius", "m"),
         Column("off_circle", "off the circle", "m"),
