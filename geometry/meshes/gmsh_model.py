@@ -378,7 +378,8 @@ def _why_adrift(
     if twice > len(doubled(place[nodes - 1])):
         return (
             f"duplicate nodes: {twice} of {len(every)} lie where others do, within "
-            f"{SAME_PLACE:g} of the extent; join them (Coherence Mesh in gmsh)"
+            f"{SAME_PLACE:g} of the extent; join them (Coherence before the curve loops of a gmsh "
+            "drawing, or Coherence Mesh)"
         )
     return f"is their {_ENTITY[dim]} in a physical group?"
 
