@@ -183,6 +183,13 @@ def test_program_says_where_a_table_is_wrong(value, place, reason):
     assert reason in error.value.context["reason"]
 
 
+def test_a_program_in_a_unit_that_is_nearly_one_asks_for_that_alone():
+    with pytest.raises(PydanticCustomError) as error:
+        Program("Pa", word="driven").parse("3 Mpa")
+    assert error.value.context is not None
+    assert error.value.context["reason"] == 'unknown unit "Mpa"; did you mean "MPa"?'
+
+
 def test_number_or_table():
     kind = NumberOrTable(Quantity("m", gt=0.0, name="film thickness"), Quantity(le=1.0))
     assert kind.parse(0.5) == 0.5
