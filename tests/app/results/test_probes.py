@@ -516,6 +516,7 @@ def test_the_angle_of_a_line_that_is_bent_to_and_fro_is_not_said_to_be_one_bend(
         ({"surface": "strip_botom"}, 'surface = "strip_botom": no such surface; there are '),
         ({"surface": "strip_top", "opposite": "no"}, 'opposite = "no": no such surface'),
         ({"surface": "strip_top", "bend": [0, 1e-3]}, "bend: 0 m to 0.001 m holds"),
+        ({"surface": "strip_top", "bend": [0, 9e-3]}, "bend: ends at 0.009 m; the line is 0.008"),
         (
             {"surface": "strip_top", "straight": [[0, 1e-4], [4e-3, 5e-3]]},
             "straight: 0 m to 0.0001 m holds 1 of the nodes of the line, which is 0.008 m long; 2",
