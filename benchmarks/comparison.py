@@ -25,7 +25,7 @@ from tribox.app.case.generators import BlocksGeometry, BoxesGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.case.stage import solver_of
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 
 # -- Runs of tribox in processes of their own, with what they cost ---------------------------------
 

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.figures.style import COLOURS, DISPLACEMENT, FRICTION_FORCE, STYLE, columns, save
-from tribox.app.results.directory import read_table
+from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
 from tribox.app.simulation.simulation import Simulation
 

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import Contact
 from tribox.app.case.friction import MAP, Friction
 from tribox.app.case.time_tables import TimeTable
+from tribox.app.case.tools import Tool
 from tribox.forms.bodies.materials import Material, contact_shear_modulus
 from tribox.forms.contact.pressure import PressureKind
 from tribox.geometry.surfaces.body_facets import outward_facets
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, unit_normals
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
@@ -42,6 +44,7 @@ SOFT_PENALTY = 0.1
 STIFF_STICK = 5e3  # K_T h/G from which steps take several times the iterations
 SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
 
+ACROSS_FROM = -np.cos(np.radians(80.0))  # cosine of normals below which they oppose each other
 WHOLE = 0.999  # tied share of a slave's area that counts as all of it
 
 
@@ -354,3 +357,100 @@ def penalty_note(index: int, factor: float, pressure: PressureKind = "averaged")
         f"contact.{index}: the penalty is {factor:.2g} times the stiffness {modulus}/h of the "
         f"softer body's elements beside it: {what}"
     )
+
+
+# -- Whether a slave and its master face each other at the start, and what to do if they do not ----
+
+SAME = 0.5  # cosine of the angle between outward normals from which they point the same way
+
+TURN = {
+    "plane": "its normal points out of it, towards the body",
+    "polyline": "going along it, the body is on the left",
+    "circle": "inside = true is for a body inside it",
+    "cylinder": "inside = true is for a body inside it",
+    "sphere": "inside = true is for a body inside it",
+    "mesh": "turned_over = true turns it over",
+}
+"""How each shape of a tool says on which side the body is."""
+
+
+def faces_away(surface: ContactSurface, at: Projection) -> bool:
+    """Whether the slave looks the way its master looks where they are nearest to each other.
+
+    They then never press on each other, unless one is turned over first. Collective.
+
+    Args:
+        at: the slave's points on the master.
+    """
+    # Surfaces that face each other have outward normals against one another, a cosine near −1. At
+    # the master's ends the normal is the way to the point, whatever side that is on.
+    cosine = np.einsum("qi,qi->q", _outward(surface), at.normal)
+    comm, beside = surface.space.mesh.comm, at.on_surface & ~at.clamped
+    apart = np.abs(at.gap)
+    nearest = comm.allreduce(float(np.min(apart, where=beside, initial=np.inf)), op=MPI.MIN)
+    beside &= apart <= nearest + surface.facet_length
+    counts = np.array([np.count_nonzero(beside), np.count_nonzero(beside & (cosine < SAME))])
+    all_beside, facing = comm.allreduce(counts, op=MPI.SUM)
+    return bool(all_beside > 0 and facing == 0)
+
+
+def _outward(surface: ContactSurface) -> Floats:
+    """Outward normals (q, i) of the slave's facets at their middles, undeformed."""
+    shape = surface.shape
+    _, position = outward_facets(surface.space, shape, surface.slave.mesh_facet)
+    middle = np.mean(shape.points[: shape.corners], axis=0)
+    tangents = np.einsum("ba,qai->qbi", shape.first(middle[None])[0], position)
+    return unit_normals(tangents)
+
+
+def facing_problem(slave: str, master: str, tool: Tool | None) -> str:
+    """What is wrong with surfaces that face the same way."""
+    hint = "" if tool is None else f", or {master} is the wrong way round: {TURN[tool.shape]}"
+    return (
+        f"{slave} and {master} face the same way, so they cannot press on each other; another "
+        f"surface is the slave{hint}"
+    )
+
+
+def note_on_facing(
+    place: str, contact: Contact, surface: ContactSurface, at: Projection
+) -> Iterator[str]:
+    """A line on surfaces that can press on each other only if one of them turns; collective.
+
+    No facet of the one has a normal that is opposed to that of a facet of the other, wherever they
+    are: bodies that are moved without a turn do not press there.
+
+    Args:
+        at: the slave's points on the master.
+    """
+    comm, slave = surface.space.mesh.comm, _outward(surface)
+    cosine = np.einsum("qi,qi->q", slave, at.normal)
+    beside = at.on_surface & ~at.clamped
+    if comm.allreduce(float(np.min(cosine, where=beside, initial=1.0)), op=MPI.MIN) < ACROSS_FROM:
+        return
+    normals = np.concatenate(comm.allgather(np.unique(_master_normals(surface), axis=0)))
+    apart = cKDTree(normals).query(-slave)[0] if len(slave) else np.full(1, 2.0)
+    # Of unit vectors d apart the cosine is 1 − d²/2; of one of them and the other's opposite, less.
+    least = 0.5 * comm.allreduce(float(np.min(apart)), op=MPI.MIN) ** 2 - 1.0
+    if least > ACROSS_FROM:
+        degrees = np.degrees(np.arccos(np.clip(least, -1.0, 1.0)))
+        yield (
+            f"{place}: no facet of {contact.slave} faces {contact.master}: outward normals are up "
+            f"to {degrees:.3g} degrees apart (180 where surfaces meet), so they press only once "
+            "one has turned; if none is to turn, name other surfaces (tribox mesh shows all)"
+        )
+
+
+def _master_normals(surface: ContactSurface) -> Floats:
+    """Outward normals (n, i) of the undeformed master; of one of facets, those this rank knows."""
+    master, slave = surface.master, surface.slave.position
+    if not len(slave):
+        return np.empty((0, surface.dim))
+    if isinstance(master, RigidMaster):
+        outline = master.surface.outline(np.stack([slave.min(axis=0), slave.max(axis=0)]))
+        corners = outline.points[outline.cells]
+    else:
+        corners = master.position[master.facets[:, : master.shape.corners]]
+    with np.errstate(invalid="ignore"):  # triangles at the pole of a ball
+        normals = unit_normals(corners[:, 1 : surface.dim] - corners[:, :1])
+    return normals[np.isfinite(normals).all(axis=1)]

@@ -17,7 +17,10 @@ from tribox.app.build.contact_notes import (
     CHORDS,
     STIFFER,
     Corners,
+    faces_away,
+    facing_problem,
     note_on_corners,
+    note_on_facing,
     note_on_fit,
     note_on_idle_film,
     note_on_overlap,
@@ -37,7 +40,6 @@ from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import Friction, OwnLaw
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
-from tribox.app.case.tools import Tool
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
@@ -52,8 +54,7 @@ from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
-from tribox.geometry.surfaces.body_facets import outward_facets
-from tribox.geometry.surfaces.facets import Floats, unit_normals
+from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.smoothing import corner_spacing
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
@@ -131,6 +132,7 @@ class ContactBuilder:
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
             *notes_on_surfaces(f"contact.{index}", asked, surface, at, lengths, distance),
+            *self._note_on_facing(index, asked, surface, at),
             *note_on_radius(f"contact.{index}", asked, surface, at, distance),
             *note_on_fit(f"contact.{index}", asked, surface, at),
             *self._note_on_overlap(index, asked, surface, at),
@@ -248,6 +250,18 @@ class ContactBuilder:
             cell = self.named.mesh.topology.cell_name()
             unable = smooth.smoothing_problem(cell, degree)
             yield from note_on_sliding(place, asked, corners, unable)
+
+    def _note_on_facing(
+        self, index: int, asked: Contact, surface: ContactSurface, at: Projection
+    ) -> Iterator[str]:
+        """A line on surfaces none of whose facets face each other; collective.
+
+        A side that may fold onto the master is a contact beside that of the surface it ends at.
+        """
+        body = self.named.body_of(asked.slave)
+        others = [one.slave for one in self.case.contact if one.master == asked.master]
+        if sum(self.named.body_of(slave) == body for slave in others) == 1:
+            yield from note_on_facing(f"contact.{index}", asked, surface, at)
 
     def _note_on_overlap(
         self, index: int, asked: Contact, surface: ContactSurface, at: Projection
@@ -534,56 +548,3 @@ def _checked_distance(
         )
     nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
     return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))
-
-
-# -- Whether a slave and its master face each other at the start, and what to do if they do not ----
-
-SAME = 0.5  # cosine of the angle between outward normals from which they point the same way
-
-TURN = {
-    "plane": "its normal points out of it, towards the body",
-    "polyline": "going along it, the body is on the left",
-    "circle": "inside = true is for a body inside it",
-    "cylinder": "inside = true is for a body inside it",
-    "sphere": "inside = true is for a body inside it",
-    "mesh": "turned_over = true turns it over",
-}
-"""How each shape of a tool says on which side the body is."""
-
-
-def faces_away(surface: ContactSurface, at: Projection) -> bool:
-    """Whether the slave looks the way its master looks where they are nearest to each other.
-
-    They then never press on each other, unless one is turned over first. Collective.
-
-    Args:
-        at: the slave's points on the master.
-    """
-    # Surfaces that face each other have outward normals against one another, a cosine near −1. At
-    # the master's ends the normal is the way to the point, whatever side that is on.
-    cosine = np.einsum("qi,qi->q", _outward(surface), at.normal)
-    comm, beside = surface.space.mesh.comm, at.on_surface & ~at.clamped
-    apart = np.abs(at.gap)
-    nearest = comm.allreduce(float(np.min(apart, where=beside, initial=np.inf)), op=MPI.MIN)
-    beside &= apart <= nearest + surface.facet_length
-    counts = np.array([np.count_nonzero(beside), np.count_nonzero(beside & (cosine < SAME))])
-    all_beside, facing = comm.allreduce(counts, op=MPI.SUM)
-    return bool(all_beside > 0 and facing == 0)
-
-
-def _outward(surface: ContactSurface) -> Floats:
-    """Outward normals (q, i) of the slave's facets at their middles, undeformed."""
-    shape = surface.shape
-    _, position = outward_facets(surface.space, shape, surface.slave.mesh_facet)
-    middle = np.mean(shape.points[: shape.corners], axis=0)
-    tangents = np.einsum("ba,qai->qbi", shape.first(middle[None])[0], position)
-    return unit_normals(tangents)
-
-
-def facing_problem(slave: str, master: str, tool: Tool | None) -> str:
-    """What is wrong with surfaces that face the same way."""
-    hint = "" if tool is None else f", or {master} is the wrong way round: {TURN[tool.shape]}"
-    return (
-        f"{slave} and {master} face the same way, so they cannot press on each other; another "
-        f"surface is the slave{hint}"
-    )

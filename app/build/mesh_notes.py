@@ -156,6 +156,10 @@ def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
 # -- Values that a case may have and that are hardly meant: a bare number in another unit, mostly --
 
 FAR = 10.0  # displacement over the extent of the mesh from which it is told
+THIN, THICK = (
+    1e-3,
+    100.0,
+)  # of a slab over the extent of the mesh: one that is meant
 ROUGHEST = 5.0  # coefficient of friction that rubber, stickiest of all, stays below by far
 YIELD_STRAIN = (1e-5, 0.1)  # yield stress over Young's modulus: of metals from 1e-4 to 2e-2
 
@@ -168,6 +172,7 @@ def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
     ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
     extent = float(np.max(ends[:3] + ends[3:]))
+    yield from _slab(case, extent)
     for key, program in _displacements(case):
         way = max(map(abs, program.values))
         if way > FAR * extent:
@@ -181,6 +186,17 @@ def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
                 f"stage.{index}.{key}: driven boundaries move {step:.3g} m in one step, "
                 f"{step / extent:.2g} times the extent of the mesh; a number without a unit is in m"
             )
+
+
+def _slab(case: Case, extent: float) -> Iterator[str]:
+    """A line on a slab of a thickness that no part of this extent, m, has; 1 m is per metre."""
+    slab = case.geometry.slab
+    if slab != 1.0 and not THIN * extent <= slab <= THICK * extent:
+        yield (
+            f"geometry.thickness = {slab:g} m: {slab / extent:.2g} times the extent of the mesh, "
+            f"{extent:.3g} m; forces are for this thickness (default: 1 m, forces per metre), and "
+            "a number without a unit is in m"
+        )
 
 
 def _coefficients(case: Case) -> Iterator[str]:

@@ -21,6 +21,7 @@ from tribox.geometry.meshes.places import CellPlaces, nearest_place, places_in
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, chains, order_by_place
 
 EQUALLY_NEAR = 1e-10  # over the largest coordinate: distances of nodes that count as equal
+BEYOND = 1.01  # end of a piece over the length of its line up to which it is that of the line
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +103,9 @@ def _surface_line(
 
 def _within(way: Floats, piece: tuple[float, float], least: int, at: Place) -> Bools:
     """Nodes (n,) of a piece of a line."""
+    if piece[1] > BEYOND * way[-1]:
+        reason = f"ends at {piece[1]:.4g} m; the line is {way[-1]:.4g} m long"
+        raise InputError(format_problem(Problem(at, reason)))
     slack = EQUALLY_NEAR * way[-1]
     found: Bools = (way >= piece[0] - slack) & (way <= piece[1] + slack)
     if found.sum() < least:

@@ -11,6 +11,7 @@ nearest to 1e-9.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import re
@@ -29,7 +30,8 @@ _NUMBER_AND_UNIT = re.compile(
 )
 # What units are written with. The unit library passes over some other characters.
 _UNIT = re.compile(r"[\w°µμΩ%*/^.()·⋅⁻²³¹⁰⁴-⁹+\- \t\u00a0]*")
-CELSIUS, ICE = "degC", Decimal("273.15")  # of a temperature, "K"; a difference is in "kelvin"
+# Of a temperature, "K"; a difference is in "kelvin".
+CELSIUS, ICE = ("degC", "°C"), Decimal("273.15")
 LONGEST = 80
 """Letters of a quantity; the unit library takes its time over thousands."""
 LARGEST = 1e50
@@ -96,11 +98,22 @@ def _factor(text: str, unit: str) -> Decimal:
 
 
 def _hint(text: str, unit: str) -> str:
-    """What to write instead of `text`: a unit that differs from it in capitals only, or any."""
+    """What to write instead of `text`: what differs from it in capitals or signs, or any unit."""
     for common in (unit, *COMMON_UNITS.get(unit, {})):
-        if common.lower() == text.lower():
+        if _letters(common) == _letters(text):
             return f'did you mean "{common}"?'
+    # "MN/m2" and "Newton", as others write them.
+    for other in (re.sub(r"(?<=[^\W\d_])(-?\d+)", r"^\1", text), text.lower()):
+        if other != text:
+            with contextlib.suppress(QuantityError):
+                _factor(other, unit)
+                return f'did you mean "{other}"?'
     return _expected(unit)
+
+
+def _letters(unit: str) -> str:
+    """A unit without capitals, powers, products and blanks, which "N/mm2" and "Pas" leave out."""
+    return re.sub(r"[\s^*·.]", "", unit).lower()
 
 
 def _expected(unit: str) -> str:
@@ -157,7 +170,7 @@ def _parse_text(text: str, unit: str) -> float:
     number, written = Decimal(match[1]), match[2]
     if unit and not written:
         raise QuantityError(f"is text without a unit; {_expected(unit)}")
-    if unit == "K" and written == CELSIUS:
+    if unit == "K" and written in CELSIUS:
         return float(number + ICE)
     return float(number * _factor(written, unit)) if written else float(number)
 

@@ -184,8 +184,10 @@ class Program(Written):
         try:
             return TimeTable.constant(parse_bounded(value, self.unit))
         except QuantityError as error:
-            reason = f"{error}, or a table [[time, value], ...]"
-            reason += f', or "{self.word}"' if self.word is not None else ""
+            reason = str(error)
+            if not reason.endswith("?"):  # "did you mean …?" needs no more
+                reason += ", or a table [[time, value], ...]"
+                reason += f', or "{self.word}"' if self.word is not None else ""
             if value == DRIVEN:
                 reason += "; what moves with the velocity of the stage has displacement = "
                 reason += '{ x = "driven" } (or y, z), and a tool that it turns rotation = '

@@ -377,8 +377,12 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
         raise _too_large(path, largest)
     try:
         return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path}: not a text file in UTF-8: byte {error.start} (line {line}) is "
+            f"0x{content[error.start]:02x}; save it as UTF-8 in the editor"
+        ) from None
 
 
 def _see_file(path: Path, found: os.stat_result, largest: int) -> None:

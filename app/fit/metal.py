@@ -76,7 +76,9 @@ class Metal:
 def paths(strain: Floats) -> list[slice]:
     """Rows between turns of the strain; it begins at 0."""
     turn = np.sign(np.diff(strain, prepend=0.0))
-    # A row at the strain of the one before belongs to the path that it is on.
+    # A row at the strain of the one before belongs to the path that it is on; one at 0, with which
+    # files begin, to the first.
+    turn[: np.argmax(turn != 0.0)] = turn[np.argmax(turn != 0.0)]
     for row in range(1, len(turn)):
         if turn[row] == 0.0:
             turn[row] = turn[row - 1]

@@ -48,7 +48,7 @@ _OF_A_TOOL = (
     "driving_moment",
 )
 _OF_A_SHAPE = (
-    *("probe", "label", "angle", "bend_angle", "radius", "off_circle", "length"),
+    *("probe", "label", "angle", "bend_angle", "largest_turn", "radius", "off_circle", "length"),
     *("mean_thickness", "min_thickness", "max_thickness", "thinnest_at"),
 )
 _OF_NO_PAIR = ("label", "stage", "steady", "velocity", "time")
@@ -326,7 +326,7 @@ _TITLES = {  # where the name with blanks says too little; of vectors with their
     "driving_force": "driving force, {}",
 }
 _UNITS = {
-    **dict.fromkeys(("angle", "bend_angle", "springback", "rotation"), "rad"),
+    **dict.fromkeys(("angle", "bend_angle", "largest_turn", "springback", "rotation"), "rad"),
     **dict.fromkeys(("radius", "off_circle", "length", "thinnest_at", "displacement"), "m"),
     **dict.fromkeys((f"{which}_thickness" for which in ("mean", "min", "max")), "m"),
     **dict.fromkeys(("force", "radial_force", "contact_force", "boundary_force"), "N"),

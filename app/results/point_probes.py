@@ -347,7 +347,7 @@ class ShapeTable:
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when."""
         thicknesses = (f"{kind}_thickness" for kind in ("mean", "min", "max"))
-        turned = ("angle", "bend_angle")
+        turned = ("angle", "bend_angle", "largest_turn")
         return ("probe", *turned, "radius", "off_circle", "length", *thicknesses, "thinnest_at")
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -371,7 +371,8 @@ def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
     if len(other):  # of equally thin places the first
         thin = float(line.way[np.argmax(thick <= (1.0 + AS_THIN) * thick.min())])
     spread = (mean, float(thick.min()), float(thick.max()), thin)
-    return (angle, angle - _angle(line, line.place), radius, off, float(length.sum()), *spread)
+    turned = (angle, angle - _angle(line, line.place), _largest_turn(line, own))
+    return (*turned, radius, off, float(length.sum()), *spread)
 
 
 def _angle(line: SurfaceLine, place: Floats) -> float:
@@ -383,6 +384,17 @@ def _angle(line: SurfaceLine, place: Floats) -> float:
         straight_angle(place[piece], float(angles[piece].mean())) for piece in line.straight
     )
     return second - first
+
+
+def _largest_turn(line: SurfaceLine, place: Floats) -> float:
+    """Angle, rad, by which two places of a line are turned against each other the most.
+
+    Beyond the bend angle's size where the line is bent to and fro, as a hat or a dome is. Places
+    are those from the first straight piece to the second, or all.
+    """
+    inside = np.flatnonzero(line.straight.any(axis=0)) if len(line.straight) else [0, -1]
+    turned = tangent_angles(place) - tangent_angles(line.place)
+    return float(np.ptp(turned[inside[0] : inside[-1] + 1 or None]))
 
 
 def thickness(own: Floats, other: Floats) -> Floats:

@@ -148,6 +148,10 @@ def final_shapes(directory: Path, ends: Sequence[int]) -> dict[str, dict[str, fl
     return found
 
 
+TO_AND_FRO = 1.2  # largest turn over the bend angle from which a line is not bent in one sense
+TURNED = 1.0  # deg, by which any line may be turned so
+
+
 def shape_line(name: str, shape: Mapping[str, Any]) -> str:
     """What the log says of a shape of :func:`final_shapes` in the end."""
     springback = shape["springback"]
@@ -157,7 +161,13 @@ def shape_line(name: str, shape: Mapping[str, Any]) -> str:
     if shape["mean_thickness"] is not None:
         least, most = shape["min_thickness"], shape["max_thickness"]
         thick = f", thickness {least:.4g} to {most:.4g} m"
-    bent = math.degrees(shape["bend_angle"])
+    bent, most = (math.degrees(shape[key]) for key in ("bend_angle", "largest_turn"))
+    if most > TO_AND_FRO * abs(bent) + TURNED:
+        return (
+            f"probe {name}: bent to and fro, by up to {most:.4g} deg between two places and by "
+            f"{bent:.4g} deg from end to end: the angle and springback of one bend are those "
+            f"between two straight pieces beside it (straight = [...]){thick}"
+        )
     return f"probe {name}: bent by {bent:.4g} deg{back}, {radius}{thick}"
 
 

@@ -63,7 +63,7 @@ def _open_msh(gmsh: ModuleType, path: Path) -> None:
     if not path.is_file():
         raise MeshError(f"{path}: no such file")
     if path.suffix.lower() != ".msh":
-        raise MeshError(f"{path}: {formats}")
+        raise MeshError(f"{path}: {formats}{_way_from(path)}")
     with path.open("rb") as file:
         version = _msh_version(file.read(1 << 16))
         if version is None:
@@ -80,6 +80,27 @@ def _open_msh(gmsh: ModuleType, path: Path) -> None:
             raise MeshError(
                 f"{path}: gmsh cannot read it: {said or 'it does not say why'}"
             ) from error
+
+
+# Formats of other programs, and what makes a mesh or a drawing of them.
+_BY_GMSH = (".unv", ".med", ".bdf", ".nas", ".cgns")
+_BY_MESHIO = (".inp", ".vtu", ".vtk", ".xdmf", ".e", ".exo", ".ans", ".k", ".f3grid")
+_PARTS = (".iges", ".igs", ".brep", ".x_t", ".sat", ".sldprt", ".ipt", ".prt", ".fcstd")
+_PAGE = "docs/meshes.md, other formats"
+
+
+def _way_from(path: Path) -> str:
+    """How a file of another format becomes one that is read; empty where none is known."""
+    kind, name = path.suffix.lower(), path.name
+    if kind in _BY_GMSH:
+        return f"; with the names of its groups: gmsh {name} -save -o {path.stem}.msh"
+    if kind in _BY_MESHIO:
+        return f"; meshio reads {kind} files, and its sets become groups as shown in {_PAGE}"
+    if kind in _PARTS:
+        return "; export the part as STEP (.step), which is meshed"
+    if kind == ".stl":
+        return f'; what triangles enclose is meshed by a .geo drawing with Merge "{name}" ({_PAGE})'
+    return ""
 
 
 def _msh_version(start: bytes) -> str | None:

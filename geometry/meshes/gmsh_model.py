@@ -26,6 +26,9 @@ import tribox
 PLANE_TOLERANCE = 1e-9
 """Largest |z| of a plane mesh, relative to its size in the plane."""
 
+SAME_PLACE = 1e-8
+"""Distance of two nodes that are one place, relative to the extent of all."""
+
 LONGEST_NAME = 100
 """Letters of the name of a body or surface."""
 
@@ -347,15 +350,42 @@ def _check_facets(
     total = sum(map(len, blocks.values()))
     for facets in blocks.values():
         # Nodes that are of no cell would make DOLFINx abort the program.
-        adrift = int(np.count_nonzero(~np.isin(facets, nodes).all(axis=1)))
-        if adrift:
+        adrift = ~np.isin(facets, nodes).all(axis=1)
+        if adrift.any():
             raise MeshError(
-                f"{source}: {adrift} of the {total} facets of surface {name!r} are not on the "
-                f"boundary of any cell; is their {_ENTITY[dim]} in a physical group?"
+                f"{source}: {np.count_nonzero(adrift)} of the {total} facets of surface {name!r} "
+                f"are not on the boundary of any cell; {_why_adrift(gmsh, dim, facets, nodes)}"
             )
         repeated = _repeated(facets)
         if repeated:
             raise MeshError(f"{source}: {repeated} facets of surface {name!r} are listed twice")
+
+
+def _why_adrift(
+    gmsh: ModuleType, dim: int, facets: npt.NDArray[np.int64], nodes: npt.NDArray[np.int64]
+) -> str:
+    """What is wrong with facets of which some have nodes that are not among those of cells."""
+    numbers, x, _ = gmsh.model.mesh.getNodes()
+    place = np.empty((len(numbers), 3))
+    place[np.asarray(numbers, dtype=np.int64) - 1] = np.reshape(x, (-1, 3))
+    every = np.concatenate([nodes, np.setdiff1d(facets, nodes)])
+    twice = len(doubled(place[every - 1]))
+    if twice > len(doubled(place[nodes - 1])):
+        return (
+            f"duplicate nodes: {twice} of {len(every)} lie where others do, within "
+            f"{SAME_PLACE:g} of the extent; join them (Coherence before the curve loops of a gmsh "
+            "drawing, or Coherence Mesh)"
+        )
+    return f"is their {_ENTITY[dim]} in a physical group?"
+
+
+def doubled(place: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+    """Which of the places (n, 3) of nodes lie where another one of them does, but for the first."""
+    extent = float(np.ptp(place, axis=0).max())
+    # The shift keeps round numbers off the borders of the boxes.
+    box = np.floor((place - place.min(axis=0)) / (SAME_PLACE * extent) + 0.37)
+    order = np.lexsort(box.T)
+    return order[1:][(np.diff(box[order], axis=0) == 0.0).all(axis=1)]
 
 
 def _check_plane(gmsh: ModuleType, source: str) -> None:

@@ -20,11 +20,9 @@ from tribox.geometry.meshes.gmsh_model import (
     FACETS,
     FARTHEST,
     MeshError,
+    doubled,
     nodes_of,
 )
-
-SAME_PLACE = 1e-8
-"""Distance of two nodes of a body that are one place, relative to its extent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +119,7 @@ class MeshArrays:
         notes = list(self.notes)
         for name, body in self.bodies.items():
             place = self.position[np.unique(body.nodes)]
-            extent = float(np.ptp(place, axis=0).max())
-            # The shift keeps round numbers off the borders of the boxes.
-            box = np.floor((place - place.min(axis=0)) / (SAME_PLACE * extent) + 0.37)
-            order = np.lexsort(box.T)
-            twice = order[1:][(np.diff(box[order], axis=0) == 0.0).all(axis=1)]
+            twice = doubled(place)
             if len(twice):
                 where = ", ".join(f"{x:.4g}" for x in place[twice.min()][: self.dim])
                 notes.append(

@@ -251,3 +251,42 @@ def test_long_facets_across_those_of_the_master_are_noted(elements, said):
     assert len(notes) == (said is not None)
     for note in notes:
         assert said in note and "in one direction" in note
+
+
+def facing_notes(block, contacts, **tools):
+    """What is said of contacts none of whose facets face each other."""
+    data = tomllib.loads(block)
+    given = data["contact"][0]
+    data["contact"] = [given | contact for contact in contacts]
+    data["tools"] = {name: tool | {"displacement": {}} for name, tool in tools.items()}
+    notes = build_model(Case.model_validate(data), MPI.COMM_SELF).notes
+    return [note for note in notes if "faces" in note]
+
+
+def test_a_slave_across_its_master_is_noted(block):
+    """A side of a block, and a flat below it; not where the face it ends at presses there too."""
+    side = {"slave": "elastomer_left"}
+    [note] = facing_notes(block, [side])
+    assert note.startswith("contact.0: no facet of elastomer_left faces aluminium_contact: outward")
+    assert "up to 90 degrees apart" in note
+    assert not facing_notes(block, [{}, side])
+
+
+@pytest.mark.parametrize(
+    ("tool", "degrees"),
+    [
+        ({"shape": "plane", "point": ["0 mm", "-5 mm"], "normal": [0, 1]}, "90"),
+        ({"shape": "plane", "point": ["-5 mm", "0 mm"], "normal": [1, 5]}, None),
+        ({"shape": "plane", "point": ["-5 mm", "0 mm"], "normal": [1, 7]}, "98.1"),
+        ({"shape": "polyline", "points": [["-5 mm", "-5 mm"], ["5 mm", "-5 mm"]]}, "90"),
+        ({"shape": "polyline", "points": [["-5 mm", "5 mm"], ["-5 mm", "-5 mm"],
+                                          ["5 mm", "-5 mm"]]}, None),
+        ({"shape": "circle", "centre": ["0 mm", "-8 mm"], "radius": "2 mm"}, None),
+    ],
+)  # fmt: skip
+def test_a_slave_across_a_tool_is_noted(block, tool, degrees):
+    """Not where any part of the tool, however far, is opposed to it."""
+    notes = facing_notes(block, [{"slave": "elastomer_left", "master": "die"}], die=tool)
+    assert len(notes) == (degrees is not None)
+    for note in notes:
+        assert f"elastomer_left faces die: outward normals are up to {degrees} degrees" in note

@@ -79,6 +79,22 @@ def test_a_displacement_far_beyond_the_mesh_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("thickness", "said"),
+    [
+        (10, "10 m: 2.5e+03 times the extent of the mesh, 0.004 m"),
+        ("3 um", "3e-06 m: 0.00075 times"),
+        ("5 um", None), ("0.3 m", None), (1.0, None), (None, None),
+    ],
+)  # fmt: skip
+def test_a_slab_far_from_the_size_of_its_parts_is_told(tmp_path, thickness, said):
+    """Not one of 1 m, the default, of which forces are those per metre."""
+    geometry = {"mesh": str(block_mesh(tmp_path / "block.msh", (2, 1))), "thickness": thickness}
+    found = [note for note in notes(tmp_path, geometry=geometry) if "thickness" in note]
+    assert len(found) == (said is not None)
+    assert all(note.startswith(f"geometry.thickness = {said}") for note in found)
+
+
+@pytest.mark.parametrize(
     ("stress", "said"),
     [(100, "yields at 100 Pa, 1.4e-09 of"), ("10 GPa", "yields at 1e+10 Pa"), ("20 MPa", None)],
 )

@@ -36,6 +36,7 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
         ("1e13 Pa/m", "Pa/m", 1e13), ("10 N/mm^3", "Pa/m", 1e10), ("1e6 1/m", "1/m", 1e6),
         ("2 1/nm", "1/m", 2e9), ("4e-25 N/s", "N/s", 4e-25), ("60 mm/min", "m/s", 1e-3),
         ("1.1 g/cm^3", "kg/m^3", 1100.0), ("2 min", "s", 120.0), ("3 %", "", 0.03), (0.1, "", 0.1),
+        ("20 °C", "K", 293.15), ("20 degC", "K", 293.15), ("180 °", "rad", math.pi),
     ],
 )  # fmt: skip
 def test_parses_to_the_nearest_float(value, unit, expected):
@@ -52,6 +53,10 @@ def test_parses_to_the_nearest_float(value, unit, expected):
         ("3 nmm", "m", 'unknown unit "nmm"; must be a number (in m)'),
         ("3 Mpa", "Pa", 'unknown unit "Mpa"; did you mean "MPa"?'),
         ("3 MM/s", "m/s", '"MM/s" has the wrong dimension; did you mean "mm/s"?'),
+        ("3 N/mm2", "Pa", 'unknown unit "N/mm2"; did you mean "N/mm^2"?'),
+        ("3 MN/m2", "Pa", 'did you mean "MN/m^2"?'), ("3 m2", "m", "must be a number (in m)"),
+        ("3 s-1", "1/s", 'did you mean "s^-1"?'), ("3 mPas", "Pa*s", 'did you mean "mPa*s"?'),
+        ("3 Newton", "N", 'did you mean "newton"?'), ("3 m/s2", "m/s^2", 'mean "m/s^2"?'),
         ("0,5 mm", "m", "decimals stand behind a point"), ("20 degC", "m", "wrong dimension"),
         ("3 MPa/", "Pa", "unknown unit"), ("3 __import__('os')", "m", "unknown unit"),
         ("3,5 mm", "m", "unknown unit"), ("3 m 4 s", "m", "unknown unit"),
@@ -176,6 +181,13 @@ def test_program_says_where_a_table_is_wrong(value, place, reason):
     assert error.value.context is not None
     assert error.value.context["at"] == place
     assert reason in error.value.context["reason"]
+
+
+def test_a_program_in_a_unit_that_is_nearly_one_asks_for_that_alone():
+    with pytest.raises(PydanticCustomError) as error:
+        Program("Pa", word="driven").parse("3 Mpa")
+    assert error.value.context is not None
+    assert error.value.context["reason"] == 'unknown unit "Mpa"; did you mean "MPa"?'
 
 
 def test_number_or_table():

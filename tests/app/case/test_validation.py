@@ -236,8 +236,11 @@ def test_files_that_cannot_be_read(tmp_path):
     assert check_case(gone) == [f"{gone}: no such file"]
     assert check_case(tmp_path)[0].startswith(f"{tmp_path}: cannot be read (")
     binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    assert check_case(binary) == [f"{binary}: not a text file in UTF-8"]
+    binary.write_bytes(b"a\n\xff\xfe\x00")
+    assert check_case(binary) == [
+        f"{binary}: not a text file in UTF-8: byte 2 (line 2) is 0xff; save it as UTF-8 in the "
+        "editor"
+    ]
     broken = tmp_path / "broken.toml"
     broken.write_text('title = "a"\nsteps = = 3\n')
     [line] = check_case(broken)

@@ -313,6 +313,17 @@ def test_a_pull_alone_tells_no_back_stress():
     assert fit.problem.branches == 0 and len(tried) == 3
 
 
+def test_a_pull_may_begin_with_rows_at_zero():
+    """As files of testing machines do: the same metal as without them."""
+    strain = np.concatenate([[0.0, 0.0], CYCLE[:50]])
+    assert paths(strain) == [slice(0, 52)] and paths(-strain) == paths(strain)
+    stress, _ = response(METAL, strain, paths(strain))
+    data = MaterialData("metal", np.ones(52), strain=strain, stress=stress)
+    alone = MaterialData("metal", np.ones(50), strain=strain[2:], stress=stress[2:])
+    found, expected = (fit_metal(d, "voce", 0, {})[0].values for d in (data, alone))
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
 def write(path: Path, header: str, *columns) -> Path:
     rows = (",".join(f"{v:.10g}" for v in row) for row in zip(*columns, strict=True))
     path.write_text(header + "\n" + "\n".join(rows) + "\n")

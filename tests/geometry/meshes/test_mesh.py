@@ -373,6 +373,10 @@ def test_two_bodies_of_one_name_are_refused(msh, version, said):
     [
         ("mesh.msh", None, "no such file"),
         ("mesh.vtk", "# vtk", r"meshes are read from gmsh's \.msh files, version 2 or 4"),
+        ("mesh.inp", "*NODE", "meshio reads .inp files, .* in docs/meshes.md, other formats"),
+        ("mesh.unv", "", "version 2 or 4; .* groups: gmsh mesh.unv -save -o mesh.msh"),
+        ("mesh.stl", "solid", 'a .geo drawing with Merge "mesh.stl"'),
+        ("mesh.iges", "", "export the part as STEP"),
         ("mesh.geo", "Point(1) = {0, 0, 0};", "meshes are read from"),
         ("mesh.msh", "", "not a gmsh mesh"),
         ("mesh.msh", "Point(1) = {0, 0, 0};", "not a gmsh mesh"),
@@ -509,3 +513,21 @@ def test_a_body_drawn_in_parts_that_share_no_nodes_is_told(msh):
     assert notes(0.1, {"pad": [1, 2]}) == ()
     # Bodies that lie on each other are what contact is between.
     assert notes(0.0, {"pad": [1], "plate": [2]}) == ()
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-12, 1.0])
+def test_duplicate_nodes_of_a_surface_are_told_from_facets_elsewhere(tmp_path, away):
+    """A square whose lower side has nodes of its own, at the places of the cell's or apart."""
+    nodes = [(0, 0), (1, 0), (1, 1), (0, 1), (0, -away), (1, -away)]
+    rows = "\n".join(f"{number} {x} {y} 0" for number, (x, y) in enumerate(nodes, 1))
+    path = tmp_path / "square.msh"
+    path.write_text(
+        '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 "pad"\n1 2 "face"\n'
+        f"$EndPhysicalNames\n$Nodes\n6\n{rows}\n$EndNodes\n"
+        "$Elements\n2\n1 3 2 1 1 1 2 3 4\n2 1 2 2 2 5 6\n$EndElements\n"
+    )
+    with pytest.raises(MeshError, match="1 of the 1 facets of surface 'face' are not on the") as it:
+        read_msh(path)
+    told = "duplicate nodes: 2 of 6 lie where others do, within 1e-08 of the extent; join them"
+    assert (told in str(it.value)) == (away < 1e-8)
+    assert ("in a physical group?" in str(it.value)) == (away > 1e-8)
