@@ -418,8 +418,26 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
             "happens in them, or for the trapezoidal rule under forces that rise steeply (smaller "
             "steps), or facets of a curved master catch (a finer master, or smoothing_angle)"
-            f"{_worst_step(simulation.rows)}"
+            f"{_cornered(simulation)}{_worst_step(simulation.rows)}"
         )
+
+
+def _cornered(simulation: Simulation) -> str:
+    """Words on tools with sharp corners, which the slave's normals decide the pressures' way at."""
+    tools = simulation.model.case.tools
+    names = {
+        table.master: None
+        for table, term in zip(
+            simulation.model.case.contact, simulation.model.problem.contacts, strict=True
+        )
+        if table.master in tools and term.surface.normals is not None
+    }
+    if not names:
+        return ""
+    return (
+        f", or the slave slides past sharp corners of {', '.join(names)}, where pressures act "
+        "along its normals (fillet_radius, or a finer slave; no number of steps changes that)"
+    )
 
 
 def _worst_step(rows: Sequence[Row]) -> str:

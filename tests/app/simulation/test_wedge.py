@@ -1,12 +1,16 @@
 """A sharp wedge in metal: its force is too large, or turned, and that is told."""
 
+import json
 import math
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.solved import solved as run
+from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.run.run import run_case
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.surface_ends import slid_off
@@ -128,3 +132,32 @@ def test_points_that_miss_a_face_are_not_said_to_be_past_its_end(folded, said):
     problem.residual(None, x, problem.new_vector(), StepMode.of_stage(1.0, problem.contacts, True))
     found = list(slid_off(problem, contacts))
     assert len(found) == 1 and said in found[0][0]
+
+
+@pytest.mark.parametrize(("fillet", "warned"), [(0.0, True), ("2 mm", False)])
+def test_work_at_a_sharp_corner_of_a_die_is_told_to_be_its(tmp_path, fillet, warned):
+    """A billet that is pushed out of a channel into a wedge of 15 degrees, without friction."""
+    data = case([15, 5])
+    data["geometry"]["blocks"]["metal"] = {"x": ["-6 mm", 0], "y": [0, "2 mm"], "elements": [15, 5]}
+    slope, high = math.tan(math.radians(15)), 2.02 if fillet else 2.0
+    data["tools"]["wedge"] = {
+        "shape": "polyline",
+        "points": [
+            ["4 mm", f"{high - 4 * slope} mm"],
+            [0, f"{high} mm"],
+            ["-9 mm", f"{high} mm"],
+        ],
+        "fillet_radius": fillet,
+    }
+    way = {"x": [[0.0, 0.0], [1.0, "2 mm"]]}
+    data["boundary"] = [
+        {"surface": "metal_bottom", "symmetry": True},
+        {"surface": "metal_left", "displacement": way},
+    ]
+    data["stage"][0]["steps"] = 12
+    data["output"] = {"figures": False}
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found = [w for w in summary["warnings"] if "slides past sharp corners of wedge" in w]
+    assert len(found) == warned
+    assert (abs(summary["energy_error_relative"]) > 0.01) is warned
