@@ -40,8 +40,7 @@ def falls(slope: Floats) -> bool:
 def is_limit(slope: Floats, last: float, now: float, reach: float) -> bool:
     """Whether the load is largest before it has grown by little more than ``reach``.
 
-    Where the load tends to its largest value the slope is proportional to what is missing, or at a
-    smooth maximum to the root of it, and then it vanishes sooner than a straight line says.
+    Before a smooth maximum the square of the slope is proportional to what is missing of the load.
 
     Args:
         slope: (k,) between the last states; last: growth of the load between the last two.
@@ -50,4 +49,5 @@ def is_limit(slope: Floats, last: float, now: float, reach: float) -> bool:
     """
     if not falls(np.append(slope, max(now, np.finfo(float).tiny))):
         return False
-    return bool(now * 0.5 * last <= FURTHER * reach * (slope[-1] - now))
+    missing = 0.5 * last * now**2 / (slope[-1] ** 2 - now**2)
+    return bool(missing <= FURTHER * reach)
