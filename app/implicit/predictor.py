@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.implicit.limit_point import falls, is_limit, slopes
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
@@ -186,6 +187,28 @@ class Predictor:
         drive = self._driving(x)
         moves = bool(drive.constrained.any() or drive.loads.any())
         return bool(self.problem.comm.allreduce(moves, op=MPI.LOR))
+
+    def meets_limit(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode) -> bool:
+        """Whether forces drive the step from ``x`` beyond the largest on the path; collective.
+
+        The problem is evaluated at ``trial`` again afterwards, if that was changed.
+        """
+        drive = self._driving(x)
+        ratio = self._proportion(drive)
+        if ratio is None or self._sum(np.array([np.abs(drive.constrained).sum()]))[0]:
+            return False
+        slope = slopes(self._path, self._sum)
+        if not falls(slope):
+            return False
+        failed = trial.array_r.copy()
+        self.restart(x, trial, step)
+        moved, (before, _), (last, was) = trial.array_r - x.array_r, *self._path[-2:]
+        reach = ratio * (last - before)
+        squared, onwards = self._sum(np.array([moved @ moved, moved @ (was - self._path[-2][1])]))
+        now = reach / np.sqrt(squared) if onwards > 0.0 else 0.0
+        trial.array[:] = failed
+        self._residual_norm(trial, step)
+        return is_limit(slope, last - before, float(now), reach)
 
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""

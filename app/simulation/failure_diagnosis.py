@@ -54,11 +54,14 @@ ALONG = 0.5  # component of the friction over all of it that a body's loose dire
 INVERSE = 16  # iterations for the eigenvalues next to zero
 CLEAR = 0.1  # what their inverses may be off by, as a share
 NONE_LEFT = 1e-12  # share of a vector that rounding leaves
+DYNAMICS = (
+    'a stage of dynamics from a little before on ([solver] kind = "explicit" with solver = '
+    '"implicit" in the stages before; bodies need a density)'
+)
 SNAP = (
     "the tangent has a negative eigenvalue: the bodies have passed a limit, as a shell does that "
     "snaps through, and the next equilibrium may be far away",
-    'to let them snap in a stage of dynamics (solver = "explicit" in its [[stage]]; bodies need a '
-    "density), or to prescribe a displacement where a force drives",
+    f"to let them snap in {DYNAMICS}, or to prescribe a displacement where a force drives",
 )
 
 LONGER = (
@@ -231,6 +234,7 @@ def explain(
     thickness: float = 1.0,
     contacts: Sequence[Contact] = (),
     unstable: Callable[[], bool] = lambda: False,
+    spent: bool = False,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -239,6 +243,7 @@ def explain(
 
     Args:
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
+        spent: whether forces drive the step beyond the largest that the bodies bear.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
@@ -249,6 +254,7 @@ def explain(
     adrift = any(_of_supports(problem, loose, result.strayed))  # its rounding explains nothing
     gross = [] if adrift else list(_of_rounding(problem, result))
     gross = gross or list(_of_gross_slip(problem, loose, thickness))
+    gross = gross or list(_of_limit_load(problem, thickness) if spent else ())
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
@@ -300,6 +306,25 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
             f'([[boundary]] spring with direction = "{axis}"), or a smaller force, or more normal '
             f"force or friction{rates if hold.wet else ''}",
         )
+
+
+def _of_limit_load(problem: Equilibrium, thickness: float) -> Findings:
+    """The largest load that the bodies bear, which has been reached."""
+    forces = [f"{abs(p.force) * thickness:.4g} N on a platen" for p in problem.platens if p.force]
+    for tool in problem.tools:
+        pushed = np.zeros(problem.owned)
+        for load in problem.nodal_loads:
+            load.add_to(pushed)
+        force = float(np.linalg.norm(tool.at(pushed, problem.comm)[:-1]))
+        forces += [f"{force * thickness:.4g} N on tool {tool.name}"] if force else []
+    yield (
+        "no equilibrium beyond the load reached"
+        + (f" ({', '.join(forces)})" if forces else "")
+        + ": it is the largest that the bodies bear, to within the last step, as their "
+        "displacements grow without end before it",
+        "a displacement in the place of the force (displacement of the tool or boundary, "
+        f"displacement_stages of a platen), past which the force falls, or {DYNAMICS}",
+    )
 
 
 def _of_rounding(problem: Equilibrium, result: StepResult) -> Findings:

@@ -86,7 +86,7 @@ def test_a_strut_past_its_buckling_load_is_told_to_snap(strain, said):
     assert unstable is said
     result = StepResult(False, 30, 30, -5, [0.5])
     text = explain(problem, result, stepper.x, [], unstable=lambda: unstable)
-    assert ('(solver = "explicit" in its [[stage]]' in text) is said
+    assert ('([solver] kind = "explicit" with' in text) is said
     assert ("snaps through" in text) is said
 
 
