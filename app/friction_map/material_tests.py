@@ -239,7 +239,6 @@ def slide_at_speeds(
             (traction, now), (mu, law.coefficient(state)), (alpha, state.alpha),
             (regime, response.regime), (steady, calm >= STEPS_IN_A_ROW),
         ):  # fmt: skip
-            # Speeds that are steady keep what they ended with, though they are stepped on with all.
             array[running] = values.reshape(shape)[running]
         found.slip[running] = slid
         if slid > least_slip:
