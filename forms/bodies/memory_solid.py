@@ -325,7 +325,7 @@ class MemorySolid(Solid):
     def variable(self, name: str) -> Floats:
         """What the points remember under a name (c, q, …), see ``MaterialPoints.columns``."""
         values = self._present().values[:, self.law.columns[name]].copy()
-        return values.reshape(len(self.cells), self.count, -1)
+        return np.asarray(values.reshape(len(self.cells), self.count, -1))
 
 
 # -- Values of material points at other places of their cells, and as tensors ----------------------
