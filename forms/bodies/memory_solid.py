@@ -128,6 +128,7 @@ class MemorySolid(Solid):
     def _prepare_tangent(self, origin: Origin) -> None:
         """Let the loop know how to come to the moduli from ``origin``, or give it those."""
         law, moduli = self._frozen if origin.elastic else self.law, self.point_cells.moduli
+        self.points.lend(origin.values)  # they may be asked for until long after this step
         moduli.kernel, moduli.state = self._kernel(law, origin.dt), origin.values
         if moduli.kernel is None:
             F = self._gradients()
@@ -242,6 +243,8 @@ class MemorySolid(Solid):
     def history(self) -> PointHistory:
         """See :meth:`tribox.forms.bodies.solid.Solid.history`."""
         last = self.points.last
+        if last is not None:
+            self.points.lend(last.origin.values)
         return PointHistory(None if last is None else last.origin, self._dissipated)
 
     def cell_rows(self, values: Floats) -> Floats:
@@ -321,8 +324,8 @@ class MemorySolid(Solid):
 
     def variable(self, name: str) -> Floats:
         """What the points remember under a name (c, q, …), see ``MaterialPoints.columns``."""
-        values = self._present().values[:, self.law.columns[name]]
-        return values.reshape(len(self.cells), self.count, -1)
+        values = self._present().values[:, self.law.columns[name]].copy()
+        return np.asarray(values.reshape(len(self.cells), self.count, -1))
 
 
 # -- Values of material points at other places of their cells, and as tensors ----------------------

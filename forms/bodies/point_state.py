@@ -308,18 +308,34 @@ class PointState:
         self.trial: Evaluation | None = None
         self.last: Evaluation | None = None
         self.retired: Evaluation | None = None
+        self._free: Floats | None = None
+        self._lent: list[Floats] = [] if values is None else [values]
 
     def spare(self) -> Evaluation | None:
         """An evaluation whose arrays may be used again; it is given away.
 
-        Memory that is asked for anew costs more than what is computed. Committed values may still
-        be an origin, in a snapshot too: they are left alone.
+        Memory that is asked for anew costs more than what is computed.
         """
         if self.trial is not None:
             trial, self.trial = self.trial, None
             return trial
         found, self.retired = self.retired, None
-        return None if found is None else replace(found, values=np.empty_like(found.values))
+        if found is None:
+            return None
+        free, self._free = self._free, None
+        return replace(found, values=np.empty_like(found.values) if free is None else free)
+
+    def lend(self, values: Floats) -> None:
+        """Never write over ``values`` (k, s) again: they are an origin for others, too."""
+        if not any(values is one for one in self._lent):
+            self._lent.append(values)
+
+    def _release(self, values: Floats) -> None:
+        """Write over ``values`` (k, s) of two commits ago, unless they are lent or the initial."""
+        lent = len(self._lent)
+        self._lent = [one for one in self._lent if one is not values]
+        if len(self._lent) == lent and values is not self._initial:
+            self._free = values
 
     def known(self, u: Floats, dt: float) -> Evaluation | None:
         """The trial, if it is that of the displacements ``u`` (n,), m, and ``dt`` (s)."""
@@ -355,7 +371,10 @@ class PointState:
         done = self.trial
         if done is None:
             return None
-        assert np.array_equal(done.u, u, equal_nan=True), "what is committed is evaluated last"
+        same = np.array_equal(done.u, u) or np.array_equal(done.u, u, equal_nan=True)
+        assert same, "what is committed is evaluated last"
+        if self.last is not None:
+            self._release(self.last.origin.values)
         self.retired = self.last
         self.committed, self.last, self.trial = done.values, done, None
         self.number += 1

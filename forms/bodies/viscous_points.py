@@ -125,7 +125,7 @@ class _Branches(ctypes.Structure):
     tables: Floats  # what the others point to
     _fields_ = (
         ("branches", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("modulus", "share", "rest")),
+        *((name, ctypes.c_void_p) for name in ("modulus", "share", "rest", "ratio")),
     )
 
 
@@ -172,6 +172,8 @@ class ViscousPoints(MaterialPoints):
         elif math.isfinite(dt):
             share, rest = dt / (self._times + dt), self._times / (self._times + dt)
         work = _Branches(len(self.branches))
-        work.tables = np.stack([self._moduli, share, rest])
-        work.modulus, work.share, work.rest = (row.ctypes.data for row in work.tables)
+        ratio = np.minimum(share, rest) / np.maximum(share, rest)
+        work.tables = np.stack([self._moduli, share, rest, ratio])
+        rows = (row.ctypes.data for row in work.tables)
+        work.modulus, work.share, work.rest, work.ratio = rows
         return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True)

@@ -110,7 +110,8 @@ INLINE vec inverse_cube_root(vec x)
     vec start = (1023.0 * 4.0 / 3.0 - 0.045) * 4294967296.0 - high * (1.0 / 3.0);
     vec y = (vec)(((uvec)(start + 4503599627370496.0) - two52) << 20);
     vec e = 1.0 - (x * y) * (y * y);
-    y += (y * e) * (1.0 / 3 + e * (2.0 / 9 + e * (14.0 / 81 + e * (35.0 / 243 + e * (91.0 / 729)))));
+    vec ee = e * e, far = (14.0 / 81 + e * (35.0 / 243)) + ee * (91.0 / 729);
+    y += (y * e) * ((1.0 / 3 + e * (2.0 / 9)) + ee * far);
     e = 1.0 - (x * y) * (y * y); /* within 2e-6 */
     return y + (y * e) * (1.0 / 3 + e * (2.0 / 9)); /* exactly 1 for x = 1 */
 }

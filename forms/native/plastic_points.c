@@ -21,7 +21,7 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
  * rest is below 1e-17. SETTLED: of Σ c and 25 times the trial stress, a change of the rest that is
  * round-off. ITERATIONS and TURNS are far beyond need: 4 are usual. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
-static const double SMALL_STEP = 1e-9, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
+static const double SMALL_STEP = 1e-8, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
 static const double NEAR = 0.25, TURNING = 1e-4; /* of `mean_decay` and `turn` */
 enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
@@ -252,22 +252,33 @@ typedef struct {
     vec strain[3], n[3], theta, theta_bar, step, stress, numerical;
 } Flow;
 
+/* The sum of c[n] x^n to the twelfth power, in pairs that do not wait for each other. */
+INLINE vec twelfth_power_series(const double *c, vec x)
+{
+    vec square = x * x, fourth = square * square, pair[7];
+    for (int n = 0; n < 6; ++n)
+        pair[n] = c[2 * n] + c[2 * n + 1] * x;
+    pair[6] = all(c[12]);
+    vec low = pair[0] + pair[1] * square, middle = pair[2] + pair[3] * square;
+    vec high = pair[4] + pair[5] * square + pair[6] * fourth;
+    return low + fourth * (middle + fourth * high);
+}
+
 /* e^-y, phi and the ratio (φ and (φ − e^−y)/y, φ = (1 − e^−y)/y); by series where y is small. */
 INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
-    static const double c[] = {1.0,          1.0 / 2,       1.0 / 6,        1.0 / 24,        1.0 / 120,
-                               1.0 / 720,    1.0 / 5040,    1.0 / 40320,    1.0 / 362880,    1.0 / 3628800,
-                               1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800};
+    /* (-1)^n/(n + 1)! and (-1)^n (n + 1)/(n + 2)! */
+    static const double MEAN[] = {1.0,          -1.0 / 2,      1.0 / 6,        -1.0 / 24,       1.0 / 120,
+                                  -1.0 / 720,   1.0 / 5040,    -1.0 / 40320,   1.0 / 362880,    -1.0 / 3628800,
+                                  1.0 / 39916800, -1.0 / 479001600, 1.0 / 6227020800};
+    static const double RATIO[] = {1.0 / 2,      -2.0 / 6,      3.0 / 24,       -4.0 / 120,      5.0 / 720,
+                                   -6.0 / 5040,  7.0 / 40320,   -8.0 / 362880,  9.0 / 3628800,   -10.0 / 39916800,
+                                   11.0 / 479001600, -12.0 / 6227020800, 13.0 / 87178291200};
     ivec far = (ivec)(y >= NEAR);
-    vec x = choose(far, all(0.0), y), first = all(c[12]), second = 12.0 * c[12] - 13.0 * c[12] / 14.0 * x;
-    for (int n = 11; n >= 0; --n) {
-        first = c[n] - x * first;
-        if (n > 0)
-            second = n * c[n] - x * second;
-    }
-    *decay = 1.0 - x * first;
-    *phi = first;
-    *ratio = second;
+    vec x = choose(far, all(0.0), y);
+    *phi = twelfth_power_series(MEAN, x);
+    *ratio = twelfth_power_series(RATIO, x);
+    *decay = 1.0 - x * *phi;
     if (!any(far))
         return;
     y = choose(far, choose((ivec)(y < 690.0), y, all(690.0)), all(1.0));
@@ -282,30 +293,37 @@ typedef struct {
     vec aim, trial, with[MOST], among[MOST][MOST]; /* trial: von Mises stress at no step */
 } Products;
 
-/* g and its slope at a step, but for the flow stress. */
-INLINE vec over_stress(const Material *m, const Products *p, vec x, vec *slope)
+/* At a step: the von Mises stress of what is left over `fall`, which is g but for the flow stress;
+ * g falls by `slope` but for a share `rise` of 1/size. */
+typedef struct {
+    vec size, fall, slope, rise;
+} Over;
+
+INLINE void over_stress(const Material *m, const Products *p, vec x, Over *over)
 {
-    vec decay[MOST], sum = p->aim, rise = all(0.0), rest = all(0.0);
-    *slope = all(-3.0 * m->shear);
-    if (m->branches == 0)
-        return p->trial - 3.0 * m->shear * x;
+    vec decay[MOST], sum = p->aim;
+    over->slope = all(3.0 * m->shear);
+    over->fall = over->slope * x;
+    over->rise = all(0.0);
+    if (m->branches == 0) {
+        over->size = p->trial;
+        return;
+    }
     for (int k = 0; k < m->branches; ++k) {
         const double c = m->backstress[2 * k];
         vec phi, ratio;
         mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi, &ratio);
-        rest += c * phi * x;
-        *slope -= c * decay[k];
+        over->fall += c * phi * x;
+        over->slope += c * decay[k];
     }
     for (int k = 0; k < m->branches; ++k) {
         vec others = all(0.0);
         for (int j = 0; j < m->branches; ++j)
             others += decay[j] * p->among[k][j];
         sum += decay[k] * (others - 2.0 * p->with[k]);
-        rise += m->backstress[2 * k + 1] * decay[k] * (p->with[k] - others);
+        over->rise += 1.5 * m->backstress[2 * k + 1] * decay[k] * (p->with[k] - others);
     }
-    vec size = square_root(1.5 * choose((ivec)(sum > 0.0), sum, all(0.0)));
-    *slope += 1.5 * rise / choose((ivec)(size > 0.0), size, all(1.0));
-    return size - 3.0 * m->shear * x - rest;
+    over->size = square_root(1.5 * choose((ivec)(sum > 0.0), sum, all(0.0)));
 }
 
 /* Flow stress and its slope over the step; point by point where there is no formula for all. */
@@ -352,6 +370,20 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
     return x;
 }
 
+/* One step of Newton's method for g = 0. */
+INLINE vec newton(const Material *m, const Products *p, vec alpha, vec x, vec *g)
+{
+    Over over;
+    vec stress, slope;
+    over_stress(m, p, x, &over);
+    flow_stresses(m, alpha, x, &stress, &slope);
+    *g = over.size - over.fall - stress;
+    if (m->branches == 0)
+        return x + *g / (over.slope + slope);
+    vec size = choose((ivec)(over.size > 0.0), over.size, all(1.0));
+    return x + *g * size / ((over.slope + slope) * size - over.rise);
+}
+
 /* The plastic strain of the step that brings the von Mises stress to yield; from x on where that is
  * known, until it moves by a share that is `close`. Without branches the stress falls by 3 G of it. */
 INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, vec rise, ivec done,
@@ -379,17 +411,14 @@ INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, ve
     x = choose(done, known, x);
     done |= ~(ivec)(x > 0.0);
     for (int i = 0; i < ITERATIONS && any(~done); ++i) {
-        vec falls, stress, slope, g = over_stress(m, p, x, &falls);
-        flow_stresses(m, alpha, x, &stress, &slope);
-        g -= stress;
+        vec g, moved = newton(m, p, alpha, x, &g);
         ivec left = (ivec)(g >= 0.0);
         low = choose(left, x, low);
         high = choose(left, high, x);
-        vec newton = x + g / (slope - falls);
-        ivec settled = (ivec)(absolute(newton - x) <= close * x) |
+        ivec settled = (ivec)(absolute(moved - x) <= close * x) |
                        (ivec)(absolute(g) <= ROUNDOFF * trial);
-        ivec inside = (ivec)(newton > low) & (ivec)(newton < high);
-        vec next = choose(inside | settled, newton, 0.5 * (low + high));
+        ivec inside = (ivec)(moved > low) & (ivec)(moved < high);
+        vec next = choose(inside | settled, moved, 0.5 * (low + high));
         x = choose(done, x, next);
         done |= settled;
     }
@@ -698,7 +727,16 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     for (int k = 0; k < m->branches; ++k)
         t->of.with[k] = contract(space, over, t->k[k].start);
     const vec last = t->step;
-    t->step = plastic_step(m, &t->of, alpha, begin, rise, done, last, TURNING);
+    vec unused, near = last;
+    ivec known = (ivec)(last > 0.0) | done;
+    if (!any(~known)) {
+        near = newton(m, &t->of, alpha, last, &unused);
+        known = (ivec)(absolute(near - last) <= TURNING * last) | done;
+    }
+    if (any(~known))
+        t->step = plastic_step(m, &t->of, alpha, begin, rise, done, last, TURNING);
+    else
+        t->step = choose(done, last, near); /* that is all it would do */
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
         mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
@@ -748,6 +786,7 @@ INLINE void begin_turning(int space, const Material *m, const Axes *axes, const 
         tensor half, inner, transposed;
         own->modulus = m->backstress[2 * k];
         own->recovery = m->backstress[2 * k + 1];
+        __builtin_memset(own->Z, 0, sizeof own->Z); /* moduli read it across the plane too */
         symmetric_of(space, C, inner);
         EACH(space, a, b)
         {
@@ -1109,7 +1148,7 @@ INLINE void update_turning(int space, const Material *m, const vec *F, const vec
     tensor tau = {};
     Axes at = {};
     Turned t;
-    __builtin_memset(&t, 0, __builtin_offsetof(Turned, k) + m->branches * sizeof(Branch));
+    __builtin_memset(&t, 0, __builtin_offsetof(Turned, of)); /* what is across the plane stays zero */
     if (space)
         axes_in_space(F, state, &at);
     else

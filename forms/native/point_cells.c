@@ -174,33 +174,51 @@ INLINE void gradients(enum section section, int nodes, const double *shape, cons
     }
 }
 
-INLINE void deformation(enum section section, int nodes, vec (*B)[3], vec (*u)[3], vec *F)
+/* F from the derivatives of the displacement by parent coordinates. */
+INLINE void deformation(enum section section, int nodes, const double *shape, const vec *table,
+                        vec (*u)[3], vec *F)
 {
     const int dim = section == SPACE ? 3 : 2;
-    for (int p = 0; p < (section == SPACE ? 9 : 5); ++p)
-        F[p] = all(p == 4 || p % (dim + 1) == 0);
+    vec d[9], hoop = all(0.0);
+    for (int p = 0; p < dim * dim; ++p)
+        d[p] = all(0.0);
 #pragma GCC unroll 1
-    for (int a = 0; a < nodes; ++a) {
+    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
         for (int p = 0; p < dim * dim; ++p)
-            F[p] += u[a][p / dim] * B[a][p % dim];
+            d[p] += shape[1 + p % dim] * u[a][p / dim];
         if (section == RING)
-            F[4] += u[a][0] * B[a][2];
+            hoop += shape[0] * u[a][0];
     }
+    for (int i = 0; i < dim; ++i)
+        for (int J = 0; J < dim; ++J) {
+            vec sum = d[dim * i] * table[J];
+            for (int z = 1; z < dim; ++z)
+                sum += d[dim * i + z] * table[dim * z + J];
+            F[dim * i + J] = i == J ? 1.0 + sum : sum;
+        }
+    if (section != SPACE)
+        F[4] = section == RING ? 1.0 + hoop * table[5] : all(1.0);
 }
 
-INLINE void add_forces(enum section section, int nodes, vec (*B)[3], const vec *P, vec weight,
-                       vec (*force)[3])
+/* The nodes' forces of the stress at a point, carried over to parent coordinates first. */
+INLINE void add_forces(enum section section, int nodes, const double *shape, const vec *table,
+                       const vec *P, vec weight, vec (*force)[3])
 {
     const int dim = section == SPACE ? 3 : 2;
-    vec T[9];
-    for (int p = 0; p < (section == SPACE ? 9 : 5); ++p)
-        T[p] = weight * P[p];
+    vec T[9], hoop = weight * table[5] * P[4];
+    for (int i = 0; i < dim; ++i)
+        for (int z = 0; z < dim; ++z) {
+            T[dim * i + z] = P[dim * i] * table[dim * z];
+            for (int J = 1; J < dim; ++J)
+                T[dim * i + z] += P[dim * i + J] * table[dim * z + J];
+            T[dim * i + z] *= weight;
+        }
 #pragma GCC unroll 1
-    for (int a = 0; a < nodes; ++a) {
+    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
         for (int p = 0; p < dim * dim; ++p)
-            force[a][p / dim] += T[p] * B[a][p % dim];
+            force[a][p / dim] += shape[1 + p % dim] * T[p];
         if (section == RING)
-            force[a][0] += T[4] * B[a][2];
+            force[a][0] += shape[0] * hoop;
     }
 }
 
@@ -261,22 +279,19 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
     return start;
 }
 
-/* Fetches what the point q of the next block needs: the rows of its cells lie far apart in memory. */
-INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q, int size)
+/* Fetches a part of what the next block needs, as much as one of its points does: memory does not
+ * follow the way from the rows of one block to those of the next. */
+INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q)
 {
     if (n + 1 >= w->blocks)
         return;
-    const char *table = (const char *)(w->table + ((n + 1) * w->points + q) * size * LANES);
-    for (int k = 0; k < size; ++k)
-        __builtin_prefetch(table + 64 * k);
-    for (int l = 0; l < LANES; ++l) {
-        const int64_t point = w->cell[(n + 1) * LANES + l] * w->points + q;
-        const char *row = (const char *)(w->state + point * w->width);
-        for (int64_t k = 0; k < 8 * w->width; k += 64)
-            __builtin_prefetch(row + k);
-        for (int64_t k = 0; end && k < 8 * w->width; k += 64)
-            __builtin_prefetch((const char *)(end + point * w->width) + k, 1);
-    }
+    /* the rows of cells that follow each other are one piece, LANES rows for each point */
+    const int64_t piece = 8 * LANES * w->width;
+    const int64_t first = 8 * w->cell[(n + 1) * LANES] * w->points * w->width + q * piece;
+    for (int64_t k = 0; k < piece; k += 64)
+        __builtin_prefetch((const char *)w->state + first + k);
+    for (int64_t k = 0; end && k < piece; k += 64)
+        __builtin_prefetch((const char *)end + first + k, 1);
 }
 
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
@@ -313,10 +328,10 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
         ivec good = ~(ivec){};
         __builtin_memcpy(tabled, table, size * sizeof(vec));
         weight = tabled[dim * dim];
-        gradients(section, nodes, w->shape + q * nodes * (1 + dim), tabled, B);
-        deformation(section, nodes, B, at, F);
+        const double *shape = w->shape + q * nodes * (1 + dim);
+        deformation(section, nodes, shape, tabled, at, F);
         if (w->update) {
-            fetch_next(w, w->end, n, q, size);
+            fetch_next(w, w->end, n, q);
             load(of_state, q * width, width, s);
             if (known)
                 load(of_end, q * width, width, next);
@@ -336,7 +351,9 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
         if (w->F)
             store(F, lanes, count, of_F, q * count);
         if (force)
-            add_forces(section, nodes, B, P, weight, force);
+            add_forces(section, nodes, shape, tabled, P, weight, force);
+        if (matrix)
+            gradients(section, nodes, shape, tabled, B);
         if (matrix && w->symmetric)
             add_matrix(section, nodes, 1, B, A, weight, matrix);
         else if (matrix)
@@ -356,7 +373,7 @@ INLINE void add_moduli(enum section section, const Work *w, int64_t n, int64_t q
     double *row[LANES];
     int64_t number[LANES];
     ivec good;
-    fetch_next(w, 0, n, q, size);
+    fetch_next(w, 0, n, q);
     __builtin_memcpy(T, table, size * sizeof(vec));
     F[4] = all(1.0);
     for (int p = 0; p < all_of; ++p)

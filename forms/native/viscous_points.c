@@ -11,17 +11,26 @@ static const double ROUNDOFF = 1e-14; /* of G/2: less is no stored energy but wh
 typedef struct {
     int64_t branches;
     const double *modulus, *share, *rest; /* of each: G, t = dt/(tau + dt) and 1 - t */
+    const double *ratio;                  /* the smaller of t and 1 - t over the larger */
 } Branches;
 
-/* tr (dev A dev A) of A = B N, not negative: A is similar to a symmetric tensor. */
-INLINE vec distance(int space, const tensor B, const tensor N)
+/* tr (dev A dev A) of A = B K, not negative: A is similar to a symmetric tensor. */
+INLINE vec distance(int space, const tensor B, const tensor K)
 {
-    tensor A;
-    multiply(space, B, N, A);
-    vec mean = trace(A) * (1.0 / 3.0), sum = all(0.0);
-    for (int i = 0; i < 3; ++i)
-        A[i][i] -= mean;
-    EACH(space, i, j) sum += A[i][j] * A[j][i];
+    vec sum;
+    if (space) {
+        tensor A;
+        multiply(1, B, K, A);
+        vec one = A[0][0] - A[1][1], two = A[1][1] - A[2][2], three = A[2][2] - A[0][0];
+        sum = (1.0 / 3.0) * (one * one + two * two + three * three) +
+              2.0 * (A[0][1] * A[1][0] + A[1][2] * A[2][1] + A[2][0] * A[0][2]);
+    } else {
+        vec one = B[0][0] * K[0][0], two = B[1][1] * K[1][1], three = B[0][1] * K[0][1];
+        vec across = 2.0 * (B[2][2] * K[2][2] - three) - (one + two), turn = one - two;
+        vec shear = B[0][0] * K[0][1] + B[0][1] * K[1][1];
+        sum = 0.5 * turn * turn + (1.0 / 6.0) * across * across +
+              2.0 * shear * (B[0][1] * K[0][0] + B[1][1] * K[0][1]);
+    }
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
@@ -123,11 +132,12 @@ INLINE void branch_moduli(const Deformation *at, vec g, vec y, vec n, const tens
 
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
  * the rate at the end, where there is a place for them; moduli in space only. */
-INLINE void branch(enum section section, double G, double t, double s, const Deformation *at,
-                   const vec *frame, const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
+INLINE void branch(enum section section, double G, double t, double s, double ratio,
+                   const Deformation *at, const vec *frame, const vec *from, vec *to, vec *energies,
+                   vec *moduli, Sum *sum)
 {
     const int space = section == SPACE;
-    tensor old, M, N;
+    tensor old, M, K;
     vec share = t * at->j;
     symmetric_of(space, from, old);
     if (frame) {
@@ -138,27 +148,37 @@ INLINE void branch(enum section section, double G, double t, double s, const Def
     }
     UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
     mirror(space, M);
-    vec m = cofactors(space, M, N), size = frame ? m * at->turned : m;
-    vec root = inverse_cube_root(size), square = root * root, inverse = square * root;
-    vec cube = size * square;
-    if (frame)
-        inverse *= at->turned;
-    EACH(space, i, j) N[i][j] *= inverse;
-    vec scale = G * cube, g = scale * at->j, n = contract(space, N, at->C);
-    EACH(space, i, j) sum->N[i][j] += g * N[i][j];
-    sum->pressure += g * ((1.0 / 3.0) * n);
+    vec m = cofactors(space, M, K), size = frame ? m * at->turned : m;
+    vec root = inverse_cube_root(size), square = root * root, part = square * at->j;
+    vec along[3], apart = all(0.0);
+    UPPER(space, i, j)
+    {
+        if (i == j)
+            along[i] = K[i][i] * at->C[i][i];
+        else
+            apart += 2.0 * (K[i][j] * at->C[i][j]);
+    }
+    /* a third of K:C, exactly K where both are isotropic */
+    vec mean = along[0] + (1.0 / 3.0) * ((along[1] - along[0]) + (along[2] - along[0]) + apart);
+    vec g = frame ? G * part * at->turned : G * part; /* of K as m^(-2/3), so that N = K/m is not needed */
+    UPPER(space, i, j) sum->N[i][j] += g * K[i][j];
+    sum->pressure += g * mean;
     if (energies) {
+        const int late = t < 0.5;
         for (int k = 0; k < (space ? 6 : 4); ++k)
             to[k] = root * M[PAIRS[k][0]][PAIRS[k][1]];
-        vec excess = cube * at->j * n - 3.0;
+        vec excess = 3.0 * (part * mean - 1.0), by = late ? part : square;
         energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
-        if (t < 0.5)
-            energies[1] = 0.5 * (t / s) * scale * cube * at->j * at->j * distance(space, at->C, N);
-        else
-            energies[1] = 0.5 * (s / t) * scale * cube * distance(space, old, N);
+        energies[1] = (0.5 * ratio * G) * (by * by) * distance(space, late ? at->C : old, K);
     }
-    if (moduli)
-        branch_moduli(at, g, share * g, n, N, moduli, sum);
+    if (moduli) {
+        vec inverse = square * root;
+        if (frame)
+            inverse *= at->turned;
+        EACH(space, i, j) K[i][j] *= inverse;
+        g *= m;
+        branch_moduli(at, g, share * g, 3.0 * mean * inverse, K, moduli, sum);
+    }
 }
 
 /* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ in space, upper half and then the lower one. */
@@ -281,10 +301,12 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
     const int width = kept + branches;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    Sum sum = {};
+    Sum sum;
     Deformation at;
     tensor FN;
     vec ok = all(0.0);
+    sum.pressure = sum.c = all(0.0);
+    EACH(space, i, j) sum.N[i][j] = sum.Z[i][j] = all(0.0);
     deformation(space, F, frame, &at);
     if (moduli && !space)
         in_plane(section, w, &at, F, frame, state, P, moduli);
@@ -294,24 +316,26 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         energies[k] = all(0.0);
 #pragma GCC unroll 1
     for (int b = 0; b < branches && (space || !moduli || energies); ++b) {
+        const double ratio = w->ratio[b];
+        const int late = w->share[b] < 0.5;
         vec energy[2];
-        branch(section, w->modulus[b], w->share[b], w->rest[b], &at, frame, state + size * b,
+        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &at, frame, state + size * b,
                end ? end + size * b : 0, energies ? energy : 0, space ? moduli : 0, &sum);
         if (!energies)
             continue;
-        vec fallen = square_root(state[kept + b]) - square_root(energy[0]);
-        if (w->share[b] < 0.5) {
-            const double ratio = w->share[b] / w->rest[b];
-            energy[1] += square_root(0.5 * ratio * energy[1]) * fallen;
-            energy[1] = choose((ivec)(energy[1] > 0.0), energy[1], all(0.0));
-        } else {
-            energy[1] += choose((ivec)(fallen > 0.0), fallen * fallen, all(0.0));
-        }
+        vec by = late ? 0.5 * ratio * energy[1] : all(1.0);
+        vec fallen = square_root(by * state[kept + b]) - square_root(by * energy[0]);
+        if (!late)
+            fallen *= choose((ivec)(fallen > 0.0), fallen, all(0.0));
+        energy[1] += fallen;
+        energy[1] = choose((ivec)(energy[1] < 0.0), all(0.0), energy[1]);
         end[lost + b] = state[lost + b] + energy[1];
         end[kept + b] = energy[0];
         energies[0] += energy[0];
         energies[1] += energy[1];
+        ok += end[lost + b] - end[lost + b];
     }
+    mirror(space, sum.N);
     multiply(space, at.F, sum.N, FN);
     for (int p = 0; p < count && (space || !moduli); ++p) {
         const int i = place[p][0], J = place[p][1];
@@ -319,11 +343,13 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     }
     if (moduli && space)
         add_shared(at.H, &sum, moduli);
-    probe(P, count, &ok);
-    if (energies)
-        probe(end, width, &ok);
+    for (int p = 0; p < count; ++p)
+        ok += P[p] - P[p];
+    if (energies) /* with these and P all of a branch is finite */
+        ok += energies[0] - energies[0];
     *good = at.good & is_finite(ok);
-    for (int k = 0; energies && k < width; ++k)
+    const int spoiled = energies && any(~*good);
+    for (int k = 0; spoiled && k < width; ++k)
         end[k] = choose(*good, end[k], state[k]);
 }
 

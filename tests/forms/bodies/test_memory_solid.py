@@ -200,6 +200,28 @@ def test_only_what_is_committed_is_remembered():
     assert solid.points.number == 3 and np.array_equal(solid.dissipated, alone.dissipated)
 
 
+@pytest.mark.parametrize("material", [BACK, VISCOUS], ids=["reverses", "creeps"])
+def test_steps_write_over_old_states_but_those_that_others_hold(material):
+    """Steps without tangents, as explicit ones are, against points that forget no array."""
+    u, solid = body(*KINDS[1], material)
+    state, seen, origin, kept = solid.points.committed, set(), None, None
+    for number in range(8):
+        bend(u, 0.02 * number, seed=number)
+        assert solid.evaluate(0.3)
+        F = solid._gradients()
+        update = solid.law.update(F, state, 0.3, False, volumetric=not solid._reduced)
+        solid.commit()
+        np.testing.assert_allclose(solid.points.committed, update.state, rtol=0, atol=1e-13)
+        state = update.state
+        seen.add(solid.points.committed.ctypes.data)
+        if number == 4:
+            origin = solid.history().origin
+            kept = origin.values.copy()
+    assert len(seen) <= 4  # three in turn, and the one that was kept
+    np.testing.assert_array_equal(origin.values, kept)
+    assert (solid.law.start(1) == solid.points._initial).all()
+
+
 def test_where_a_cell_is_inverted_the_force_is_no_number():
     u, solid = body(*KINDS[0], SOON)
     u.x.array[:] = -1.5 * u.function_space.tabulate_dof_coordinates()[:, :2].reshape(-1)
