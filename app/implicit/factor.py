@@ -105,7 +105,7 @@ of 117 045 unknowns and a symmetric half; MUMPS takes a fifth more to work in.""
 ROOM = 0.7  # share of the memory that is free which factors may take
 
 
-def factors_fit(comm: MPI.Intracomm, size: int) -> bool:
+def factors_fit(comm: MPI.Comm, size: int) -> bool:
     """Whether the factors of so many unknowns in space fit into memory; collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     wanted = BYTES * size ** (4.0 / 3.0) * node.size / comm.size
