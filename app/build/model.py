@@ -37,7 +37,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.errors import InputError, TriboxError
 from tribox.app.explicit.energies import ExplicitError
-from tribox.app.implicit.linear_solver import chosen_solver
+from tribox.app.implicit.linear_solver import Linear, chosen_solver
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
@@ -60,6 +60,7 @@ class Model:
         named: mesh with named bodies and surfaces.
         problem: residual and tangent of everything together.
         programs: each sets one load from (time, driven displacement), s and m.
+        linear: the linear solver that was asked for.
         section: what the mesh stands for.
         thickness: m, of the plane-strain slab, per unit of which the solver works; 1 otherwise.
         notes: what the user should know before the run, one line each.
@@ -74,6 +75,7 @@ class Model:
     named: NamedMesh
     problem: Equilibrium
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
+    linear: Linear = "auto"
     section: Section = "plane-strain"
     thickness: float = 1.0
     notes: list[str] = field(default_factory=list)
@@ -209,7 +211,8 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     resolved = _resolved(case.model_copy(update={"bodies": bodies}), contacts, problem)
     changing = [c.program for c in contacts if c.program is not None]
     programs = [*loads.programs, *tools.programs, *changing]
-    model = Model(resolved, named, problem, programs, section, case.geometry.slab)
+    linear = case.solver.linear
+    model = Model(resolved, named, problem, programs, linear, section, case.geometry.slab)
     model.platen_names, model.loads, model.probes = loads.platen_names, loads, probes
     model.lines = lines
     model.begin_stage(case.stage[0].name)

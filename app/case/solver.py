@@ -104,7 +104,8 @@ class Solver(Model):
     )
     linear: Literal["auto", "direct", "krylov"] = Field(
         default="auto",
-        description="linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size",
+        description="linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size, "
+        "and MUMPS where iterations take too long",
     )
     partition: Literal["contact", "cells"] = Field(
         default="contact",

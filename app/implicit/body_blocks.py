@@ -5,6 +5,7 @@ for in turn (:class:`BodyByBody`): in space, on several ranks, and where most un
 contact. The other bodies are factorised, or solved for by iterations where they are too large.
 Where no body can be kept the whole tangent is solved with in the same way, and so it is where
 solving by bodies does not get there: for that tangent, and for good where that happens often.
+Where iterations take longer than factorisations would, these may take their place.
 """
 
 from __future__ import annotations
@@ -20,7 +21,15 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
-from tribox.app.implicit.factor import CLOSEST, DIRECT, LEFT, Factor, petsc_kinds, positive_solver
+from tribox.app.implicit.factor import (
+    CLOSEST,
+    DIRECT,
+    LEFT,
+    Factor,
+    factors_fit,
+    petsc_kinds,
+    positive_solver,
+)
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.multigrid import (
     KRYLOV,
@@ -38,12 +47,39 @@ from tribox.geometry.surfaces.facets import Ints
 FAILED, TOO_MANY = 5, 15
 
 
+# In space a factorisation of up to SMALL unknowns takes as long as some DEAR iterations; of more,
+# as many more times as long as there are more unknowns (59 055: .5 s and 10 ms; 199 353: 20 to 30 s
+# and 66 ms). With PATIENCE times as many above that the next system is factorised.
+DEAR, SMALL, PATIENCE = 100, 50_000, 3
+
+
+class IterationBudget:
+    """Whether solves by iterations take so long that factorisations would be cheaper.
+
+    Attributes:
+        most: iterations of the longest solve since the budget was used up first; 0: it never was.
+    """
+
+    def __init__(self, size: int) -> None:
+        """A budget for systems of so many unknowns in all."""
+        self.most, self.over = 0, 0.0
+        self._dear = DEAR * max(1.0, size / SMALL)
+
+    def spend(self, iterations: int) -> None:
+        """Take note of what a solve took, whether it converged or not."""
+        self.over = max(self.over + iterations - self._dear, 0.0)
+        if self.most or self.over > PATIENCE * self._dear:
+            self.most = max(self.most, iterations)
+
+
 class BodyBlocks:
     """Solves with the tangent, as PETSc's preconditioner in Python.
 
     Attributes:
         direct, part: see :class:`tribox.app.implicit.factor.LinearWay`.
         count: is told the iterations of each solve.
+        budget: what solves by iterations may take.
+        turned: whether systems are factorised because that was used up.
     """
 
     def __init__(
@@ -53,16 +89,19 @@ class BodyBlocks:
         problem: Equilibrium,
         stiff: Sequence[Solid],
         count: Callable[[int], None],
+        may_turn: bool = False,
     ) -> None:
         """Solve by ``ksp``, which leaves all to this object; collective.
 
         Args:
             ksp: PETSc's solver; where it is not of type "preonly", what is large is solved for
                 by iterations.
+            may_turn: whether to factorise where iterations take too long, if memory allows.
         """
         self._ksp, self._matrix, self._problem, self._stiff = ksp, matrix, problem, stiff
         self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
-        self.part = "factorisation" if self.direct else "preconditioner"
+        self.budget, self.turned = IterationBudget(problem.size), False
+        self._may_turn, self._spent = may_turn and problem.dim == 3, 0
         self._prefix = ksp.getOptionsPrefix() or ""
         options = PETSc.Options(self._prefix)
         for key in () if self.direct else damped(KRYLOV, problem.comm.size):
@@ -82,9 +121,18 @@ class BodyBlocks:
         self._share = LEFT  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
 
+    @property
+    def part(self) -> str:
+        """See :class:`tribox.app.implicit.factor.LinearWay`."""
+        return "factorisation" if self.direct else "preconditioner"
+
     def kinds(self) -> str:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
+
+    def _tell(self, iterations: int) -> None:
+        self._spent += iterations
+        self.count(iterations)
 
     # -- factorisations -----------------------------------------------------------------------
 
@@ -157,7 +205,7 @@ class BodyBlocks:
         return self._in_turn(bodies)
 
     def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
-        return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self.count)
+        return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self._tell)
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
@@ -170,7 +218,7 @@ class BodyBlocks:
         if self.direct:
             return Factor(self._matrix, self._prefix)
         near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
-        return MultigridSolver(self._matrix, near, prefix, KRYLOV, self.count)
+        return MultigridSolver(self._matrix, near, prefix, KRYLOV, self._tell)
 
     def _fall_back(self) -> None:
         """Solve with the whole of the tangent that is at hand, and of no other."""
@@ -193,12 +241,29 @@ class BodyBlocks:
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
+        spent, works = self._spent, self._solve(b, x)
+        self.budget.spend(self._spent - spent)
+        if self.budget.most and not self.direct and self._may_turn:
+            self._may_turn = factors_fit(self._problem.comm, self._problem.size)
+            if self._may_turn:
+                self._turn()
+                works = works or self._solve(b, x)
+        if not works:
+            pc.setFailedReason(PETSc.PC.FailedReason.SUBPC_ERROR)
+
+    def _turn(self) -> None:
+        """Factorise from now on, by bodies again; collective."""
+        self.renew()
+        self.direct = self.turned = True
+        self._failures, self._given_up = 0, False
+
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve with what was made for the tangent at hand; returns whether that worked."""
         if not self._chosen:  # forgotten after a solve that failed
             self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
             self._fall_back()
-        if self._whole is not None and not (self._works and self._solve_whole(b, x)):
-            pc.setFailedReason(PETSc.PC.FailedReason.SUBPC_ERROR)
+        return self._whole is None or (self._works and self._solve_whole(b, x))
 
     def _solve_whole(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Solve with the whole tangent; returns whether that worked."""
@@ -234,7 +299,8 @@ class BodyBlocks:
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
-        return {"failures": self._failures, "given_up": self._given_up}
+        spent = {"over": self.budget.over, "most": self.budget.most, "turned": self.turned}
+        return {"failures": self._failures, "given_up": self._given_up, **spent}
 
     @property
     def multigrid(self) -> Multigrid | None:
@@ -247,6 +313,9 @@ class BodyBlocks:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
+        self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
+        if kept.get("turned", False):
+            self.direct = self.turned = True
 
 
 class _Preconditioner:
@@ -341,6 +410,21 @@ class BodyByBody:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
         return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)
+
+    def _factorise_kept(self) -> Factor | None:
+        """Factorise the stiff bodies after all, if memory allows; collective.
+
+        Graded cells, or long ones, may be such that their multigrid does not get there.
+        """
+        before = self._stiff.matrix
+        if not factors_fit(before.comm.tompi4py(), before.size[0]):
+            return None
+        K = before.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        self._stiff.destroy()
+        before.destroy()
+        factor = Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
+        self._stiff = factor
+        return factor if factor.make() else None
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Factorise the other bodies' block of the tangent; collective.
@@ -460,6 +544,9 @@ class BodyByBody:
         self._step.set(0.0)
         forces, stiff = self._left.array_r[self._kept], self._stiff
         found = stiff.solve(forces) if isinstance(stiff, Factor) else stiff.solve(forces, most)
+        if isinstance(stiff, MultigridSolver) and not stiff.converged:
+            factor = self._factorise_kept()
+            found = found if factor is None else factor.solve(forces)
         self._step.array[self._kept] = found
         x.axpy(1.0, self._step)
         self._matrix.mult(self._step, self._image)

@@ -1,6 +1,7 @@
 """The tangent's matrix, and the linear solver that works with it.
 
-Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG).
+Direct (MUMPS) up to a number of unknowns, above it flexible GMRES with smoothed aggregation (GAMG),
+unless iterations take longer than factorisations would.
 Friction makes the tangent unsymmetric, and contact joins the bodies within the matrix. Where one of
 them is far stiffer each is solved for by itself (:mod:`tribox.app.implicit.body_blocks`).
 """
@@ -83,11 +84,12 @@ class LinearSolver:
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
 
-    def use(self, ksp: PETSc.KSP, as_it_is: bool = False) -> None:
+    def use(self, ksp: PETSc.KSP, as_it_is: bool = False, may_turn: bool = False) -> None:
         """Solve with ``ksp``, whose operators this matrix becomes; collective.
 
         Args:
             ksp: PETSc's solver.
+            may_turn: whether to factorise where iterations take too long, if memory allows.
         """
         self._ksp = ksp
         ksp.setOperators(self.matrix)
@@ -95,7 +97,7 @@ class LinearSolver:
         whole = as_it_is or bool(self.problem.fields)  # fields belong to no body
         stiff = [] if whole else stiff_solids(self.problem)
         if stiff or (iterative and not whole):
-            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff, self._count)
+            self._way = BodyBlocks(ksp, self.matrix, self.problem, stiff, self._count, may_turn)
         elif iterative:
             self._way = Multigrid(ksp, self.matrix, rigid_motions_of(self.problem))
             # PETSc tells of the start of a solve as iteration 0.
@@ -134,6 +136,16 @@ class LinearSolver:
     def direct(self) -> bool:
         """Whether a solve with the matrix at hand is a substitution: cheap beside a new matrix."""
         return self.way.direct
+
+    @property
+    def dear(self) -> tuple[int, bool]:
+        """Iterations of the longest solve, and whether systems are factorised for it.
+
+        0 iterations where solves take no longer than factorisations.
+        """
+        if isinstance(self._way, BodyBlocks):
+            return self._way.budget.most, self._way.turned
+        return 0, False
 
     @property
     def way(self) -> LinearWay:

@@ -154,7 +154,8 @@ class Newton:
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
         self.snes = self._new_snes(prefix)
-        solver.use(self.snes.getKSP(), as_it_is=sets_solver(options.petsc))
+        as_it_is, may_turn = sets_solver(options.petsc), options.linear == "auto"
+        solver.use(self.snes.getKSP(), as_it_is, may_turn)
         if options.petsc:
             solver.try_options(trial, prefix, options.petsc)
 

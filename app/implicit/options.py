@@ -16,7 +16,8 @@ class ImplicitOptions:
         tolerance: residual norm allowed, relative to the contact or reaction force.
         max_iterations: Newton iterations before an attempt counts as failed; a step may make
             several.
-        linear: the linear solver; "auto" is direct up to a number of unknowns.
+        linear: the linear solver; "auto" is direct up to a number of unknowns, and where iterations
+            take longer.
         petsc: further PETSc options, without prefix.
     """
 

@@ -58,6 +58,7 @@ class StepResult:
         too_long: whether a friction law has left out traction
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
         unbalanced: contacts whose film had no solution at the state evaluated last.
+        dear: of linear solves by iterations so far, see :attr:`LinearSolver.dear`.
     """
 
     converged: bool
@@ -70,6 +71,7 @@ class StepResult:
     strayed: bool = False
     too_long: bool = False
     unbalanced: tuple[int, ...] = ()
+    dear: tuple[int, bool] = (0, False)
 
 
 class ImplicitStepper:
@@ -136,6 +138,7 @@ class ImplicitStepper:
             strayed=newton.strayed,
             too_long=self._is_too_long(),
             unbalanced=self._unbalanced_films(),
+            dear=self.solver.dear,
         )
 
     def _unbalanced_films(self) -> tuple[int, ...]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Self
 
@@ -17,6 +19,8 @@ from mpi4py import MPI
 from tribox.app.build.mesh import of_case
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.geometry import MeshGeometry
+from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import LoadStep
 from tribox.app.checkpoint.checkpointer import Checkpointer
 from tribox.app.checkpoint.resume import Found, find_checkpoint, go_on, started_line, version_notes
@@ -24,11 +28,10 @@ from tribox.app.errors import InputError, Interrupted, OutputError, SolutionErro
 from tribox.app.implicit.linear_solver import silence
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import Claim, check_may_begin_anew
-from tribox.app.results.inputs import NOTHING, keep_inputs, kept_inputs
+from tribox.app.results.inputs import INPUTS, NOTHING, keep_inputs, kept_inputs, sha256_of
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving, on_first
-from tribox.app.run.mesh_files import meshed
 from tribox.app.run.progress import Reporter, Together
 from tribox.app.run.ranks import (
     EXIT_CODE,
@@ -44,6 +47,8 @@ from tribox.app.simulation.explicit_stage import notes_on_steps
 from tribox.app.simulation.history import Row, energy_gap, time_text
 from tribox.app.simulation.run_state import Observer, RunState
 from tribox.app.simulation.simulation import Simulation
+from tribox.geometry.meshes.drawing import mesh_drawing
+from tribox.geometry.meshes.gmsh_model import MeshError
 from tribox.geometry.surfaces.facets import Floats
 
 
@@ -484,3 +489,52 @@ def _vector(components: Floats, noise: float) -> str:
     """Components, those that are noise as 0; one alone without brackets."""
     texts = [f"{0.0 if abs(one) <= noise else one:.4g}" for one in components]
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
+
+
+# -- The mesh of a run's drawing: made when it begins, and the same one when it goes on  ----------
+
+
+@contextmanager
+def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]:
+    """Context with the case whose drawing, if it has one, is meshed; collective.
+
+    The mesh is that of the results in ``directory`` where they are of the same drawing, so that a
+    run goes on with the mesh it began with, whatever gmsh would make of the drawing today. Within
+    the context the mesh is a file, which may be copied.
+
+    Args:
+        directory: Of the results of a run that goes on; None: the drawing is meshed.
+
+    Raises:
+        InputError: The drawing cannot be meshed.
+    """
+    geometry = case.geometry
+    if not isinstance(geometry, MeshGeometry) or not geometry.is_drawing or geometry.meshed:
+        yield case
+        return
+    with TemporaryDirectory() as place:
+        where = Path(place) / f"{geometry.mesh.stem}.msh"
+
+        def make() -> Path:
+            kept = None if directory is None else _kept(geometry, directory)
+            if kept is not None:
+                return kept
+            source = "" if case.source is None else f"{case.source}: "
+            try:
+                mesh_drawing(geometry.mesh, where, geometry.meshing())
+            except MeshError as error:
+                raise InputError(f"{source}geometry.mesh: {error}") from None
+            return where
+
+        path = comm.bcast(on_first(comm, make))
+        yield case.with_mesh(path)
+
+
+def _kept(geometry: MeshGeometry, directory: Path) -> Path | None:
+    """The mesh in a results directory, if it is one of this drawing."""
+    began = load_past_case(directory / "case.toml").geometry
+    if not isinstance(began, MeshGeometry) or began.meshed is None or not began.meshed.is_file():
+        return None
+    copy = directory / INPUTS / began.mesh.name
+    same = copy.is_file() and sha256_of(copy) == sha256_of(geometry.mesh)
+    return began.meshed if same else None

@@ -258,6 +258,10 @@ def explain(
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
+    most, factorised = result.dear
+    if most and not factorised:
+        direct = 'solver.linear = "direct", if memory allows'
+        findings = [(f"linear solves took up to {most} iterations", direct), *findings]
     trials = [what for _, what in findings]
     if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")

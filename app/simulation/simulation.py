@@ -51,7 +51,7 @@ class ImplicitStage:
         self.state, self.model = state, state.model
         solver = state.model.case.solver
         options = ImplicitOptions(
-            solver.tolerance, solver.max_iterations, solver.linear, solver.petsc
+            solver.tolerance, solver.max_iterations, state.model.linear, solver.petsc
         )
         try:
             self.stepper = ImplicitStepper(state.model.problem, options)

@@ -1,8 +1,8 @@
 """What is noticed of a run's steps while they are made, to be told to the user at its end.
 
 Steps that ended at round-off, and so did not reach the tolerance that was asked for; bodies that
-float, held by weak springs (:mod:`tribox.app.implicit.loose_bodies`); steps in which metal flowed
-far, or that were long for a branch that relaxes.
+float, held by weak springs (:mod:`tribox.app.implicit.loose_bodies`); linear solves that take too
+long; steps in which metal flowed far, or that were long for a branch that relaxes.
 """
 
 from __future__ import annotations
@@ -186,6 +186,41 @@ class FloatingWatch:
                 "force holds it; its place is where it was before, kept by weak springs with at "
                 f"most {one.holding:.1e} of the largest force"
             )
+
+
+# -- Linear solves by iterations that take longer than factorisations would ------------------------
+
+DIRECT = 'solver.linear = "direct"'
+
+
+class LinearWatch:
+    """Notes how many iterations solves took at most, and since when they are too many."""
+
+    def __init__(self) -> None:
+        self._most, self._turned, self._when = 0, False, ""
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step."""
+        if isinstance(result, Interval) or not result.dear[0]:
+            return
+        self._most, self._turned = result.dear
+        self._when = self._when or f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+
+    def snapshot(self) -> Snapshot:
+        """What has been seen so far."""
+        return {"most": self._most, "turned": self._turned, "when": self._when}
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        self._most, self._turned, self._when = kept["most"], kept["turned"], kept["when"]
+
+    def warnings(self) -> Iterator[str]:
+        """One line if solves took too long."""
+        took = f"linear solves took up to {self._most} iterations ({self._when})"
+        if self._turned:
+            yield f"{took}: systems were factorised from there on, as {DIRECT} does from the start"
+        elif self._most:
+            yield f"{took}: {DIRECT} is faster, and surer, if memory allows"
 
 
 # -- How far bodies flow, past the data of their hardening and in one step, and creep -------------
@@ -407,12 +442,17 @@ class Watches:
             "flow": FlowWatch(problem),
             "films": FilmWatch(problem),
         }
-        self._of_results: dict[str, Any] = {"late": LateFilm(model), "floating": FloatingWatch()}
+        self._of_results: dict[str, Any] = {
+            "late": LateFilm(model),
+            "floating": FloatingWatch(),
+            "linear": LinearWatch(),
+        }
         self._named = {**self._of_rows, **self._of_results, "roundoff": self.roundoff}
         self.told: set[str] = set() if kept is None else set(kept["told"])
         if kept is not None:
             for name, watch in self._named.items():
-                watch.restore(kept[name])
+                if name in kept:  # else an older checkpoint knows nothing of it
+                    watch.restore(kept[name])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
@@ -435,7 +475,7 @@ class Watches:
             yield from self._named[name].warnings()
         yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()
-        for name in ("floating", "flow", "films"):
+        for name in ("floating", "linear", "flow", "films"):
             yield from self._named[name].warnings()
         self.roundoff.end(stage)
 

@@ -97,7 +97,7 @@ class MemorySolid(Solid):
         if not reduced:
             return []
         k = centre_kinematics(self._u, self.section)
-        return [self._compiled(k, self._volumetric(k), self._dx(CENTRE_DEGREE))]
+        return [self._compiled(k, self._volumetric, self._dx(CENTRE_DEGREE))]
 
     @property
     def elastic(self) -> Material | None:

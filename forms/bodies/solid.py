@@ -12,6 +12,7 @@ and energies are those of the whole body.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.traversal import unique_pre_traversal
 
 from tribox.forms.bodies.kinematics import (
     Kinematics,
@@ -85,7 +87,7 @@ def compile_energy(density: Any, measure: Any, u: dolfinx.fem.Function) -> Compi
 
 
 def compile_isotropic(
-    density: Any, k: Kinematics, measure: Any, u: dolfinx.fem.Function
+    energy: Callable[[Kinematics], Any], k: Kinematics, measure: Any, u: dolfinx.fem.Function
 ) -> CompiledForms:
     """Compile an energy W(J, I1, I2) in space, by the chain rule over the invariants.
 
@@ -94,20 +96,29 @@ def compile_isotropic(
     """
     space = u.function_space
     test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-    slopes = [(i, w) for i in (k.J, k.I1, k.I2) if not _vanishes(w := ufl.diff(density, i))]
-    first = [ufl.derivative(i, u, test) for i, _ in slopes]
-    second = [ufl.derivative(i, u, trial) for i, _ in slopes]
-    residual = sum(w * d for (_, w), d in zip(slopes, first, strict=True))
-    tangent = sum(w * ufl.derivative(d, u, trial) for (_, w), d in zip(slopes, first, strict=True))
-    for (_, w), d in zip(slopes, first, strict=True):
-        for (j, _), e in zip(slopes, second, strict=True):
-            if not _vanishes(curvature := ufl.diff(w, j)):
-                tangent += curvature * d * e
+    density, invariants = energy(k), (k.J, k.I1, k.I2)
+    # What a derivative depends on is seen of bare variables, whose own need not be expanded.
+    bare = [ufl.variable(dolfinx.fem.Constant(space.mesh, 1.0)) for _ in invariants]
+    plain = energy(replace(k, J=bare[0], I1=bare[1], I2=bare[2]))
+    used = [i for i, own in enumerate(bare) if _depends(plain, own)]
+    shapes = {i: expand_derivatives(ufl.diff(plain, bare[i])) for i in used}
+    slopes = {i: ufl.diff(density, invariants[i]) for i in used}
+    first = {i: ufl.derivative(invariants[i], u, test) for i in used}
+    second = {i: ufl.derivative(invariants[i], u, trial) for i in used}
+    residual = sum(slopes[i] * first[i] for i in used)
+    tangent = sum(slopes[i] * ufl.derivative(first[i], u, trial) for i in used)
+    for i, j in itertools.product(used, repeat=2):
+        if _depends(shapes[i], bare[j]):
+            tangent += ufl.diff(slopes[i], invariants[j]) * first[i] * second[j]
     return CompiledForms(
         energy=dolfinx.fem.form(density * measure),
         residual=dolfinx.fem.form(residual * measure),
         tangent=dolfinx.fem.form(tangent * measure),
     )
+
+
+def _depends(expression: Any, variable: Any) -> bool:
+    return any(part == variable for part in unique_pre_traversal(expression))
 
 
 def _vanishes(derivative: Any) -> bool:
@@ -207,19 +218,22 @@ class Solid:
         """The forms of the strain energy; ``reduced``: the volumetric part by itself."""
         u = self._u
         k = kinematics(u, self.section)
-        distortional, volumetric = self.material.energy(k, self._constants)
         full = self._dx(self.full_degree)
         if not reduced:
-            return [self._compiled(k, distortional + volumetric, full)]
+            return [self._compiled(k, lambda k: sum(self._energy(k)), full)]
         centre = centre_kinematics(u, self.section)
         return [
-            self._compiled(k, distortional, full),
-            self._compiled(centre, self._volumetric(centre), self._dx(CENTRE_DEGREE)),
+            self._compiled(k, lambda k: self._energy(k)[0], full),
+            self._compiled(centre, self._volumetric, self._dx(CENTRE_DEGREE)),
         ]
+
+    def _energy(self, k: Kinematics) -> tuple[Any, Any]:
+        """The strain energy, J/m³: its distortional and its volumetric part."""
+        return self.material.energy(k, self._constants)
 
     def _volumetric(self, k: Kinematics) -> Any:
         """The volumetric part of the strain energy, J/m³."""
-        return self.material.energy(k, self._constants)[1]
+        return self._energy(k)[1]
 
     def _pressure(self) -> Any:
         """Its slope over J at the centre, Pa."""
@@ -229,11 +243,13 @@ class Solid:
         dx = self._dx(CENTRE_DEGREE)
         return CarriedPressure(self._u, self.cells, self.section, self._volumetric, dx)
 
-    def _compiled(self, k: Kinematics, density: Any, dx: Any) -> CompiledForms:
+    def _compiled(
+        self, k: Kinematics, energy: Callable[[Kinematics], Any], dx: Any
+    ) -> CompiledForms:
         if self.section == "3D":
-            return compile_isotropic(density, k, dx, self._u)
+            return compile_isotropic(energy, k, dx, self._u)
         weight = circumference(self._u.function_space.mesh, self.section)
-        return compile_energy(weight * density, dx, self._u)
+        return compile_energy(weight * energy(k), dx, self._u)
 
     def _dx(self, degree: int) -> Any:
         """Measure over the body's cells, of a quadrature degree."""
@@ -247,7 +263,7 @@ class Solid:
     def _spatial_stress(self) -> Any:
         """Cauchy stress (3, 3) of W(J, I1, I2): J σ = J W_J I + 2 (W_1 + I1 W_2) b − 2 W_2 b²."""
         k = kinematics(self._u, "3D")
-        energy = sum(self.material.energy(k, self._constants))
+        energy = sum(self._energy(k))
         by_j, by_1, by_2 = (ufl.diff(energy, i) for i in (k.J, k.I1, k.I2))
         b = ufl.dot(k.F, k.F.T)
         parts = 2.0 * (by_1 + k.I1 * by_2) * b - 2.0 * by_2 * ufl.dot(b, b)
@@ -261,7 +277,7 @@ class Solid:
         stretch = ufl.variable(value)
         k = kinematics(self._u, self.section, stretch)
         assert k.plane is not None
-        energy = sum(self.material.energy(k, self._constants))
+        energy = sum(self._energy(k))
         plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
         # J σ₃₃ = λ₃ ∂W/∂λ₃ with J = J₂ λ₃.
         across = ufl.diff(energy, stretch) / k.plane.J

@@ -1,8 +1,8 @@
 """The built-in geometry of any number of rectangles, or boxes, each a body of its own.
 
 Their sides lie along the axes. They share no nodes, also where they touch. gmsh meshes them, but
-where all are rectangles of equal cells, which are put together here: gmsh takes longer to be loaded
-than a small mesh to be made.
+where all are rectangles or boxes of equal cells, which are put together here: gmsh takes longer to
+be loaded than a small mesh to be made, and to make a large one.
 """
 
 from __future__ import annotations
@@ -158,13 +158,15 @@ FIT = 0.05
 
 @dataclass(frozen=True, slots=True)
 class RegularMesh:
-    """A mesh of quadrilaterals in the plane.
+    """A mesh of quadrilaterals, or of hexahedra.
 
     Attributes:
-        position: (n, 3), m; bodies: tag and nodes (c, 4) of the cells of each.
-        surfaces: tag and nodes (f, 2) of the facets of each.
+        cell: shape of the cells.
+        position: (n, 3), m; bodies: tag and nodes (c, 4) or (c, 8) of the cells of each.
+        surfaces: tag and nodes (f, 2) or (f, 4) of the facets of each.
     """
 
+    cell: str
     position: npt.NDArray[np.float64]
     bodies: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
     surfaces: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
@@ -244,37 +246,31 @@ class Blocks:
         return self.renamed.get(name, name)
 
     def regular(self) -> RegularMesh | None:
-        """The mesh that gmsh would make, without it; None unless all are equal rectangles.
+        """The mesh that gmsh would make, without it; None unless all are of equal cells.
 
-        Places are exact; those of gmsh, which integrates the distances along a side, are so to
-        1e-12 of it, or 1e-9 where cells are graded.
+        Those are rectangles and boxes. Places are exact; those of gmsh, which integrates the
+        distances along a side, are so to 1e-12 of it, or 1e-9 where cells are graded.
         """
         graded = any(g != 1.0 for block in self.blocks for g in block.gradings())
-        if graded or self.groups or self.cell != "quadrilateral":
+        if graded or self.groups or self.cell not in ("quadrilateral", "hexahedron"):
             return None
         positions, bodies, first = [], {}, 0
         surfaces: dict[str, tuple[int, npt.NDArray[np.int64]]] = {}
         for tag, block in enumerate(self.blocks, start=1):
-            x, y = (
-                np.linspace(low, high, count + 1)
-                for low, high, count in zip(block.low, block.high, block.counts(), strict=True)
-            )
-            nodes = first + np.arange(len(x) * len(y), dtype=np.int64).reshape(len(x), len(y))
+            ends = zip(block.low, block.high, block.counts(), strict=True)
+            along = [np.linspace(low, high, count + 1) for low, high, count in ends]
+            grid = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(along))
+            positions.append(np.pad(grid, ((0, 0), (0, 3 - len(along)))))
+            nodes = first + np.arange(len(grid), dtype=np.int64).reshape([len(x) for x in along])
             first += nodes.size
-            flat = np.zeros_like(nodes, dtype=np.float64)
-            positions.append(np.stack(np.broadcast_arrays(x[:, None], y, flat), axis=-1))
-            # Counter-clockwise from the corner at the lower left.
-            corners = (nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:])
-            bodies[block.name] = tag, np.stack(corners, axis=-1).reshape(-1, 4)
-            sides = (nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1])
-            for name, side in zip(itertools.chain(*SIDES[:2]), sides, strict=True):
-                # Tags of surfaces go on from those of the bodies: no number means two things.
-                number = len(self.blocks) + len(surfaces) + 1
-                facets = np.stack([side[:-1], side[1:]], axis=1)
-                surfaces[self.name_of(block, name)] = number, facets
-        return RegularMesh(
-            np.concatenate([one.reshape(-1, 3) for one in positions]), bodies, surfaces
-        )
+            bodies[block.name] = tag, _elements(nodes)
+            for axis, pair in enumerate(SIDES[: len(along)]):
+                for end, side in zip((0, -1), pair, strict=True):
+                    # Tags of surfaces go on from those of the bodies: no number means two things.
+                    number = len(self.blocks) + len(surfaces) + 1
+                    facets = _elements(np.take(nodes, end, axis=axis))
+                    surfaces[self.name_of(block, side)] = number, facets
+        return RegularMesh(self.cell, np.concatenate(positions), bodies, surfaces)
 
     def build(self) -> None:
         """Draw and mesh the blocks in the current gmsh model; names: see :class:`PlacedBlock`."""
@@ -299,6 +295,19 @@ class Blocks:
             entity = one.points[corners[0]] if len(corners) == 1 else abs(one.edges[tuple(corners)])
             gmsh.model.addPhysicalGroup(len(corners) - 1, [entity], next(tags), name)
         gmsh.model.mesh.generate(dim)
+
+
+def _elements(nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Nodes (e, a) of the elements between those of a grid of one, two or three axes.
+
+    In gmsh's order: round the lower face, then round the upper one.
+    """
+    found = np.stack([nodes[:-1], nodes[1:]], axis=-1)
+    for axis in range(1, nodes.ndim):
+        low, high = (np.delete(found, end, axis) for end in (-1, 0))
+        # Back along the second axis, so that four nodes go round; the third one only lifts them.
+        found = np.concatenate([low, high[..., ::-1] if axis == 1 else high], axis=-1)
+    return found.reshape(-1, found.shape[-1])
 
 
 def _overlap(one: PlacedBlock, other: PlacedBlock) -> bool:

@@ -298,7 +298,7 @@ def _generated(shape: Shape) -> MeshArrays:
             {name: Part(tag, nodes) for name, (tag, nodes) in parts.items()}
             for parts in (regular.bodies, regular.surfaces)
         )
-        return MeshArrays("quadrilateral", regular.position, bodies, surfaces)
+        return MeshArrays(regular.cell, regular.position, bodies, surfaces)
     source = type(shape).__name__
     with gmsh_session(source) as gmsh:
         try:

@@ -1,10 +1,11 @@
 """The partition of a mesh: cells and slave facets divided evenly, touching facets on one rank.
 
-A step works first on all cells, then on all slave facets, and ranks wait for each other in between.
-A partition of the cells alone may leave every slave facet on one rank, since bodies share no node.
-So two weights are balanced at once, cells and slave facets, after Karypis, Multi-constraint mesh
-partitioning for contact/impact computations, SC 2003; and each slave facet's cell is joined by an
-edge to the cell of the master facet next to it, so that facets that touch tend to be on one rank.
+A step works on all cells, then on all slave facets, and solves for one body after the other; ranks
+wait for each other in between. A partition of the cells alone may leave every slave facet, or a
+whole body, on one rank, since bodies share no node. So several weights are balanced at once, cells
+of each large body and slave facets, after Karypis, Multi-constraint mesh partitioning for
+contact/impact computations, SC 2003; and each slave facet's cell is joined by an edge to the cell
+of the master facet next to it, so that facets that touch tend to be on one rank.
 
 Axis letters: c cells, f facets, v vertices.
 """
@@ -19,6 +20,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+import scipy.sparse.csgraph
 from scipy.spatial import cKDTree
 
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
@@ -30,6 +32,7 @@ Pair = tuple[Longs, Longs]
 # facet, about as many as the exchange of a face between two cells.
 TOUCHING = 2
 SLACK = 0.02  # of each weight over its mean
+LARGE = 0.1  # share of all cells from which on a body's are balanced for themselves
 
 
 def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: int) -> Ints:
@@ -55,7 +58,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
     # Cells that share as many vertices as the least face has are neighbours.
     face = dim if cells.shape[1] == dim + 1 else 2 ** (dim - 1)
     graph = _sharing(incidence, incidence, face)
-    weights: list[Ints] = [np.ones(len(cells), dtype=np.int32)]
+    weights = _cells_of_bodies(graph)
     for pair in contacts:
         (slaves, here), (masters, there) = (
             _cells_behind(facets, incidence, position) for facets in pair
@@ -63,7 +66,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
         weight = np.bincount(slaves, minlength=len(cells)).astype(np.int32)
         # Facets of no cell are reported later, by the surface's name; a slave of several masters
         # is one weight to be balanced.
-        if len(slaves) and not any(np.array_equal(weight, other) for other in weights[1:]):
+        if len(slaves) and not any(np.array_equal(weight, other) for other in weights):
             weights.append(weight)
         if not len(slaves) or not len(masters):
             continue
@@ -75,6 +78,17 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
     graph.setdiag(0)
     graph.eliminate_zeros()
     return partition(graph, np.stack(weights, axis=1), parts, SLACK)
+
+
+def _cells_of_bodies(graph: scipy.sparse.csr_matrix) -> list[Ints]:
+    """Ones for the cells of each large body, and for those of all others together.
+
+    Bodies are what neighbours (c, c) connect.
+    """
+    _, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    large = np.bincount(body) >= LARGE * len(body)
+    number = np.where(large, np.cumsum(large), 0)[body]
+    return [(number == one).astype(np.int32) for one in np.unique(number)]
 
 
 def _incidence(elements: Longs, count: int) -> scipy.sparse.csr_matrix:
@@ -110,8 +124,6 @@ def _cells_behind(
 _LIBRARY = "libmetis.so.5"
 _OPTIONS = 40  # METIS_NOPTIONS
 _OK = 1  # METIS_OK
-# METIS's manual: recursive bisection gives better parts up to eight, and takes longer beyond.
-_FEW = 8
 _Array = Ints | npt.NDArray[np.float32] | None
 
 
@@ -143,8 +155,6 @@ def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: 
     if library is None:
         raise PartitionError(f"{_LIBRARY} with 32-bit integers is not installed")
     count, constraints = weights.shape
-    few = parts <= _FEW
-    solve = library.METIS_PartGraphRecursive if few else library.METIS_PartGraphKway
     out, cut = np.zeros(count, dtype=np.int32), np.zeros(1, dtype=np.int32)
     arrays: list[_Array] = [
         np.array([count], dtype=np.int32),
@@ -161,6 +171,8 @@ def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: 
         cut,
         out,
     ]
+    # With several weights it was faster, and cut no more, than k-way partitioning into 9 to 32.
+    solve = library.METIS_PartGraphRecursive
     status = solve(*(None if a is None else ctypes.c_void_p(a.ctypes.data) for a in arrays))
     if status != _OK:
         raise PartitionError(f"METIS reports error {status} for {count} cells in {parts} parts")

@@ -1,5 +1,6 @@
 """The linear solvers agree, and the Krylov one knows how bodies move as rigid ones."""
 
+import math
 import tomllib
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.app.conftest import BLOCK, BOXES
+from tests.app.read_log import read_log
 from tests.conftest import SOFT
 from tests.contact_boxes import two_boxes
 from tests.laws import coulomb
@@ -17,11 +19,15 @@ from tests.solved import built, solved
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.factor import DIRECT
+from tribox.app.errors import SolutionError
+from tribox.app.implicit import body_blocks, factor
+from tribox.app.implicit.body_blocks import IterationBudget
+from tribox.app.implicit.factor import DIRECT, Factor, factors_fit
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
-from tribox.app.implicit.multigrid import KRYLOV, FinestLevel, Multigrid
+from tribox.app.implicit.multigrid import KRYLOV, SYMMETRIC, FinestLevel, Multigrid, MultigridSolver
 from tribox.app.implicit.newton import Newton
+from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.bodies.solid import Solid
@@ -366,6 +372,110 @@ def test_sweeps_in_single_precision_are_those_of_gauss_seidel(size, share):
         level.mult(matrix, x, left)
         product = scale * (whole @ x.array)
         np.testing.assert_allclose(left.array, product, rtol=1e-12, atol=1e-13 * scale)
+
+
+# -- Iterations that take longer than factorisations would -----------------------------------------
+
+
+def boxes_run(linear, directory=None, **settings):
+    """Two boxes pressed and slid; of those of a directory the log, too."""
+    data = tomllib.loads(BOXES)
+    data["solver"] = {"linear": linear, "tolerance": 1e-9, **settings}
+    if directory is None:
+        return solved(data)
+    case = Case.model_validate(data | {"output": {"figures": False}})
+    return run_case(case, directory, quiet=True, comm=MPI.COMM_SELF), read_log(directory)
+
+
+@pytest.fixture(scope="module")
+def factorised():
+    return boxes_run("direct").rows
+
+
+@pytest.fixture
+def dear_from_the_start(monkeypatch):
+    """Any iteration is too many, and all systems are too large to be factorised unasked."""
+    monkeypatch.setitem(DIRECT_LIMIT, 3, 0)
+    monkeypatch.setattr(body_blocks, "DEAR", 1)
+
+
+def same_forces(rows, others):
+    for a, b in zip(rows, others, strict=True):
+        assert a.normal_force == pytest.approx(b.normal_force, rel=1e-8)
+        assert a.tangential_force == pytest.approx(b.tangential_force, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("most", [200, 1])
+def test_auto_factorises_where_iterations_take_too_long(
+    factorised, dear_from_the_start, monkeypatch, tmp_path, most
+):
+    """Whether solves converge after many iterations, or do not: the step at hand is not cut."""
+    monkeypatch.setitem(KRYLOV, "ksp_max_it", most)
+    sim, log = boxes_run("auto", tmp_path / "out")
+    solver = sim.stepper.solver
+    assert solver.direct and solver.way.turned
+    assert sim.rows[0].linear_iterations > 0 == sim.rows[-1].linear_iterations
+    assert {row.attempts for row in sim.rows} == {1}
+    same_forces(sim.rows, factorised)
+    assert log.count("systems were factorised from there on") == 1
+    # So it stays in a run that goes on.
+    other = Simulation(sim.model).stepper.solver
+    assert not other.direct
+    other.way.restore(solver.way.snapshot())
+    assert other.direct and other.way.part == "factorisation"
+
+
+@pytest.mark.parametrize("linear", ["auto", "krylov"])
+def test_iterations_go_on_where_they_are_asked_for_or_memory_is_short(
+    factorised, dear_from_the_start, monkeypatch, tmp_path, linear
+):
+    if linear == "auto":
+        monkeypatch.setattr(factor, "free_memory", lambda: 1e6)
+    sim, log = boxes_run(linear, tmp_path / "out")
+    assert not sim.stepper.solver.direct and sim.rows[-1].linear_iterations > 0
+    same_forces(sim.rows, factorised)
+    assert log.count('solver.linear = "direct" is faster, and surer, if memory allows') == 1
+
+
+def test_few_iterations_are_not_told(factorised, tmp_path):
+    _, log = boxes_run("krylov", tmp_path / "out")
+    assert "linear solves took" not in log
+
+
+def test_failure_with_many_iterations_suggests_to_factorise(dear_from_the_start, monkeypatch):
+    monkeypatch.setitem(KRYLOV, "ksp_max_it", 1)
+    said = r'linear solves took up to .* try solver\.linear = "direct", if memory allows'
+    with pytest.raises(SolutionError, match=said):
+        boxes_run("krylov", min_step_fraction=0.5)
+
+
+def test_a_stiff_body_whose_multigrid_does_not_get_there_is_factorised(factorised, monkeypatch):
+    monkeypatch.setattr(body_blocks, "KEPT_LIMIT", 0)
+    monkeypatch.setitem(SYMMETRIC, "ksp_max_it", 1)
+    sim = boxes_run("krylov")
+    bodies = sim.stepper.solver.way._bodies
+    assert isinstance(bodies._stiff, Factor) and isinstance(bodies.own, MultigridSolver)
+    same_forces(sim.rows, factorised)
+
+
+def test_budget_is_used_up_by_many_dear_solves_only():
+    budget = IterationBudget(20_000)
+    for iterations in 100 * [90, 110, 60]:
+        budget.spend(iterations)
+    assert budget.most == 0
+    for iterations in (200, 250, 260):
+        budget.spend(iterations)
+    assert budget.most == 260
+    large = IterationBudget(200_000)
+    for _ in range(100):
+        large.spend(260)
+    assert large.most == 0
+
+
+def test_factors_of_many_unknowns_do_not_fit(monkeypatch):
+    assert 0.0 < factor.free_memory() < math.inf
+    monkeypatch.setattr(factor, "free_memory", lambda: 8e9)
+    assert factors_fit(MPI.COMM_SELF, 100_000) and not factors_fit(MPI.COMM_SELF, 1_000_000)
 
 
 def iterations_of_boxes(comm, petsc=None):

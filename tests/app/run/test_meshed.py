@@ -131,7 +131,7 @@ def test_a_run_goes_on_with_the_mesh_it_began_with(drawn, tmp_path, monkeypatch)
     assert began.case.geometry.meshed == out / "inputs" / "bar.msh"
     assert (out / "inputs" / "bar.geo").read_text() == GEO
     # Nothing is drawn again, neither of the results ...
-    monkeypatch.setattr("tribox.app.run.mesh_files.mesh_drawing", None)
+    monkeypatch.setattr("tribox.app.run.run.mesh_drawing", None)
     monkeypatch.setattr("tribox.geometry.meshes.mesh.mesh_drawing", None)
     again = run_case(load_case(out / "case.toml"), tmp_path / "again", quiet=True)
     assert np.array_equal(read(tmp_path / "again").fields().points, began.fields().points)

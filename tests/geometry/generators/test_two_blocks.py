@@ -121,8 +121,17 @@ def test_bad_pair_is_refused(values, said):
         TwoBlocks(UPPER, LOWER, **values)
 
 
-def test_blocks_of_equal_rectangles_are_those_of_gmsh():
-    shape = TwoBlocks(UPPER, LOWER, gap=1e-5)
+ROUND = {
+    2: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    3: [[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
+}
+
+
+@pytest.mark.parametrize("shape", [
+    TwoBlocks(UPPER, LOWER, gap=1e-5),
+    TwoBlocks(Box(1e-3, 0.5e-3, 0.8e-3, (4, 3, 2)), Box(2e-3, 0.4e-3, 1e-3, (5, 2, 3)), gap=1e-5),
+])  # fmt: skip
+def test_blocks_of_equal_cells_are_those_of_gmsh(shape):
     with gmsh_session("TwoBlocks") as module:
         shape.build()
         theirs = arrays_of(module, "TwoBlocks")
@@ -137,6 +146,15 @@ def test_blocks_of_equal_rectangles_are_those_of_gmsh():
                 for x, nodes in ((ours.position, part.nodes), (theirs.position, other[name].nodes))
             ]
             np.testing.assert_allclose(*middles, atol=1e-14)
+    # In what order nodes go round a cell, and that no facet is crossed.
+    for body in ours.bodies.values():
+        corners = ours.position[body.nodes]
+        extent = np.where(np.ptp(corners, axis=1) > 0.0, np.ptp(corners, axis=1), 1.0)
+        unit = (corners - corners.min(axis=1, keepdims=True)) / extent[:, None]
+        np.testing.assert_allclose(unit, np.broadcast_to(ROUND[shape.dim], unit.shape), atol=1e-12)
+    for surface in ours.surfaces.values():
+        edges = np.diff(ours.position[surface.nodes], axis=1)
+        assert np.all(np.count_nonzero(np.abs(edges) > 1e-9, axis=2) == 1)
 
 
 @pytest.mark.parametrize("change", [{"grading": 2.0}, {"cell": "triangle"}])

@@ -36,6 +36,7 @@ class Parts:
         mesh = generate(shape, MPI.COMM_SELF)
         self.position = mesh.mesh.geometry.x[:, : mesh.mesh.geometry.dim]
         self.cells = cell_nodes(mesh.mesh).astype(np.int64)
+        self.bodies = [mesh.cells(name) for name in mesh.bodies]
         self.facets, self.behind = [], []
         dim = mesh.mesh.topology.dim
         mesh.mesh.topology.create_connectivity(dim - 1, dim)
@@ -69,9 +70,30 @@ def test_cells_and_slave_facets_are_shared_out_evenly(mesh, parts):
     assert cells.max() <= 1.06 * grain * len(mesh.cells) / parts
 
 
-def test_without_contacts_slave_facets_are_not_shared_out(mesh):
-    slaves = np.bincount(mesh.shared_out(2, [])[mesh.behind[0]], minlength=2)
-    assert slaves.max() > 0.9 * slaves.sum()
+@pytest.mark.parametrize("parts", [2, 3, 8])
+def test_cells_of_each_body_are_shared_out_evenly(mesh, parts):
+    """Bodies are solved for one after the other."""
+    found = mesh.shared_out(parts)
+    for body in mesh.bodies:
+        shares = np.bincount(found[body], minlength=parts)
+        assert shares.max() <= 1.1 * len(body) / parts
+
+
+def test_many_small_bodies_are_shared_out_together():
+    cells = np.arange(400).reshape(100, 4)
+    position = np.repeat(np.arange(100.0)[:, None], 4, axis=0) * [1.0, 0.0]
+    assert list(np.bincount(share_out(cells, position, [], 4))) == [25, 25, 25, 25]
+
+
+def test_slave_facets_of_a_column_are_shared_out():
+    """Cells alone are cut across the column, which leaves all slave facets to one part."""
+    column = Parts(TwoBlocks(Block(1.0, 4.0, (8, 32)), Block(2.0, 0.5, (16, 4))))
+    without, found = (
+        np.bincount(column.shared_out(2, contacts)[column.behind[0]], minlength=2)
+        for contacts in ([], None)
+    )
+    assert sorted(without) == [0, 8]
+    assert list(found) == [4, 4]
 
 
 @pytest.mark.parametrize("parts", [2, 4])
