@@ -271,7 +271,7 @@ class PressedEnds:
 
 
 class OneSidedEnds:
-    """Watches for contact at the ends of smooth masters, as at planes of symmetry and axes.
+    """Watches for contact at the ends of smooth masters that no plane of symmetry continues.
 
     A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
     node instead of a half, 7/6 to the next.
@@ -306,10 +306,10 @@ class OneSidedEnds:
         for index, when in sorted(self._found.items()):
             slave, master = names_of(self._contacts, index)
             yield (
-                f"contact.{index}: {slave} presses on an end of {master}, as at a plane of "
-                f"symmetry or an axis ({when}), which is made smooth from one side only there: on "
-                "any mesh the last vertex has 10 to 25 % too much pressure, the next too little; "
-                "forces are right. A mesh of second order, or of both sides, has no such end"
+                f"contact.{index}: {slave} presses on an end of {master} ({when}), which "
+                "is made smooth from one side only there: on any mesh the last vertex has 10 to "
+                "25 % too much pressure, the next too little; forces are right. A mesh of second "
+                "order has no such end; in the plane neither has one that symmetry = true holds"
             )
 
 
