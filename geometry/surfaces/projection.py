@@ -178,11 +178,15 @@ class FacetSurface:
         other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
         return other
 
-    def is_smooth_end(self, facet: Ints) -> Bools:
-        """Which facets (q,) are smooth patches at an open end, with tangents of one side there."""
+    def is_smooth_end(self, facet: Ints, rings: bool) -> Bools:
+        """Which facets (q,) are smooth patches at an open end that hands on its load wrongly.
+
+        So are those without an image, and of rings those on the axis with one.
+        """
         one_sided = self._open.copy()
         if self._images is not None:
-            one_sided[self._images.facets] = False
+            right = (self._images.position[:, 0] >= 0.0) | (not rings)
+            one_sided[self._images.facets[right]] = False
         smooth: Bools = one_sided[self.facets[facet]].any(axis=1)
         return smooth & (self._extraction is not None)
 
