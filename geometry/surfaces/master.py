@@ -122,14 +122,15 @@ def own_facets(
     return nodes.reshape(local.shape).astype(np.int64), position
 
 
-def continued(master: MasterFacets, held: Sequence[Longs]) -> MasterFacets:
+def continued(master: MasterFacets, held: Sequence[Longs], smoothing_angle: float) -> MasterFacets:
     """A line with its images beyond planes of symmetry.
 
     Args:
         held: by axis, global nodes (n,) of the mesh that stay where they are along it.
+        smoothing_angle: rad, from which on an angle is sharp.
     """
     here = np.stack([np.isin(master.nodes, nodes) for nodes in held], axis=1)
-    images = images_beyond(master.facets, master.position, here)
+    images = images_beyond(master.facets, master.position, here, smoothing_angle)
     return replace(
         master,
         nodes=np.concatenate([master.nodes, master.nodes[images.of]]),

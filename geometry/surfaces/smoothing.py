@@ -107,7 +107,7 @@ def smooth_patches(
 
 # -- Images beyond planes of symmetry -------------------------------------------------------------
 
-ACROSS = 0.7  # of the normal along that of a plane, from which on a facet lies in it rather
+ACROSS = 0.7  # of the normal along that of a plane, up to which a facet may go on beyond it
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,20 +128,24 @@ class Images:
     position: Floats
 
 
-def images_beyond(facets: Ints, nodes: Floats, held: Bools) -> Images:
+def images_beyond(facets: Ints, nodes: Floats, held: Bools, smoothing_angle: float) -> Images:
     """Images of the last segments of lines at their ends that planes of symmetry hold.
+
+    There are none where a line and its image would meet at a sharp angle.
 
     Args:
         facets: (f, a) straight segments, ordered for outward normals.
         nodes: (n, i), m, reference.
         held: (n, i) whether a node stays where it is along an axis.
+        smoothing_angle: rad, from which on an angle is sharp.
     """
     count = np.bincount(facets.reshape(-1), minlength=len(nodes))
     facet, corner = np.nonzero(count[facets] == 1)
     end, of = facets[facet, corner], facets[facet, 1 - corner].astype(np.int64)
     chord = nodes[of] - nodes[end]
     # Across the plane lies the line's own direction; its normal is the other component.
-    across = np.abs(chord[:, ::-1]) < ACROSS * np.linalg.norm(chord, axis=1)[:, None]
+    most = min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
+    across = np.abs(chord[:, ::-1]) < most * np.linalg.norm(chord, axis=1)[:, None]
     mirrored, axis = np.nonzero(held[end] & across)
     end, of, corner = end[mirrored], of[mirrored], corner[mirrored]
     signs, position, every = np.ones((len(of), 2)), nodes[of], np.arange(len(of))

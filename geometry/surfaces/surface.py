@@ -190,7 +190,7 @@ class ContactSurface:
         if self.dim == 2 or comm.size == 1:
             self.master = whole_master(self.shape, comm.allgather(own))[0]
             if self.dim == 2 and held and ends[0] is not None:
-                self.master = continued(self.master, held)
+                self.master = continued(self.master, held, ends[0])
             facets, images = (self.master.facets, self.master.position), self.master.images
             self.target = FacetSurface(self.shape, *facets, *ends, images=images)
             return
