@@ -289,8 +289,8 @@ class OneSidedEnds:
             if index in self._found or not isinstance(target, FacetSurface):
                 continue
             pressed = (trial.pressure > 0.0) & at.on_surface
-            rings = term.surface.axisymmetric
-            there = bool(target.is_smooth_end(at.facet[pressed], rings).any())
+            ends = term.surface.images, term.surface.axisymmetric
+            there = bool(target.is_smooth_end(at.facet[pressed], *ends).any())
             if self._problem.comm.allreduce(there, op=MPI.LOR):
                 when = f"from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
                 self._found[index] = when

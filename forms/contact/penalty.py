@@ -448,14 +448,11 @@ class ContactTerm:
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
         values: Floats = shape[:, :, None] * force[:, None, :]
-        if self.surface.signs is None:
+        if (every := self.surface.signs) is None:
             return nodes, values
         # Forces on images are their nodes'; what that turns round comes from the plane.
-        stencil = self.surface.first_master + self.surface.target.stencil[at.facet]
-        plane, signs = (
-            self.surface.nodes[self.surface.mirrors[stencil]],
-            self.surface.signs[stencil],
-        )
+        rows = self.surface.first_master + self.surface.target.stencil[at.facet].astype(np.int64)
+        plane, signs = self.surface.nodes[self.surface.mirrored(rows)], every[rows]
         beyond = values[:, slave.shape.shape[1] :]
         turned = (1.0 - signs) * beyond
         beyond *= signs

@@ -120,8 +120,8 @@ class PairTangent:
     ) -> tuple[Longs, Floats]:
         """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
         places, blocks = self._placed_blocks(state, trial, take, folded)
-        if self.surface.signs is not None:
-            signs = self.surface.signs[places]
+        if (every := self.surface.signs) is not None:
+            signs = every[places]
             blocks = signs[:, :, :, None, None] * blocks * signs[:, None, None]
         return self.surface.nodes[places], blocks
 
@@ -131,8 +131,8 @@ class PairTangent:
         """Rows (v, m·i) for control points of a tool, or for images, taken to the pair's nodes."""
         if trial.carried is not None:
             return (rows @ trial.carried.operator(self.surface.first_master)).tocsr()
-        if self.surface.signs is not None:
-            return (rows @ scipy.sparse.diags(self.surface.signs.reshape(-1))).tocsr()
+        if (signs := self.surface.signs) is not None:
+            return (rows @ scipy.sparse.diags(signs.reshape(-1))).tocsr()
         return rows
 
     def _tool_blocks(

@@ -108,7 +108,6 @@ class FacetSurface:
         self.shape, self.stencil = shape, self.facets
         self._extraction: Floats | None = None
         self._last: tuple[Floats, Floats] | None = None  # nodes, and what they make
-        self._images = images
         if smoothing_angle is not None:
             own, every = len(self.facets), self.facets
             every = every if images is None else np.concatenate([every, images.facets])
@@ -178,15 +177,15 @@ class FacetSurface:
         other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
         return other
 
-    def is_smooth_end(self, facet: Ints, rings: bool) -> Bools:
+    def is_smooth_end(self, facet: Ints, images: Images | None, rings: bool) -> Bools:
         """Which facets (q,) are smooth patches at an open end that hands on its load wrongly.
 
-        So are those without an image, and of rings those on the axis with one.
+        So are those without any of the images, and of rings those on the axis with one.
         """
         one_sided = self._open.copy()
-        if self._images is not None:
-            right = (self._images.position[:, 0] >= 0.0) | (not rings)
-            one_sided[self._images.facets[right]] = False
+        if images is not None:
+            right = (images.position[:, 0] >= 0.0) | (not rings)
+            one_sided[images.facets[right]] = False
         smooth: Bools = one_sided[self.facets[facet]].any(axis=1)
         return smooth & (self._extraction is not None)
 

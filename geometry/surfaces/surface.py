@@ -45,6 +45,7 @@ from tribox.geometry.surfaces.slave_points import (
     slave_points,
     slave_vertices,
 )
+from tribox.geometry.surfaces.smoothing import Images
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
@@ -85,9 +86,6 @@ class ContactSurface:
         facet_length: m, mean length of the slave facets.
         nodes: (m,) global nodes of the pair: those of this rank's slave facets, then the known ones
             of the master from row ``first_master`` on; slave_rows: (q, a) rows of points' nodes.
-        signs: (m, i) of their displacements and forces over those of the global nodes: −1 of images
-            across planes of symmetry, which are the last; None without images. mirrors: (m,) rows
-            of nodes in the planes of these, which take what an image turns round of a force.
         normals: of the slave, for the kinks of a master in the plane; None without kinks.
             chain_rows: (q, s) rows of the vertices that they take.
     """
@@ -266,13 +264,32 @@ class ContactSurface:
         self.chain_rows: Longs = np.searchsorted(needed, chain)
         self.first_master = len(needed)
         self.nodes = np.concatenate([needed, self.master.nodes])
+
+    @property
+    def images(self) -> Images | None:
+        """What continues a smooth master beyond planes of symmetry; None: nothing does.
+
+        Its nodes are the last of the pair's, with the global numbers of those that they are of.
+        """
         images = self.master.images if isinstance(self.master, MasterFacets) else None
-        self.signs: Floats | None = None
-        if images is not None and len(images.of):
-            self.signs = np.ones((len(self.nodes), self.dim))
-            self.signs[-len(images.of) :] = images.signs
-            self.mirrors = np.arange(len(self.nodes))
-            self.mirrors[-len(images.of) :] = self.first_master + images.across
+        return images if images is not None and len(images.of) else None
+
+    @property
+    def signs(self) -> Floats | None:
+        """Signs (m, i) of displacements and forces of the pair's nodes over the global ones'."""
+        if self.images is None:
+            return None
+        out = np.ones((len(self.nodes), self.dim))
+        out[-len(self.images.of) :] = self.images.signs
+        return out
+
+    def mirrored(self, rows: Longs) -> Longs:
+        """Nodes of the pair: of images those in their planes, others as they are."""
+        if self.images is None:
+            return rows
+        own = len(self.nodes) - len(self.images.of)
+        planes: Longs = np.append(np.arange(own), self.first_master + self.images.across)
+        return planes[rows]
 
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""
@@ -294,7 +311,8 @@ class ContactSurface:
             self._scatter, self._here = node_scatter(x, self.nodes, self.dim)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
         values: Floats = np.array(self._here.array_r).reshape(-1, self.dim)
-        return values if self.signs is None else self.signs * values
+        signs = self.signs
+        return values if signs is None else signs * values
 
     def master_positions(self, values: Floats) -> Floats:
         """Current positions (n, i), m, of the points that move the master.
@@ -458,8 +476,7 @@ class SurfaceExchange:
         """Find the nodes of ``surface``."""
         self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
         self.signs, self._own = surface.signs, len(surface.nodes)
-        if isinstance(surface.master, MasterFacets) and surface.master.images is not None:
-            images = surface.master.images
+        if (images := surface.images) is not None:
             self._own -= len(images.of)
             self._image_of = surface.first_master + images.of
             self._across = surface.first_master + images.across
