@@ -170,17 +170,17 @@ class Scene:
     def tangent(self, x, dt=1.0, mode=AS_IS):
         return dense_tangent(self.term, self.term.evaluate(x, dt, mode), len(self.where))
 
-    def error(self, x, steps=(1e-5, 2e-6), mode=AS_IS):
-        """Largest error of the tangent in random directions."""
+    def error(self, x, steps=(1e-5, 2e-6), mode=AS_IS, free=1.0):
+        """Largest error of the tangent in random directions; ``free``: 0 of held unknowns."""
         K = self.tangent(x, mode=mode)
         rng = np.random.default_rng(0)
         moved, worst = x.copy(), 0.0
         for _ in range(2):
-            d = rng.normal(size=self.size)
+            d = rng.normal(size=self.size) * free
 
             def along(h, d=d):
                 moved.array[:] = x.array_r + h * d
-                return self.residual(moved, mode=mode)[0]
+                return self.residual(moved, mode=mode)[0] * free
 
-            worst = max(worst, slope_error(K @ d, along, steps))
+            worst = max(worst, slope_error(K @ d * free, along, steps))
         return worst

@@ -40,7 +40,7 @@ from tribox.forms.bodies.loads import (
     reference_area,
 )
 from tribox.geometry.meshes.mesh import NamedMesh, group_dofs
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 ON_AXIS = 1e-9  # distance over the largest radius up to which a node lies on the axis of symmetry
 FLAT = 0.99  # mean normal component from which a surface counts as flat and across the direction
@@ -166,6 +166,24 @@ class Loads:
     def acting(self, stage: str) -> list[Constraint]:
         """The constraints that act in a stage."""
         return [one for one in self.constraints if one.acts(stage)]
+
+    def held(self) -> list[Longs]:
+        """By axis, global nodes of all ranks that stay where they are in all stages; collective."""
+        space, out = self.u.function_space, []
+        for axis in range(space.dofmap.index_map_bs):
+            parts = [
+                one.dofs
+                for one in self.constraints
+                if one.component == axis
+                and isinstance(one.source, TimeTable)
+                and not any(one.source.values)
+                and all(map(one.given, self._stages))
+            ]
+            local = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
+            local = (local // space.dofmap.index_map_bs).astype(np.int32)
+            mine = space.dofmap.index_map.local_to_global(local)
+            out.append(np.unique(np.concatenate(space.mesh.comm.allgather(mine))))
+        return out
 
     def snapshot(self) -> Snapshot:
         """What is remembered of the stages so far."""

@@ -12,6 +12,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import highest_pressure
 from tribox.app.build.contact_notes import (
     CHORDS,
@@ -96,6 +97,7 @@ class ContactBuilder:
         materials: of the bodies, by name.
         runs_code: whether laws written in Python are run; without, such a contact has no friction.
         tools: that a contact may name as master, by name.
+        loads: what the boundaries hold.
     """
 
     case: Case
@@ -105,6 +107,7 @@ class ContactBuilder:
     materials: Mapping[str, Material]
     runs_code: bool = True
     tools: Mapping[str, RigidTool] = field(default_factory=dict)
+    loads: Loads | None = None
 
     def build(self, index: int) -> BuiltContact:
         """The contact of this number in the case; collective.
@@ -286,7 +289,9 @@ class ContactBuilder:
                 rigid = tool.surface, tool.nodes, tool.motion
                 return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
             master = self.named.facets(contact.master)
-            ends = contact.smoothing_angle, contact.fade_length
+            smooth = contact.smoothing_angle is not None and self.loads is not None
+            held = self.loads.held() if smooth and self.loads is not None else ()
+            ends = contact.smoothing_angle, contact.fade_length, held
             return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:
             pair = f"slave {contact.slave}, master {contact.master}"

@@ -193,7 +193,7 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     loads = _loads(case, named, u, section)
     tools = make_tools(case, named, tool_blocks, loads)
     builder = ContactBuilder(
-        case, named, u.function_space, section, materials, runs_code, tools.by_name()
+        case, named, u.function_space, section, materials, runs_code, tools.by_name(), loads
     )
     contacts = [builder.build(index) for index in range(len(case.contact))]
     terms = [contact.term for contact in contacts]

@@ -191,7 +191,7 @@ class ExplicitContact:
         share = share * (every * factor * self.term.surface.slave.weight)[:, None]
         area = np.bincount(rows.reshape(-1), share.reshape(-1), minlength=len(self._values))
         self._values[:] = area[:, None]
-        self.exchange.add(self._values, out)
+        self.exchange.add(self._values, out, sizes=True)
 
     def jump(self, values: Floats) -> Floats:
         """Slave less master (q, i) of values (m, i) at the pair's nodes."""
@@ -340,7 +340,7 @@ class ExplicitContact:
         work.owned[:] *= inverse_mass
         self.exchange.gather(work, self._values)
         rows, share = self._shares()
-        per_node = self._values.max(axis=1)
+        per_node = np.abs(self._values).max(axis=1)
         out: Floats = np.einsum("qm,qm->q", share, per_node[rows])
         return out
 

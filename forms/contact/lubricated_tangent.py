@@ -93,9 +93,7 @@ class LubricatedTangent(PairTangent):
             for vectors in self._field_vectors(trial, film, take)
         )
         pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
-        every = stacked([gaps, speeds, own, pressed, filled, pulled])
-        if trial.carried is not None:
-            every = every @ trial.carried.operator(self.surface.first_master)
+        every = self.of_nodes(stacked([gaps, speeds, own, pressed, filled, pulled]), trial)
         # The film couples all that it feels: what is multiplied by the rows of t is dense.
         dim = self.surface.dim
         used = np.unique(every.indices // dim)

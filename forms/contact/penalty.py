@@ -447,7 +447,16 @@ class ContactTerm:
             return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
-        return nodes, shape[:, :, None] * force[:, None, :]
+        values: Floats = shape[:, :, None] * force[:, None, :]
+        if (every := self.surface.signs) is None:
+            return nodes, values
+        # Forces on images are their nodes'; what that turns round comes from the plane.
+        rows = self.surface.first_master + self.surface.target.stencil[at.facet].astype(np.int64)
+        plane, signs = self.surface.nodes[self.surface.mirrored(rows)], every[rows]
+        beyond = values[:, slave.shape.shape[1] :]
+        turned = (1.0 - signs) * beyond
+        beyond *= signs
+        return np.concatenate([nodes, plane], axis=1), np.concatenate([values, turned], axis=1)
 
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.

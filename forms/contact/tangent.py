@@ -120,7 +120,20 @@ class PairTangent:
     ) -> tuple[Longs, Floats]:
         """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
         places, blocks = self._placed_blocks(state, trial, take, folded)
+        if (every := self.surface.signs) is not None:
+            signs = every[places]
+            blocks = signs[:, :, :, None, None] * blocks * signs[:, None, None]
         return self.surface.nodes[places], blocks
+
+    def of_nodes(
+        self, rows: scipy.sparse.csr_matrix, trial: ContactTrial
+    ) -> scipy.sparse.csr_matrix:
+        """Rows (v, m·i) for control points of a tool, or for images, taken to the pair's nodes."""
+        if trial.carried is not None:
+            return (rows @ trial.carried.operator(self.surface.first_master)).tocsr()
+        if (signs := self.surface.signs) is not None:
+            return (rows @ scipy.sparse.diags(signs.reshape(-1))).tocsr()
+        return rows
 
     def _tool_blocks(
         self, state: ContactState, trial: ContactTrial, take: Longs
@@ -238,10 +251,8 @@ class PairTangent:
         """
         take, needs = np.nonzero(trial.kinematics.closed)[0], trial.normal_contact.needs()
         left = self._vertex_rows(trial, take, self.left_vectors(trial, take), needs)
-        right = self._gap_rows(state, trial, needs)
-        if trial.carried is not None:
-            operator = trial.carried.operator(self.surface.first_master)
-            left, right = (left @ operator).tocsr(), (right @ operator).tocsr()
+        left = self.of_nodes(left, trial)
+        right = self.of_nodes(self._gap_rows(state, trial, needs), trial)
         left.data /= np.repeat(self.area_of(trial), np.diff(left.indptr))
         return left, right
 

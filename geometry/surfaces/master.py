@@ -35,6 +35,7 @@ from petsc4py import PETSc
 from tribox.geometry.surfaces.body_facets import outward_facets, owned_facets, require_facets
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, order_by_place
 from tribox.geometry.surfaces.projection import FacetSurface, SurfacePart
+from tribox.geometry.surfaces.smoothing import Images, images_beyond
 
 BOXES = 32  # round the slave points of a rank, at most
 REACH = 1.5  # way before facets are looked for again, over the length of a facet
@@ -52,6 +53,8 @@ class MasterFacets:
         shape: of all facets.
         extent: m, the largest of the whole surface along an axis.
         part: what else is known of facets that are not all of them; None: they are.
+        images: what continues a smooth surface beyond planes of symmetry: theirs are the last of
+            the nodes, each with the number of the node that it is the image of.
     """
 
     nodes: Longs
@@ -60,6 +63,7 @@ class MasterFacets:
     shape: FacetShape
     extent: float
     part: SurfacePart | None = None
+    images: Images | None = None
 
     @property
     def number(self) -> Longs:
@@ -116,6 +120,23 @@ def own_facets(
     local, position = outward_facets(space, shape, owned_facets(space.mesh, facets))
     nodes = space.dofmap.index_map.local_to_global(local.reshape(-1).astype(np.int32))
     return nodes.reshape(local.shape).astype(np.int64), position
+
+
+def continued(master: MasterFacets, held: Sequence[Longs], smoothing_angle: float) -> MasterFacets:
+    """A line with its images beyond planes of symmetry.
+
+    Args:
+        held: by axis, global nodes (n,) of the mesh that stay where they are along it.
+        smoothing_angle: rad, from which on an angle is sharp.
+    """
+    here = np.stack([np.isin(master.nodes, nodes) for nodes in held], axis=1)
+    images = images_beyond(master.facets, master.position, here, smoothing_angle)
+    return replace(
+        master,
+        nodes=np.concatenate([master.nodes, master.nodes[images.of]]),
+        position=np.concatenate([master.position, images.position]),
+        images=images,
+    )
 
 
 def whole_master(

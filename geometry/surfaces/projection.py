@@ -27,7 +27,7 @@ from tribox.geometry.surfaces.facets import (
     unit_normals,
 )
 from tribox.geometry.surfaces.slave_points import PointNormals
-from tribox.geometry.surfaces.smoothing import smooth_patches
+from tribox.geometry.surfaces.smoothing import Images, smooth_patches
 from tribox.geometry.surfaces.target import Projection, fade_at_ends
 
 __all__ = ["FacetSurface", "Projection"]
@@ -86,6 +86,7 @@ class FacetSurface:
         smoothing_angle: float | None = None,
         fade_length: float | None = None,
         part: SurfacePart | None = None,
+        images: Images | None = None,
     ) -> None:
         """Prepare the connectivity.
 
@@ -97,6 +98,7 @@ class FacetSurface:
                 of neighbours differ by more. Without it the facets themselves are the surface.
             fade_length: m, undeformed, way before an open end over which points fade.
             part: in space, of which surface these are some of the facets; None: it is whole.
+            images: what continues it beyond planes of symmetry; theirs are the last of the nodes.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -107,9 +109,11 @@ class FacetSurface:
         self._extraction: Floats | None = None
         self._last: tuple[Floats, Floats] | None = None  # nodes, and what they make
         if smoothing_angle is not None:
-            patches = smooth_patches(shape, self.facets, nodes, smoothing_angle)
-            self.shape, self.stencil = patches.shape, patches.stencil
-            self._extraction = patches.extraction
+            own, every = len(self.facets), self.facets
+            every = every if images is None else np.concatenate([every, images.facets])
+            patches = smooth_patches(shape, every, nodes, smoothing_angle)
+            self.shape, self.stencil = patches.shape, patches.stencil[:own]
+            self._extraction = patches.extraction[:own]
         self._code = CompiledFacets(self.shape, len(self.facets))
         self.fade_length, self._undeformed = fade_length, nodes
         known = () if part is None else (part.number, part.slack)
@@ -173,9 +177,16 @@ class FacetSurface:
         other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
         return other
 
-    def is_smooth_end(self, facet: Ints) -> Bools:
-        """Which facets (q,) are smooth patches at an open end, with tangents of one side there."""
-        smooth: Bools = self._open[self.facets[facet]].any(axis=1)
+    def is_smooth_end(self, facet: Ints, images: Images | None, rings: bool) -> Bools:
+        """Which facets (q,) are smooth patches at an open end that hands on its load wrongly.
+
+        So are those without any of the images, and of rings those on the axis with one.
+        """
+        one_sided = self._open.copy()
+        if images is not None:
+            right = (images.position[:, 0] >= 0.0) | (not rings)
+            one_sided[images.facets[right]] = False
+        smooth: Bools = one_sided[self.facets[facet]].any(axis=1)
         return smooth & (self._extraction is not None)
 
     def part(self) -> SurfacePart:

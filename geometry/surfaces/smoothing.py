@@ -15,6 +15,9 @@ four, the first harmonic of the edges round the node (Loop & Schaefer, ACM Trans
 8:1, for Catmull-Clark surfaces). The normal is continuous along chains of segments and over grids
 of quadrilaterals, exactly at all nodes and nearly so elsewhere. Sides sharper than the smoothing
 angle stay sharp.
+
+At a plane of symmetry, which all that a node does leaves where it is, the surface goes on as its
+image: facets and nodes beyond the plane are there for the stencils alone (:class:`Images`).
 """
 
 from __future__ import annotations
@@ -100,6 +103,57 @@ def smooth_patches(
     tangents = _tangents(edges, sharp, len(nodes))
     parts = _corner_parts(shape, facets, edges, tangents, sharp, len(nodes))
     return _patches(facet_shape(shape.cell, 3), parts)
+
+
+# -- Images beyond planes of symmetry -------------------------------------------------------------
+
+ACROSS = 0.7  # of the normal along that of a plane, up to which a facet may go on beyond it
+
+
+@dataclass(frozen=True, slots=True)
+class Images:
+    """What continues a surface beyond planes of symmetry, across the axes of coordinates.
+
+    Attributes:
+        facets: (b, a) beyond them; rows of nodes, and behind these of the images.
+        of: (g,) the nodes that there are images of; across: (g,) a node in the plane of each.
+        signs: (g, i) of the images' displacements over those of these nodes.
+        position: (g, i), m, reference.
+    """
+
+    facets: Ints
+    of: Longs
+    across: Longs
+    signs: Floats
+    position: Floats
+
+
+def images_beyond(facets: Ints, nodes: Floats, held: Bools, smoothing_angle: float) -> Images:
+    """Images of the last segments of lines at their ends that planes of symmetry hold.
+
+    There are none where a line and its image would meet at a sharp angle.
+
+    Args:
+        facets: (f, a) straight segments, ordered for outward normals.
+        nodes: (n, i), m, reference.
+        held: (n, i) whether a node stays where it is along an axis.
+        smoothing_angle: rad, from which on an angle is sharp.
+    """
+    count = np.bincount(facets.reshape(-1), minlength=len(nodes))
+    facet, corner = np.nonzero(count[facets] == 1)
+    end, of = facets[facet, corner], facets[facet, 1 - corner].astype(np.int64)
+    chord = nodes[of] - nodes[end]
+    # Across the plane lies the line's own direction; its normal is the other component.
+    most = min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
+    across = np.abs(chord[:, ::-1]) < most * np.linalg.norm(chord, axis=1)[:, None]
+    mirrored, axis = np.nonzero(held[end] & across)
+    end, of, corner = end[mirrored], of[mirrored], corner[mirrored]
+    signs, position, every = np.ones((len(of), 2)), nodes[of], np.arange(len(of))
+    signs[every, axis] = -1.0
+    position[every, axis] = 2.0 * nodes[end, axis] - position[every, axis]
+    beyond = np.empty((len(of), 2), dtype=np.int32)
+    beyond[every, 1 - corner], beyond[every, corner] = end, len(nodes) + every
+    return Images(beyond, of, end.astype(np.int64), signs, position)
 
 
 # Corner that lies next to each corner along ξ, and along η.

@@ -7,6 +7,7 @@ may be partitioned anywhere.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import dolfinx
@@ -29,6 +30,7 @@ from tribox.geometry.surfaces.master import (
     FacetRows,
     MasterFacets,
     MasterSource,
+    continued,
     grown,
     no_facets,
     node_scatter,
@@ -43,6 +45,7 @@ from tribox.geometry.surfaces.slave_points import (
     slave_points,
     slave_vertices,
 )
+from tribox.geometry.surfaces.smoothing import Images
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}
@@ -99,6 +102,7 @@ class ContactSurface:
         axisymmetric: bool = False,
         smoothing_angle: float | None = None,
         fade_length: float | None = None,
+        held: Sequence[Longs] = (),
     ) -> None:
         """Collect both surfaces; collective.
 
@@ -112,6 +116,8 @@ class ContactSurface:
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
             fade_length: m, way before an open end over which averaged pressure fades, if given.
+            held: in the plane, by axis, global nodes of all ranks that stay where they are along
+                it: a smooth master that ends at one goes on as its image.
 
         Raises:
             ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
@@ -126,7 +132,7 @@ class ContactSurface:
         if axisymmetric:
             # Whole rings: forces are totals and not per radian.
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self._find_master(master, (smoothing_angle, fade_length))
+        self._find_master(master, (smoothing_angle, fade_length), held)
         slave = self.slave
         self.vertices = slave_vertices(
             space, self.shape, slave.nodes, slave.xi, slave.weight, slave.facet_length
@@ -159,7 +165,10 @@ class ContactSurface:
         return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
 
     def _find_master(
-        self, master: NDArray[np.int32] | RigidMaster, ends: tuple[float | None, float | None]
+        self,
+        master: NDArray[np.int32] | RigidMaster,
+        ends: tuple[float | None, float | None],
+        held: Sequence[Longs],
     ) -> None:
         """Find the master, on several ranks in space what is within reach of it; collective."""
         self.follows, self.parts = True, 0
@@ -178,8 +187,10 @@ class ContactSurface:
         self.own_master = own[0]
         if self.dim == 2 or comm.size == 1:
             self.master = whole_master(self.shape, comm.allgather(own))[0]
-            facets = self.master.facets, self.master.position
-            self.target = FacetSurface(self.shape, *facets, *ends)
+            if self.dim == 2 and held and ends[0] is not None:
+                self.master = continued(self.master, held, ends[0])
+            facets, images = (self.master.facets, self.master.position), self.master.images
+            self.target = FacetSurface(self.shape, *facets, *ends, images=images)
             return
         self._source = MasterSource(self.space, self.shape, own, ends, self.facet_length)
         self.master = no_facets(self.shape, self._source.extent)
@@ -254,6 +265,32 @@ class ContactSurface:
         self.first_master = len(needed)
         self.nodes = np.concatenate([needed, self.master.nodes])
 
+    @property
+    def images(self) -> Images | None:
+        """What continues a smooth master beyond planes of symmetry; None: nothing does.
+
+        Its nodes are the last of the pair's, with the global numbers of those that they are of.
+        """
+        images = self.master.images if isinstance(self.master, MasterFacets) else None
+        return images if images is not None and len(images.of) else None
+
+    @property
+    def signs(self) -> Floats | None:
+        """Signs (m, i) of displacements and forces of the pair's nodes over the global ones'."""
+        if self.images is None:
+            return None
+        out = np.ones((len(self.nodes), self.dim))
+        out[-len(self.images.of) :] = self.images.signs
+        return out
+
+    def mirrored(self, rows: Longs) -> Longs:
+        """Nodes of the pair: of images those in their planes, others as they are."""
+        if self.images is None:
+            return rows
+        own = len(self.nodes) - len(self.images.of)
+        planes: Longs = np.append(np.arange(own), self.first_master + self.images.across)
+        return planes[rows]
+
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""
         local = outward_facets(self.space, self.shape, self.slave.mesh_facet)[0]
@@ -273,7 +310,9 @@ class ContactSurface:
         if self._scatter is None:
             self._scatter, self._here = node_scatter(x, self.nodes, self.dim)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
-        return np.array(self._here.array_r).reshape(-1, self.dim)
+        values: Floats = np.array(self._here.array_r).reshape(-1, self.dim)
+        signs = self.signs
+        return values if signs is None else signs * values
 
     def master_positions(self, values: Floats) -> Floats:
         """Current positions (n, i), m, of the points that move the master.
@@ -436,6 +475,11 @@ class SurfaceExchange:
     def __init__(self, surface: ContactSurface) -> None:
         """Find the nodes of ``surface``."""
         self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
+        self.signs, self._own = surface.signs, len(surface.nodes)
+        if (images := surface.images) is not None:
+            self._own -= len(images.of)
+            self._image_of = surface.first_master + images.of
+            self._across = surface.first_master + images.across
         self.first_master = surface.first_master
         self.dim = surface.dim
         self._alone = surface.space.mesh.comm.size == 1
@@ -448,15 +492,32 @@ class SurfaceExchange:
             values = vector.owned.reshape(-1, self.dim)
             # In its mode "raise" numpy buffers `out`; numbers are within bounds here.
             np.take(values, self.nodes, axis=0, out=out, mode="clip")
-            return
-        scatter, here = self._set_up(vector)
-        scatter.scatter(vector.vec, here, addv=False, mode=PETSc.ScatterMode.FORWARD)
-        out[:] = here.array_r.reshape(out.shape)
+        else:
+            scatter, here = self._set_up(vector)
+            scatter.scatter(vector.vec, here, addv=False, mode=PETSc.ScatterMode.FORWARD)
+            out[:] = here.array_r.reshape(out.shape)
+        if self.signs is not None:
+            out *= self.signs
 
-    def add(self, values: Floats, vector: NodalVector) -> None:
-        """Add ``values`` (m, i) at the nodes to ``vector``, those of all ranks; collective."""
+    def add(self, values: Floats, vector: NodalVector, sizes: bool = False) -> None:
+        """Add ``values`` (m, i) at the nodes to ``vector``, those of all ranks; collective.
+
+        Those of images are taken to the nodes that they are of, in ``values`` too; what that turns
+        round comes from the plane, so that sums stay.
+
+        Args:
+            values: forces, or anything of their signs.
+            vector: that they are added to.
+            sizes: whether they have no signs: those of images are added as they are.
+        """
+        if self.signs is not None:
+            beyond = values[self._own :]
+            signs = np.ones_like(beyond) if sizes else self.signs[self._own :]
+            np.add.at(values, self._image_of, signs * beyond)
+            np.add.at(values, self._across, (1.0 - signs) * beyond)
+            beyond[:] = 0.0
         if self._alone:
-            vector.owned.reshape(-1, self.dim)[self.nodes] += values
+            vector.owned.reshape(-1, self.dim)[self.nodes[: self._own]] += values[: self._own]
             return
         scatter, here = self._set_up(vector)
         here.array[:] = values.reshape(-1)

@@ -1,6 +1,7 @@
 """`smoothing_angle` of a contact: reaches the surface, and is refused where it cannot work."""
 
 import math
+import tomllib
 from itertools import pairwise
 
 import dolfinx
@@ -8,15 +9,19 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.read_log import read_log
 from tests.contact_boxes import GAP, Scene
 from tests.laws import coulomb
 from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
+from tribox.app.results import read
+from tribox.app.run.run import run_case
 from tribox.app.simulation.contact_resultants import measure_contact
 from tribox.app.verify.result import CASES
 from tribox.forms.bodies.materials import NeoHookean
@@ -127,3 +132,83 @@ def test_pressed_and_dragged(shape, smoothing_angle):
     reaction = problem.unbalanced.reshape(-1, scene.dim)
     below = np.isclose(scene.where[:, -1], -0.5)
     np.testing.assert_allclose(reaction[below].sum(axis=0), measure.force, rtol=0, atol=1e-10)
+
+
+# -- Half a model: a smooth master goes on as its image beyond a plane of symmetry ----------------
+
+HALVES = """
+stage = [{ name = "press", duration = "1 s", steps = 3 }]
+output = { figures = false }
+solver = { tolerance = 1e-12 }
+[[contact]]
+slave = "pad_bottom"
+master = "base_top"
+smoothing_angle = "30 deg"
+[bodies]
+pad = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
+base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
+[geometry]
+kind = "blocks"
+"""
+FILM = {
+    "friction": {
+        "preset": "friction-map",
+        "mu_s": 0.1,
+        "K_T": "1e11 Pa/m",
+        "V_star": "0.1 mm/s",
+        "V_star_at": "30 nm",
+    },
+    "film": {"thickness": "180 nm"},
+}
+
+
+def pressed_in(comm, directory, half, contact):
+    """A pad that sinks deep into a wider base: its pressed vertices by place, from x = 0 on."""
+    data = tomllib.loads(HALVES)
+    data["contact"][0] |= contact
+    side = 1 if half else 2
+    data["geometry"]["blocks"] = {
+        name: {"x": [0.0 if half else -wide, wide], "y": heights, "elements": [side * n, m]}
+        for name, wide, heights, n, m in (
+            ("base", 8e-3, [0.0, 6e-3], 14, 5),
+            ("pad", 4e-3, [6e-3, 10e-3], 9, 4),
+        )
+    }
+    down = [["0 s", "0 mm"], ["1 s", "-2 mm"]]
+    data["boundary"] = [
+        {"surface": "base_bottom", "displacement": {"x": 0, "y": 0}},
+        {"surface": "pad_top", "displacement": {"x": 0, "y": down}},
+    ]
+    if half:
+        data["boundary"].append({"surface": "pad_left", "symmetry": True})
+        data["boundary"].append({"surface": "base_left", "displacement": {"x": 0}})
+    run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+    comm.barrier()  # the first rank writes
+    surface = read(directory / "out").contact()
+    order = np.argsort(surface.points[:, 0])
+    order = order[surface.points[order, 0] > -1e-9]
+    values = [surface.point_data[name][order] for name in ("pressure", "slip_path", "gap")]
+    return np.array(values).tolist(), read_log(directory / "out").replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [{"friction": {"law": "coulomb", "mu": 0.3}}, {"friction": {"law": "frictionless"}}, FILM],
+    ids=["coulomb", "frictionless", "film"],
+)
+def test_half_a_model_is_half_of_the_whole(tmp_path, contact):
+    whole, _ = pressed_in(MPI.COMM_SELF, tmp_path, False, contact)
+    half, log = pressed_in(MPI.COMM_SELF, tmp_path, True, contact)
+    for mine, other in zip(half, whole, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=0.0, atol=1e-9 * max(np.abs(other)))
+    assert whole[0][0] > 1e6 and "hands on too little" not in log
+
+
+def half_model(comm, directory):
+    return pressed_in(comm, directory, True, {"friction": {"law": "coulomb", "mu": 0.3}})[0]
+
+
+@pytest.mark.mpi(half_model, 2)
+def test_half_a_model_on_ranks(on_ranks):
+    for apart, alone in zip(on_ranks(half_model, 2), on_ranks(half_model, 1), strict=True):
+        np.testing.assert_allclose(apart, alone, rtol=0.0, atol=1e-9 * max(np.abs(alone)))

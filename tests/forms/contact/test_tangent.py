@@ -8,9 +8,11 @@ import pytest
 import tribox.forms.contact.tangent
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
 from tests.laws import coulomb, film_map
+from tribox.forms.contact.explicit_compiled import explicit_contact
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.law import Regime
+from tribox.geometry.surfaces.surface import NodalVector
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,36 @@ def test_tangent_of_a_smooth_master(shape, state):
     _, trial = scene.residual(x)
     assert np.count_nonzero(trial.pressure) >= 2
     assert scene.error(x) < 1e-9
+
+
+def mirrored(state, pressure):
+    """A smooth master in the plane that goes on as its image beyond both of its ends."""
+    where = Scene("Q4", state.law, master=2).where
+    ends = np.isclose(where[:, :1], [0.0, 1.0]).any(axis=1) & (where[:, 1] < 0.5 * GAP)
+    held = [np.nonzero(ends)[0], np.empty(0, dtype=np.int64)]
+    options = {"smoothing_angle": 0.5, "held": held, "pressure": pressure}
+    scene, x = prepared("Q4", state, bend=0.1, master=2, **options)
+    free = np.ones(scene.size)
+    free[2 * held[0]] = x.array[2 * held[0]] = 0.0
+    return scene, x, free
+
+
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+@pytest.mark.parametrize("state", STATES)
+def test_tangent_beside_planes_of_symmetry(state, pressure):
+    scene, x, free = mirrored(STATES[state], pressure)
+    assert len(scene.surface.master.images.of) == 2
+    force, trial = scene.residual(x)
+    assert np.count_nonzero(trial.pressure) >= 2
+    assert scene.error(x, free=free) < 1e-9
+    np.testing.assert_allclose(force.reshape(-1, 2).sum(axis=0), 0.0, atol=1e-13)
+    # Explicit steps have the same forces.
+    explicit = explicit_contact(scene.term)
+    u, out = NodalVector(scene.space), NodalVector(scene.space)
+    u.owned[:] = x.array_r
+    explicit.evaluate(u, 1.0)
+    explicit.add_forces(out)
+    np.testing.assert_allclose(out.owned, force, atol=1e-12 * np.abs(force).max())
 
 
 @pytest.mark.parametrize("shape", ["Q4", "tet4", "hex8", "tet10"])

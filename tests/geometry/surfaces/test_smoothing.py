@@ -7,7 +7,7 @@ import pytest
 
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.smoothing import corner_spacing, smooth_patches
+from tribox.geometry.surfaces.smoothing import corner_spacing, images_beyond, smooth_patches
 
 KINDS = ["interval", "quadrilateral"]
 SMOOTHING_ANGLE = np.pi / 6
@@ -258,3 +258,45 @@ def test_a_ball_of_squares_has_corners_a_square_apart():
     facets = quads.reshape(-1, 4).astype(np.int32)
     spacing, _ = corner_spacing(facet_shape("quadrilateral", 1), facets, nodes, FLAT, EDGE)
     assert spacing == pytest.approx(np.full(36, 0.1), rel=0.1)
+
+
+# -- Images beyond planes of symmetry -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_half_a_line_with_its_image_is_half_of_the_whole(axis, flipped):
+    """An arc from a plane of symmetry on, whichever way it is run through, moved as it may."""
+    angle = np.linspace(-0.9, 0.9, 13)
+    whole = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    whole[:, 1] += 0.1 * np.cos(3.0 * angle)
+    half, count = whole[6:], 6
+    if axis == 1:
+        whole, half = whole[:, ::-1] * [1.0, 1.0], half[:, ::-1]
+    chain = np.stack([np.arange(12), np.arange(1, 13)], axis=1).astype(np.int32)
+    turn = slice(None, None, -1 if flipped else 1)
+    facets, own = chain[:, turn], chain[:count, turn]
+    held = np.zeros(half.shape, dtype=bool)
+    held[0] = True
+    images = images_beyond(own, half, held, SMOOTHING_ANGLE)
+    every = np.concatenate([half, images.position])
+    np.testing.assert_allclose(images.position, whole[[5]], atol=1e-15)
+    shape = facet_shape("interval", 1)
+    xi = np.linspace(0.0, 1.0, 7)[:, None]
+    for moved in (1.0, 1.3):
+        now = every * [1.0, moved] if axis == 0 else every * [moved, 1.0]
+        full = whole * [1.0, moved] if axis == 0 else whole * [moved, 1.0]
+        mine = smooth_patches(shape, np.concatenate([own, images.facets]), every, SMOOTHING_ANGLE)
+        other = smooth_patches(shape, facets, whole, SMOOTHING_ANGLE)
+        np.testing.assert_allclose(
+            places(mine, now, xi)[:count], places(other, full, xi)[6:], atol=1e-14
+        )
+
+
+@pytest.mark.parametrize(("slope", "count"), [(0.0, 1), (0.2, 1), (0.3, 0), (5.0, 0)])
+def test_no_image_where_line_and_image_meet_sharply(slope, count):
+    """30 degrees between both are 15 on each side, a slope of 0.27."""
+    nodes = np.array([[0.0, 0.0], [1.0, slope], [2.0, 2.0 * slope]])
+    held = np.array([[True, False], [False, False], [False, False]])
+    chain = np.array([[0, 1], [1, 2]], dtype=np.int32)
+    assert len(images_beyond(chain, nodes, held, SMOOTHING_ANGLE).of) == count
