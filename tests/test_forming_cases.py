@@ -246,6 +246,7 @@ def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp
     down = '[["0 s", "0 mm"], ["1 s", "-0.8 mm"], ["2 s", "-0.8 mm"], ["3 s", "6 mm"]]'
     less = {"geometry__blocks__strip__x": '["0 mm", "31 mm"]', "stage__0__steps": "4"}
     less |= {"geometry__blocks__strip__elements": "[62, 2]", "stage__1__steps": "15"}
+    less |= {"probe__0__bend": '["13 mm", "20 mm"]'}
     less |= {"stage__2__steps": "4", "tools__middle__displacement": f"{{ x = {way}, y = {down} }}"}
     for tool in ("left", "right"):
         less[f"tools__{tool}__displacement"] = f"{{ x = {way}, y = {up} }}"

@@ -183,7 +183,7 @@ def test_several_mistakes_are_counted_and_listed(film):
 
 
 def test_a_missing_body(film):
-    film.write_text(FILM_CASE.replace("[bodies.aluminium]", "[bodies.aluminum]"))
+    film.write_text(FILM_CASE.replace("\naluminium = ", "\naluminum = "))
     lines = check_case(film)
     assert lines[0].endswith('bodies.aluminum: no such body; did you mean "aluminium"?')
     assert "bodies.aluminium: missing" in lines[1]
