@@ -48,8 +48,9 @@ FAILED, TOO_MANY = 5, 15
 
 
 # In space a factorisation of up to SMALL unknowns takes as long as some DEAR iterations; of more,
-# as many more times as long as there are more unknowns (59 055: .5 s and 10 ms; 199 353: 20 to 30 s
-# and 66 ms). With PATIENCE times as many above that the next system is factorised.
+# as many more times as long as there are more unknowns (measured with 59 055: .5 s and 10 ms; an
+# iteration with 199 353 66 ms, of factors an estimate). With PATIENCE times as many above that the
+# next system is factorised.
 DEAR, SMALL, PATIENCE = 100, 50_000, 3
 
 
@@ -58,18 +59,20 @@ class IterationBudget:
 
     Attributes:
         most: iterations of the longest solve since the budget was used up first; 0: it never was.
+        over: iterations above what factorisations cost; spent: of the solve that goes on.
     """
 
     def __init__(self, size: int) -> None:
         """A budget for systems of so many unknowns in all."""
-        self.most, self.over = 0, 0.0
+        self.most, self.over, self.spent = 0, 0.0, 0
         self._dear = DEAR * max(1.0, size / SMALL)
 
-    def spend(self, iterations: int) -> None:
-        """Take note of what a solve took, whether it converged or not."""
-        self.over = max(self.over + iterations - self._dear, 0.0)
+    def close(self) -> None:
+        """Take note of what a solve has spent, whether it converged or not."""
+        self.over = max(self.over + self.spent - self._dear, 0.0)
         if self.most or self.over > PATIENCE * self._dear:
-            self.most = max(self.most, iterations)
+            self.most = max(self.most, self.spent)
+        self.spent = 0
 
 
 class BodyBlocks:
@@ -101,7 +104,7 @@ class BodyBlocks:
         self._ksp, self._matrix, self._problem, self._stiff = ksp, matrix, problem, stiff
         self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
         self.budget, self.turned = IterationBudget(problem.size), False
-        self._may_turn, self._spent = may_turn and problem.dim == 3, 0
+        self._may_turn = may_turn and problem.dim == 3
         self._prefix = ksp.getOptionsPrefix() or ""
         options = PETSc.Options(self._prefix)
         for key in () if self.direct else damped(KRYLOV, problem.comm.size):
@@ -131,7 +134,7 @@ class BodyBlocks:
         return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
 
     def _tell(self, iterations: int) -> None:
-        self._spent += iterations
+        self.budget.spent += iterations
         self.count(iterations)
 
     # -- factorisations -----------------------------------------------------------------------
@@ -241,8 +244,8 @@ class BodyBlocks:
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
-        spent, works = self._spent, self._solve(b, x)
-        self.budget.spend(self._spent - spent)
+        works = self._solve(b, x)
+        self.budget.close()
         if self.budget.most and not self.direct and self._may_turn:
             self._may_turn = factors_fit(self._problem.comm, self._problem.size)
             if self._may_turn:
