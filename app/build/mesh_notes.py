@@ -156,10 +156,7 @@ def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
 # -- Values that a case may have and that are hardly meant: a bare number in another unit, mostly --
 
 FAR = 10.0  # displacement over the extent of the mesh from which it is told
-THIN, THICK = (
-    1e-3,
-    100.0,
-)  # of a slab over the extent of the mesh: one that is meant
+THIN, THICK = 1e-3, 100.0  # of a slab over the extent of the mesh: one that is meant
 ROUGHEST = 5.0  # coefficient of friction that rubber, stickiest of all, stays below by far
 YIELD_STRAIN = (1e-5, 0.1)  # yield stress over Young's modulus: of metals from 1e-4 to 2e-2
 

@@ -232,7 +232,9 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
     for name, arrows in marks.arrows.items():
         if not len(places.get(name, ())):
             continue
-        middle, inside = places[name].mean(axis=(0, 1)), _inwards(places[name], centre)
+        # The middle of a tool may lie far beyond the frame, which it would widen.
+        middle = np.clip(places[name].mean(axis=(0, 1)), scene.low, scene.high)
+        inside = _inwards(places[name], centre)
         for arrow in arrows:
             along = length * arrow.ways(inside[None])[0]
             start = (middle - along if arrow.comes else middle) @ scene.camera.plane
