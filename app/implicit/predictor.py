@@ -195,20 +195,22 @@ class Predictor:
         """
         drive = self._driving(x)
         ratio = self._proportion(drive)
-        if ratio is None or self._sum(np.array([np.abs(drive.constrained).sum()]))[0]:
+        if not ratio or self._sum(np.array([np.abs(drive.constrained).sum()]))[0]:
             return False
         slope = slopes(self._path, self._sum)
         if not falls(slope):
             return False
         failed = trial.array_r.copy()
-        self.restart(x, trial, step)
+        x.copy(trial)
+        solved = self._carry(x, drive.constrained, trial, step)
         moved, (before, _), (last, was) = trial.array_r - x.array_r, *self._path[-2:]
         reach = ratio * (last - before)
         squared, onwards = self._sum(np.array([moved @ moved, moved @ (was - self._path[-2][1])]))
         now = reach / np.sqrt(squared) if onwards > 0.0 else 0.0
         trial.array[:] = failed
         self._residual_norm(trial, step)
-        return is_limit(slope, last - before, float(now), reach)
+        # A system that could not be solved says nothing of the slope.
+        return solved and squared > 0.0 and is_limit(slope, last - before, float(now), reach)
 
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
@@ -401,16 +403,20 @@ class Predictor:
         )
         return weights
 
-    def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> None:
-        """Linear step from the converged state that meets the prescribed displacements."""
+    def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> bool:
+        """Linear step from the converged state that meets the prescribed displacements.
+
+        Returns whether it is to be trusted.
+        """
         problem, increment = self.problem, self._increment
         problem.residual(None, x, self._residual, step)
         self._residual.scale(-1.0)
         increment.set(0.0)
         increment.array[problem.constrained_dofs()] = constrained
-        self.solver.solve_from(x, self._residual, increment, step)
+        solved = self.solver.solve_from(x, self._residual, increment, step)
         trial.axpy(1.0, increment)
         trial.array[:] = problem.constrained_values(trial)
+        return solved
 
     def _sum(self, local: Floats) -> Floats:
         total = np.empty_like(local)

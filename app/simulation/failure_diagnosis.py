@@ -234,7 +234,7 @@ def explain(
     thickness: float = 1.0,
     contacts: Sequence[Contact] = (),
     unstable: Callable[[], bool] = lambda: False,
-    spent: bool = False,
+    spent: Callable[[], bool] = lambda: False,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -254,7 +254,7 @@ def explain(
     adrift = any(_of_supports(problem, loose, result.strayed))  # its rounding explains nothing
     gross = [] if adrift else list(_of_rounding(problem, result))
     gross = gross or list(_of_gross_slip(problem, loose, thickness))
-    gross = gross or list(_of_limit_load(problem, thickness) if spent else ())
+    gross = gross or list(_of_limit_load(problem, thickness) if spent() else ())
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]

@@ -176,7 +176,7 @@ class ImplicitStage:
             why = explain(
                 *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
                 unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
-                spent=stepper.predictor.meets_limit(stepper.x, stepper.trial, step),
+                spent=lambda: stepper.predictor.meets_limit(stepper.x, stepper.trial, step),
             )
         when = time_text(self.state.time, dt)
         raise SolutionError(
