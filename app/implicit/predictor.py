@@ -210,7 +210,8 @@ class Predictor:
         trial.array[:] = failed
         self._residual_norm(trial, step)
         # A system that could not be solved says nothing of the slope.
-        return solved and squared > 0.0 and is_limit(slope, last - before, float(now), reach)
+        known = bool(solved and squared > 0.0)
+        return known and is_limit(slope, last - before, float(now), reach)
 
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""
