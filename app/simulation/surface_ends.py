@@ -274,8 +274,7 @@ class OneSidedEnds:
     """Watches for contact at the ends of smooth masters that no plane of symmetry continues.
 
     A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
-    node instead of a half, 7/6 to the next. Of rings the node on the axis gets 0.7 of its load from
-    a patch that is even there, the next 0.97.
+    node instead of a half, 7/6 to the next.
     """
 
     def __init__(self, model: Model) -> None:
@@ -289,8 +288,7 @@ class OneSidedEnds:
             if index in self._found or not isinstance(target, FacetSurface):
                 continue
             pressed = (trial.pressure > 0.0) & at.on_surface
-            ends = term.surface.images, term.surface.axisymmetric
-            there = bool(target.is_smooth_end(at.facet[pressed], *ends).any())
+            there = bool(target.is_smooth_end(at.facet[pressed]).any())
             if self._problem.comm.allreduce(there, op=MPI.LOR):
                 when = f"from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
                 self._found[index] = when
@@ -312,7 +310,7 @@ class OneSidedEnds:
                 "smoothing hands on too little of the load: on any mesh the last vertex has 10 to "
                 "25 % too much pressure, the next is off by up to 10 %; forces are right. A mesh "
                 "of second order has no such end; neither has one in the plane that symmetry = "
-                "true holds, but for the axis of revolution"
+                "true holds"
             )
 
 

@@ -35,7 +35,7 @@ from petsc4py import PETSc
 from tribox.geometry.surfaces.body_facets import outward_facets, owned_facets, require_facets
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, order_by_place
 from tribox.geometry.surfaces.projection import FacetSurface, SurfacePart
-from tribox.geometry.surfaces.smoothing import Images, images_beyond
+from tribox.geometry.surfaces.smoothing import Images, images_beyond, on_axis
 
 BOXES = 32  # round the slave points of a rank, at most
 REACH = 1.5  # way before facets are looked for again, over the length of a facet
@@ -122,14 +122,19 @@ def own_facets(
     return nodes.reshape(local.shape).astype(np.int64), position
 
 
-def continued(master: MasterFacets, held: Sequence[Longs], smoothing_angle: float) -> MasterFacets:
+def continued(
+    master: MasterFacets, held: Sequence[Longs], smoothing_angle: float, rings: bool
+) -> MasterFacets:
     """A line with its images beyond planes of symmetry.
 
     Args:
         held: by axis, global nodes (n,) of the mesh that stay where they are along it.
         smoothing_angle: rad, from which on an angle is sharp.
+        rings: whether it is one of rings: their axis is no plane of symmetry.
     """
     here = np.stack([np.isin(master.nodes, nodes) for nodes in held], axis=1)
+    if rings:
+        here[on_axis(master.position), 0] = False
     images = images_beyond(master.facets, master.position, here, smoothing_angle)
     return replace(
         master,

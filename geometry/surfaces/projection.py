@@ -27,7 +27,7 @@ from tribox.geometry.surfaces.facets import (
     unit_normals,
 )
 from tribox.geometry.surfaces.slave_points import PointNormals
-from tribox.geometry.surfaces.smoothing import Images, smooth_patches
+from tribox.geometry.surfaces.smoothing import Images, Patches, smooth_patches
 from tribox.geometry.surfaces.target import Projection, fade_at_ends
 
 __all__ = ["FacetSurface", "Projection"]
@@ -87,6 +87,7 @@ class FacetSurface:
         fade_length: float | None = None,
         part: SurfacePart | None = None,
         images: Images | None = None,
+        rings: bool = False,
     ) -> None:
         """Prepare the connectivity.
 
@@ -99,6 +100,7 @@ class FacetSurface:
             fade_length: m, undeformed, way before an open end over which points fade.
             part: in space, of which surface these are some of the facets; None: it is whole.
             images: what continues it beyond planes of symmetry; theirs are the last of the nodes.
+            rings: whether it is a line of rings, x being the distance from their axis.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -106,14 +108,14 @@ class FacetSurface:
         """
         self.facets = np.asarray(facets, dtype=np.int32)
         self.shape, self.stencil = shape, self.facets
-        self._extraction: Floats | None = None
+        self._patches: Patches | None = None
         self._last: tuple[Floats, Floats] | None = None  # nodes, and what they make
         if smoothing_angle is not None:
-            own, every = len(self.facets), self.facets
-            every = every if images is None else np.concatenate([every, images.facets])
-            patches = smooth_patches(shape, every, nodes, smoothing_angle)
-            self.shape, self.stencil = patches.shape, patches.stencil[:own]
-            self._extraction = patches.extraction[:own]
+            beyond = facets[:0] if images is None else images.facets
+            self._patches = smooth_patches(
+                shape, self.facets, nodes, smoothing_angle, rings, beyond
+            )
+            self.shape, self.stencil = self._patches.shape, self._patches.stencil
         self._code = CompiledFacets(self.shape, len(self.facets))
         self.fade_length, self._undeformed = fade_length, nodes
         known = () if part is None else (part.number, part.slack)
@@ -177,17 +179,11 @@ class FacetSurface:
         other.search = FacetSearch(self.shape, self._controls(self._undeformed), other._code)
         return other
 
-    def is_smooth_end(self, facet: Ints, images: Images | None, rings: bool) -> Bools:
-        """Which facets (q,) are smooth patches at an open end that hands on its load wrongly.
-
-        So are those without any of the images, and of rings those on the axis with one.
-        """
-        one_sided = self._open.copy()
-        if images is not None:
-            right = (images.position[:, 0] >= 0.0) | (not rings)
-            one_sided[images.facets[right]] = False
-        smooth: Bools = one_sided[self.facets[facet]].any(axis=1)
-        return smooth & (self._extraction is not None)
+    def is_smooth_end(self, facet: Ints) -> Bools:
+        """Which facets (q,) are smooth patches at an open end that hands on its load wrongly."""
+        if self._patches is None:
+            return np.zeros(len(facet), dtype=bool)
+        return self._patches.one_sided[facet]
 
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""
@@ -338,7 +334,7 @@ class FacetSurface:
     @property
     def extraction(self) -> Floats | None:
         """Control points (f, c, m) of smooth patches from the nodes of their stencils, or None."""
-        return self._extraction
+        return None if self._patches is None else self._patches.extraction
 
     @property
     def connectivity(self) -> tuple[Ints, Ints, Ints, Ints, Bools]:
@@ -366,7 +362,7 @@ class FacetSurface:
 
     def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
         """Normals (q, i), of any length, of a smooth surface through the facets, there."""
-        if self._extraction is not None:
+        if self._patches is not None:
             return unit_normals(self.places(facet, xi, nodes)[1])
         corner = self.facets[facet, : self.shape.corners]
         normal = self._corner_outward(corner.reshape(-1), self._controls(nodes))
@@ -377,14 +373,14 @@ class FacetSurface:
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """Shares (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
         values = self.shape.values(xi)
-        if self._extraction is None:
+        if self._patches is None:
             return values
-        return np.einsum("qc,qcm->qm", values, self._extraction[facet])
+        return np.einsum("qc,qcm->qm", values, self._patches.extraction[facet])
 
     def slopes(self, facet: Ints, xi: Floats) -> Floats:
         """Derivatives (q, α, m) of :meth:`weights` for ξ."""
         first = self.shape.first(xi)
-        return first if self._extraction is None else first @ self._extraction[facet]
+        return first if self._patches is None else first @ self._patches.extraction[facet]
 
     def _controls(self, nodes: Floats) -> Floats:
         """Nodes (f, a, i) of the facets, or control points of the patches over them.
@@ -396,7 +392,7 @@ class FacetSurface:
             missing = self._undeformed[len(nodes) :]
             every = np.concatenate([nodes, missing]) if len(missing) else nodes
             moved: Floats = every[self.stencil]
-            controls = moved if self._extraction is None else self._extraction @ moved
+            controls = moved if self._patches is None else self._patches.extraction @ moved
             controls.flags.writeable = False
             self._last = nodes.copy(), controls
         return self._last[1]

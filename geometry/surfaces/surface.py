@@ -188,9 +188,10 @@ class ContactSurface:
         if self.dim == 2 or comm.size == 1:
             self.master = whole_master(self.shape, comm.allgather(own))[0]
             if self.dim == 2 and held and ends[0] is not None:
-                self.master = continued(self.master, held, ends[0])
+                self.master = continued(self.master, held, ends[0], self.axisymmetric)
             facets, images = (self.master.facets, self.master.position), self.master.images
-            self.target = FacetSurface(self.shape, *facets, *ends, images=images)
+            rings = self.axisymmetric
+            self.target = FacetSurface(self.shape, *facets, *ends, images=images, rings=rings)
             return
         self._source = MasterSource(self.space, self.shape, own, ends, self.facet_length)
         self.master = no_facets(self.shape, self._source.extent)

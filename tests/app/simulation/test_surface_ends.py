@@ -393,15 +393,16 @@ def test_a_smooth_master_that_ends_below_its_slave(tmp_path, elements, held):
     assert told != held
 
 
-def test_on_the_axis_of_revolution_half_of_the_error_is_left_and_told(tmp_path):
-    """The node on the axis gets 0.7 of its load, the next 0.97; unsmoothed the test is passed."""
+@pytest.mark.parametrize("elements", [20, 7, 27])
+def test_a_smooth_master_on_the_axis_of_revolution(tmp_path, elements):
+    """No vertex lacks more than 1/62 of its load, of which as stiff a body takes a half."""
     data = tomllib.loads(FLAT)
     data["boundary"] = [b for b in data["boundary"] if not b["surface"].endswith("_left")]
     data["geometry"] = {
         "kind": "blocks",
         "section": "axisymmetric",
         "blocks": {
-            "aluminium": {"x": [0.0, 0.01], "y": [0.0, 0.005], "elements": [20, 4]},
+            "aluminium": {"x": [0.0, 0.01], "y": [0.0, 0.005], "elements": [elements, 4]},
             "elastomer": {"x": [0.0, 0.01], "y": [0.005, 0.01], "elements": [20, 4]},
         },
     }
@@ -414,7 +415,5 @@ def test_on_the_axis_of_revolution_half_of_the_error_is_left_and_told(tmp_path):
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     surface = read(tmp_path / "out").contact()
     pressure = surface.point_data["pressure"][np.argsort(surface.points[:, 0])] / 1e6 - 1.0
-    assert pressure[0] == pytest.approx(0.148, abs=0.005)
-    assert pressure[1] == pytest.approx(0.015, abs=0.005)
-    assert np.abs(pressure[2:]).max() < 3e-3
-    assert "smoothing hands on too little" in read_log(tmp_path / "out").replace("\n", " ")
+    assert np.abs(pressure[:10]).max() < 0.01
+    assert "smoothing hands on too little" not in read_log(tmp_path / "out").replace("\n", " ")

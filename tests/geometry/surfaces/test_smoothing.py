@@ -7,7 +7,12 @@ import pytest
 
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.smoothing import corner_spacing, images_beyond, smooth_patches
+from tribox.geometry.surfaces.smoothing import (
+    corner_spacing,
+    images_beyond,
+    smooth_patches,
+    towards_axis,
+)
 
 KINDS = ["interval", "quadrilateral"]
 SMOOTHING_ANGLE = np.pi / 6
@@ -286,11 +291,9 @@ def test_half_a_line_with_its_image_is_half_of_the_whole(axis, flipped):
     for moved in (1.0, 1.3):
         now = every * [1.0, moved] if axis == 0 else every * [moved, 1.0]
         full = whole * [1.0, moved] if axis == 0 else whole * [moved, 1.0]
-        mine = smooth_patches(shape, np.concatenate([own, images.facets]), every, SMOOTHING_ANGLE)
+        mine = smooth_patches(shape, own, every, SMOOTHING_ANGLE, beyond=images.facets)
         other = smooth_patches(shape, facets, whole, SMOOTHING_ANGLE)
-        np.testing.assert_allclose(
-            places(mine, now, xi)[:count], places(other, full, xi)[6:], atol=1e-14
-        )
+        np.testing.assert_allclose(places(mine, now, xi), places(other, full, xi)[6:], atol=1e-14)
 
 
 @pytest.mark.parametrize(("slope", "count"), [(0.0, 1), (0.2, 1), (0.3, 0), (5.0, 0)])
@@ -300,3 +303,35 @@ def test_no_image_where_line_and_image_meet_sharply(slope, count):
     held = np.array([[True, False], [False, False], [False, False]])
     chain = np.array([[0, 1], [1, 2]], dtype=np.int32)
     assert len(images_beyond(chain, nodes, held, SMOOTHING_ANGLE).of) == count
+
+
+# -- Rings ----------------------------------------------------------------------------------------
+
+
+def ring_loads(facets, nodes, rings):
+    """Loads of a unit pressure on flat rings over those of linear facets."""
+    shape = facet_shape("interval", 1)
+    patches = smooth_patches(shape, facets, nodes, SMOOTHING_ANGLE, rings)
+    place, weight = np.polynomial.legendre.leggauss(4)
+    xi, loads = 0.5 * (place[:, None] + 1.0), np.zeros((2, len(nodes)))
+    linear, cubic = shape.values(xi), patches.shape.values(xi)
+    radius = np.einsum("pa,fa->fp", linear, nodes[facets, 0])
+    size = 0.5 * weight * radius * np.abs(np.diff(nodes[facets, 0], axis=1))
+    shares = np.einsum("pc,fcm->fpm", cubic, patches.extraction)
+    np.add.at(loads[0], facets, np.einsum("fp,pa->fa", size, linear))
+    np.add.at(loads[1], patches.stencil, np.einsum("fp,fpm->fm", size, shares))
+    return loads[1] / loads[0]
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_rings_hand_on_a_uniform_pressure(flipped):
+    """Cubics give the node on the axis 0.4 of its load (0.7 with an image beyond)."""
+    nodes = np.stack([2.0 * np.arange(20), np.zeros(20)], axis=1)
+    chain = np.stack([np.arange(19), np.arange(1, 20)], axis=1).astype(np.int32)
+    facets = chain[:, ::-1] if flipped else chain
+    assert ring_loads(facets, nodes, False)[0] == pytest.approx(0.4, abs=1e-12)
+    smoothness = towards_axis(facets, nodes)
+    load = ring_loads(facets, nodes, True)[:15]
+    assert np.abs(load - 1.0).max() == pytest.approx(1.0 / 62.0, abs=1e-12)
+    assert np.all(smoothness[6:] == 1.0) and np.all(np.diff(smoothness[:7]) > 0.0)
+    assert np.all(towards_axis(facets, np.add(nodes, [1.0, 0.0])) == 1.0)
