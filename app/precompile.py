@@ -90,7 +90,6 @@ def _compile(group: _Group) -> Iterator[str]:
     from mpi4py import MPI
 
     from tribox.app.equilibrium.tangent import pattern_form
-    from tribox.app.results.fields import StressField
     from tribox.forms.bodies.loads import (
         BodyForce,
         DeadTraction,
@@ -115,7 +114,6 @@ def _compile(group: _Group) -> Iterator[str]:
     for material in _materials():
         for formulation in group.formulations:
             solid = make_solid("sample", u, cells, material, formulation, section=group.section)
-            StressField(u, [solid])
             mass_form(space, solid)
             body_form(space, cells, group.section)
             yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
