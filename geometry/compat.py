@@ -152,31 +152,6 @@ def integration_facets(mesh: dolfinx.mesh.Mesh, facets: Ints) -> Ints:
     return np.asarray(pairs, dtype=np.int32).reshape(-1)
 
 
-def facet_submesh(mesh: dolfinx.mesh.Mesh, facets: Ints) -> tuple[dolfinx.mesh.Mesh, Ints, Any]:
-    """A mesh whose cells are facets of another; collective.
-
-    Returns:
-        The mesh of the facets, the facet of ``mesh`` behind each of its local cells, and what
-        `mixed_form` takes to relate the two.
-    """
-    fdim = mesh.topology.dim - 1
-    sub, entities = dolfinx.mesh.create_submesh(mesh, fdim, np.sort(facets))[:2]
-    if hasattr(entities, "sub_topology_to_topology"):
-        cells = sub.topology.index_map(fdim)
-        local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-        parent = entities.sub_topology_to_topology(local, False)
-        return sub, np.asarray(parent, dtype=np.int32), [entities]
-    facet_map = mesh.topology.index_map(fdim)  # 0.9: plain arrays
-    to_sub = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
-    to_sub[entities] = np.arange(len(entities), dtype=np.int32)
-    return sub, np.asarray(entities, dtype=np.int32), {sub: to_sub}
-
-
-def mixed_form(form: Any, relation: Any) -> dolfinx.fem.Form:
-    """Compile a form on a mesh with functions on a submesh of its facets, see `facet_submesh`."""
-    return dolfinx.fem.form(form, entity_maps=relation)
-
-
 def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
     """Points (p, i) of the reference cell at which a space takes values of a function."""
     points = space.element.interpolation_points

@@ -17,7 +17,6 @@ from tribox.forms.bodies.deformation import Rows, centre_rows, rows_at
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.compat import interpolation_points
 from tribox.geometry.meshes.blocks import like
 from tribox.geometry.meshes.places import centre
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs, facet_shape
@@ -269,7 +268,7 @@ class StressField:
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
-        """Compile the stress of each body, or take it from the cache."""
+        """Find the centres of all cells."""
         mesh = u.function_space.mesh
         tensors = dolfinx.fem.functionspace(mesh, ("DG", 0, (3, 3)))
         scalars = dolfinx.fem.functionspace(mesh, ("DG", 0))
@@ -277,19 +276,11 @@ class StressField:
         self.von_mises = dolfinx.fem.Function(scalars, name="von_mises_stress")
         self.pressure = dolfinx.fem.Function(scalars, name="pressure")
         self.plastic_strain = dolfinx.fem.Function(scalars, name="equivalent_plastic_strain")
-        points = interpolation_points(tensors)
-        self._parts = [
-            (dolfinx.fem.Expression(solid.cauchy_stress(), points), solid.cells)
-            for solid in solids
-            if not solid.remembers
-        ]
-        self._centres = [_CentrePoints(u, solid) for solid in solids if solid.remembers]
+        self._centres = [_CentrePoints(u, solid) for solid in solids]
         self.flows = any(solid.flows for solid in solids)
 
     def update(self) -> None:
         """Evaluate at the present displacement; collective."""
-        for expression, cells in self._parts:
-            self.stress.interpolate(expression, cells0=cells)
         for part in self._centres:
             part.put(self.stress, self.plastic_strain)
         self.stress.x.scatter_forward()
@@ -317,13 +308,13 @@ class StressField:
 
 
 class _CentrePoints:
-    """The centres of the cells of one body that remembers."""
+    """The centres of the cells of one body."""
 
     def __init__(self, u: dolfinx.fem.Function, solid: Solid) -> None:
         space = u.function_space
         self._u, self._cells, self._nodes = u, solid.cells, space.dofmap.list[solid.cells]
         self._values = solid.stress_at(solid.cells, centre(solid.cell))
-        reduced = solid.carried is not None
+        reduced = solid.remembers and solid.reduced
         self._rows = centre_rows(space, solid.section, solid.cells) if reduced else None
         self._place = rows_at(space, solid.section, solid.cells, centre(solid.cell))
 
@@ -334,9 +325,8 @@ class _CentrePoints:
         sigma = self._values.cauchy(self._place.deformation(u), volumetric)
         at = stress.function_space.dofmap.list[self._cells, 0]
         stress.x.array.reshape(-1, 9)[at] = sigma.reshape(-1, 9)
-        strain.x.array[strain.function_space.dofmap.list[self._cells, 0]] = (
-            self._values.plastic_strain()
-        )
+        if (flowed := self._values.plastic_strain()) is not None:
+            strain.x.array[strain.function_space.dofmap.list[self._cells, 0]] = flowed
 
 
 class ContactPressureField:

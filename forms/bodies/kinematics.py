@@ -61,16 +61,9 @@ def section_of(dim: int, section: Section | None) -> Section:
     return section
 
 
-def kinematics(u: Expr, section: Section, stretch: Expr = None) -> Kinematics:
-    """Kinematics of the displacement ``u`` (m).
-
-    Args:
-        stretch: UFL variable that stands for the stretch across the plane, so that the energy can
-            be differentiated by it, which gives the stress across the plane.
-    """
-    if section == "3D":
-        return _spatial(u)
-    return _plane(u, stretch_across(u, section) if stretch is None else stretch)
+def kinematics(u: Expr, section: Section) -> Kinematics:
+    """Kinematics of the displacement ``u`` (m)."""
+    return _spatial(u) if section == "3D" else _plane(u, stretch_across(u, section))
 
 
 def stretch_across(u: Expr, section: Section) -> Expr:

@@ -7,6 +7,7 @@ always (3, 3), the direction across a plane being the third.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -15,7 +16,6 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
-from ufl.corealg.multifunction import MultiFunction
 
 from tribox.forms.bodies.kinematics import Kinematics, PlanePart, Section, plane_kinematics
 from tribox.forms.bodies.materials import Material
@@ -171,19 +171,19 @@ def values_of(expressions: Sequence[Any], arguments: Mapping[Any, Floats]) -> li
     """Values of scalar expressions; parts that they share are computed once.
 
     Args:
-        expressions: of ``ufl.Constant``, numbers, arithmetic, roots, logarithms and conditionals.
+        expressions: of ``ufl.Constant``, numbers, scalar functions and conditionals.
         arguments: value (p,) of each constant that occurs.
 
     Raises:
         NotImplementedError: there is something else in them; the message names it.
     """
-    rule, found = _Values(arguments), dict[int, Any]()
+    found: dict[int, Any] = {}
     for expression in expressions:
-        _evaluate(expression, rule, found)
+        _evaluate(expression, arguments, found)
     return [found[id(expression)] for expression in expressions]
 
 
-def _evaluate(expression: Any, rule: _Values, found: dict[int, Any]) -> None:
+def _evaluate(expression: Any, arguments: Mapping[Any, Floats], found: dict[int, Any]) -> None:
     """Put the values of an expression and its parts into ``found``, by the parts' identity.
 
     UFL's own traversal compares parts that look alike, which takes for ever where parts are used
@@ -198,80 +198,35 @@ def _evaluate(expression: Any, rule: _Values, found: dict[int, Any]) -> None:
         if not missing:
             waiting.pop()
             if id(part) not in found:
-                found[id(part)] = rule(part, *(found[id(o)] for o in operands))
+                found[id(part)] = _value(part, arguments, [found[id(o)] for o in operands])
 
 
+def _value(part: Any, arguments: Mapping[Any, Floats], operands: Sequence[Any]) -> Any:
+    if isinstance(part, ufl.Constant):
+        return arguments[part]
+    if isinstance(part, ufl.constantvalue.ScalarValue | ufl.constantvalue.Zero):
+        return float(part)
+    name = type(part).__name__
+    if name.startswith("Bessel") or name == "Erf":
+        from scipy import special  # which few energies want
+
+        return getattr(special, _SPECIAL[name])(*operands)
+    if (known := _FUNCTIONS.get(name)) is None:
+        raise NotImplementedError(f"no values of {name}")
+    return known(*operands)
+
+
+_SPECIAL = {"Erf": "erf"} | {f"Bessel{kind}": f"{kind.lower()}v" for kind in "IJKY"}
+_SLOPING = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
+# By the names of UFL's classes.
 _FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{f"a{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan")},
+    **{"Sum": operator.add, "Product": operator.mul, "Division": operator.truediv},
+    **{"Power": operator.pow, "Abs": np.abs, "Sqrt": np.sqrt, "Exp": np.exp, "Ln": np.log},
+    **{name.capitalize(): getattr(np, name) for name in _SLOPING},
+    **{f"A{name}": getattr(np, f"arc{name}") for name in _SLOPING[:3]},
+    **{"Atan2": np.arctan2, "MaxValue": np.maximum, "MinValue": np.minimum},
+    **{"GT": np.greater, "LT": np.less, "GE": np.greater_equal, "LE": np.less_equal},
+    **{"EQ": np.equal, "NE": np.not_equal, "AndCondition": np.logical_and},
+    **{"OrCondition": np.logical_or, "NotCondition": np.logical_not, "Conditional": np.where},
+    **{"Label": lambda: None, "Variable": lambda value, label: value},
 }
-
-
-class _Values(MultiFunction):
-    """Replaces every node of an expression by its value."""
-
-    def __init__(self, arguments: Mapping[Any, Floats]) -> None:
-        super().__init__()
-        self._arguments = arguments
-
-    def expr(self, o: Any, *operands: Any) -> Any:
-        raise NotImplementedError(f"no values of {type(o).__name__}")
-
-    def constant(self, o: Any) -> Any:
-        return self._arguments[o]
-
-    def scalar_value(self, o: Any) -> float:
-        return float(o)
-
-    def zero(self, o: Any) -> float:
-        return 0.0
-
-    def label(self, o: Any) -> None:
-        return None
-
-    def variable(self, o: Any, operand: Any, label: Any) -> Any:
-        return operand
-
-    def sum(self, o: Any, a: Any, b: Any) -> Any:
-        return a + b
-
-    def product(self, o: Any, a: Any, b: Any) -> Any:
-        return a * b
-
-    def division(self, o: Any, a: Any, b: Any) -> Any:
-        return a / b
-
-    def power(self, o: Any, a: Any, b: Any) -> Any:
-        return a**b
-
-    def abs(self, o: Any, a: Any) -> Any:
-        return np.abs(a)
-
-    def sqrt(self, o: Any, a: Any) -> Any:
-        return np.sqrt(a)
-
-    def exp(self, o: Any, a: Any) -> Any:
-        return np.exp(a)
-
-    def ln(self, o: Any, a: Any) -> Any:
-        return np.log(a)
-
-    def math_function(self, o: Any, a: Any) -> Any:
-        if (known := _FUNCTIONS.get(o._name)) is None:
-            raise NotImplementedError(f"no values of {o._name}")
-        return known(a)
-
-    def gt(self, o: Any, a: Any, b: Any) -> Any:
-        return np.greater(a, b)
-
-    def lt(self, o: Any, a: Any, b: Any) -> Any:
-        return np.less(a, b)
-
-    def ge(self, o: Any, a: Any, b: Any) -> Any:
-        return np.greater_equal(a, b)
-
-    def le(self, o: Any, a: Any, b: Any) -> Any:
-        return np.less_equal(a, b)
-
-    def conditional(self, o: Any, condition: Any, true: Any, false: Any) -> Any:
-        return np.where(condition, true, false)

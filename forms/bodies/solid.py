@@ -38,7 +38,6 @@ from tribox.forms.bodies.kinematics import (
     circumference,
     kinematics,
     section_of,
-    stretch_across,
 )
 from tribox.forms.bodies.materials import Material, oedometric_modulus
 from tribox.forms.bodies.point_state import Floats, Origin, PointHistory
@@ -254,36 +253,6 @@ class Solid:
     def _dx(self, degree: int) -> Any:
         """Measure over the body's cells, of a quadrature degree."""
         return body_measure(self._u.function_space.mesh, self.cells, degree)
-
-    def cauchy_stress(self) -> Any:
-        """Cauchy stress σ = J⁻¹ P Fᵀ (3, 3), Pa, the part across the plane included, in UFL."""
-        sigma = self._spatial_stress() if self.section == "3D" else self._plane_stress()
-        return map_expr_dag(WithoutVariables(), expand_derivatives(sigma))
-
-    def _spatial_stress(self) -> Any:
-        """Cauchy stress (3, 3) of W(J, I1, I2): J σ = J W_J I + 2 (W_1 + I1 W_2) b − 2 W_2 b²."""
-        k = kinematics(self._u, "3D")
-        energy = sum(self._energy(k))
-        by_j, by_1, by_2 = (ufl.diff(energy, i) for i in (k.J, k.I1, k.I2))
-        b = ufl.dot(k.F, k.F.T)
-        parts = 2.0 * (by_1 + k.I1 * by_2) * b - 2.0 * by_2 * ufl.dot(b, b)
-        return by_j * ufl.Identity(3) + parts / k.J
-
-    def _plane_stress(self) -> Any:
-        """Cauchy stress (3, 3) of a plane section; P₃₃ = ∂W/∂λ₃ across the plane."""
-        value = stretch_across(self._u, self.section)
-        if self.section == "plane-strain":
-            value = dolfinx.fem.Constant(self._u.function_space.mesh, PETSc.ScalarType(value))
-        stretch = ufl.variable(value)
-        k = kinematics(self._u, self.section, stretch)
-        assert k.plane is not None
-        energy = sum(self._energy(k))
-        plane = ufl.dot(ufl.diff(energy, k.F), k.F.T) / k.J
-        # J σ₃₃ = λ₃ ∂W/∂λ₃ with J = J₂ λ₃.
-        across = ufl.diff(energy, stretch) / k.plane.J
-        return ufl.as_tensor(
-            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, across]]
-        )
 
     def _roundoff_forms(self) -> list[dolfinx.fem.Form]:
         """What :meth:`roundoff_squares` gives but for ε and M, at the middle of the cells."""

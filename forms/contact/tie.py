@@ -43,6 +43,7 @@ from tribox.geometry.surfaces.facets import (
     Ints,
     Longs,
     facet_shape,
+    measure,
     solve_small,
     unit_normals,
 )
@@ -103,7 +104,7 @@ def tie_points(surface: ContactSurface) -> TiePoints:
     facet, xi, weight = _divided(surface, master, where)
     values, tangents = shape.values(xi), np.einsum("pba,pai->pbi", shape.first(xi), where[facet])
     position = np.einsum("pa,pai->pi", values, where[facet])
-    weight = weight * _measure(tangents)
+    weight = weight * measure(tangents)
     if surface.axisymmetric:
         weight = weight * 2.0 * np.pi * position[:, 0]
     at = surface.project(position, master.position)
@@ -190,14 +191,6 @@ def _parts(cell: str) -> tuple[Floats, Floats]:
     reversed_ = (turned[:, None] - xi).reshape(-1, 2)
     points = np.concatenate([upright, reversed_]) / _PARTS
     return points, np.tile(weight / _PARTS**2, len(corners) + len(turned))
-
-
-def _measure(tangents: Floats) -> Floats:
-    """Length (p,) of one tangent, or area of the parallelogram of two, (p, α, i)."""
-    if tangents.shape[1] == 1:
-        length: Floats = np.linalg.norm(tangents[:, 0], axis=1)
-        return length
-    return np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1)
 
 
 def _offset(offset: Floats, tangents: Floats) -> tuple[Floats, Floats]:

@@ -237,6 +237,16 @@ def unit_normals(tangents: Floats) -> Floats:
     return unit
 
 
+def measure(tangents: Floats) -> Floats:
+    """Length (q,) of one tangent, or area of the parallelogram of two, (q, α, i)."""
+    if tangents.shape[1] == 1:
+        out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
+        return out
+    (x, y, z), (u, v, w) = tangents.transpose(1, 2, 0)
+    area: Floats = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+    return area
+
+
 def solve_small(matrix: Floats, right: Floats) -> Floats:
     """Solutions (p, α) of p systems of one or two equations, (p, α, α) and (p, α)."""
     if matrix.shape[-1] == 1:

@@ -1,10 +1,5 @@
 """Quadrature points of a contact pair's slave facets: what moves them, and what they stand for.
 
-They come from a facet submesh with a quadrature space; UFL assembles once the operator
-S = ∫ t̂·v dΓ₀ between that space and the displacement space, whose rows hold the shape functions of
-each point, so that any displacement element and any order of points on a facet is right by
-construction.
-
 Axis letters: q points, a facet nodes, i space, α surface directions.
 """
 
@@ -12,17 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import basix.ufl
+import basix
 import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
-import ufl
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
-from tribox.geometry.compat import facet_submesh, integration_facets, mixed_form
-from tribox.geometry.surfaces.body_facets import facet_nodes, require_facets
+from tribox.geometry.surfaces.body_facets import facet_nodes, owned_facets, require_facets
 from tribox.geometry.surfaces.facets import (
     Bools,
     FacetShape,
@@ -30,6 +21,7 @@ from tribox.geometry.surfaces.facets import (
     Ints,
     Longs,
     facet_shape,
+    measure,
     order_by_place,
 )
 
@@ -78,29 +70,23 @@ def slave_points(
     """
     mesh = space.mesh
     require_facets(mesh, facets, "slave")
-    operator, facet = point_operator(space, facets, degree)
-    distinct, number = np.unique(facet, return_inverse=True)
-    local = facet_nodes(space, distinct)[number].reshape(len(facet), form.count)
+    own = np.sort(owned_facets(mesh, facets))
+    table, rule = basix.make_quadrature(basix.CellType[form.cell], degree)
+    number, xi = np.repeat(np.arange(len(own)), len(rule)), np.tile(table, (len(own), 1))
+    local = facet_nodes(space, own)[number]
     nodes = space.dofmap.index_map.local_to_global(local.reshape(-1)).reshape(local.shape)
-    values = _rows(operator, nodes, mesh.geometry.dim)
-    operator.destroy()
-    # Σ_a N_a = 1: a row of S holds w N_a, its sum is the weight.
-    weight = values.sum(axis=1)
-    shape = values / weight[:, None]
     corners = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim][local]
-    # Shape functions reproduce the reference coordinates: so each point's are known, in the order
-    # in which the operator has the points.
-    xi = shape @ form.points
-    derivative = form.first(xi)
-    tangents, derivative = _orthonormal(np.einsum("qba,qai->qbi", derivative, corners), derivative)
-    number = number.reshape(-1)
+    shape, derivative = form.values(xi), form.first(xi)
+    tangents = np.einsum("qba,qai->qbi", derivative, corners)
+    weight = np.tile(rule, len(own)) * measure(tangents)
+    tangents, derivative = _orthonormal(tangents, derivative)
     # Length (q,), m, of each point's facet from the weights on it.
     size = np.bincount(number, weight).astype(np.float64)
+    share = weight / size[number]
     if form.directions == 2:
         # Of an area the side of a square, or of half a square.
         size = np.sqrt(2.0 * size if form.cell == "triangle" else size)
     length: Floats = size[number]
-    share = weight / np.bincount(number, weight)[number]
     return SlavePoints(
         nodes=nodes.astype(np.int64),
         shape=shape,
@@ -109,60 +95,12 @@ def slave_points(
         position=np.einsum("qa,qai->qi", shape, corners),
         tangents=tangents,
         facet=number.astype(np.int32),
-        mesh_facet=facet.astype(np.int32),
+        mesh_facet=own[number].astype(np.int32),
         xi=xi,
         facet_length=length,
         facet_share=share,
         reach=length * _half_way_to_the_end(number, xi, share),
     )
-
-
-def point_operator(
-    space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32], degree: int
-) -> tuple[PETSc.Mat, Ints]:
-    """Sᵀ = ∫ t̂·u dΓ₀, rows the points of the facet submesh, blocked.
-
-    Returns:
-        The matrix, and the local facet of the mesh that each owned point (q,) lies on.
-    """
-    mesh = space.mesh
-    fdim = mesh.topology.dim - 1
-    sub, to_parent, relation = facet_submesh(mesh, facets)
-    dim = mesh.geometry.dim
-    element = basix.ufl.quadrature_element(sub.basix_cell(), value_shape=(dim,), degree=degree)
-    points = dolfinx.fem.functionspace(sub, element)
-    ds = ufl.Measure(
-        "ds",
-        domain=mesh,
-        subdomain_data=[(1, integration_facets(mesh, facets))],
-        metadata={"quadrature_degree": degree},
-    )(1)
-    form = ufl.inner(ufl.TrialFunction(space), ufl.TestFunction(points)) * ds
-    matrix = dolfinx.fem.petsc.assemble_matrix(mixed_form(form, relation))
-    matrix.assemble()
-    owned = points.dofmap.index_map.size_local
-    per_facet = points.dofmap.dof_layout.num_dofs
-    cell = np.empty(owned, dtype=np.int32)
-    table = points.dofmap.list[: sub.topology.index_map(fdim).size_local]
-    cell[table.reshape(-1)] = np.repeat(np.arange(len(table), dtype=np.int32), per_facet)
-    return matrix, to_parent[cell]
-
-
-def _rows(matrix: PETSc.Mat, nodes: Longs, dim: int) -> Floats:
-    """Values (q, a) of the first component of each owned point at the given nodes (q, a)."""
-    indptr, indices, values = matrix.getValuesCSR()
-    # S is a matrix of numbers times I: the rows of the first component have all of it. Its entries
-    # are found by their numbers row · width + column.
-    count = np.diff(indptr)[::dim]
-    row = np.repeat(np.arange(len(count)), count)
-    start = np.repeat(indptr[:-1:dim] - np.cumsum(count) + count, count)
-    take = start + np.arange(len(row))
-    width = np.int64(matrix.getSize()[1])
-    key = row * width + indices[take]
-    order = np.argsort(key)
-    wanted = np.arange(len(nodes))[:, None] * width + dim * nodes
-    found: Floats = values[take][order][np.searchsorted(key, wanted, sorter=order)]
-    return found
 
 
 def _half_way_to_the_end(facet: Longs, xi: Floats, share: Floats) -> Floats:

@@ -24,6 +24,7 @@ from tribox.geometry.surfaces.facets import (
     Floats,
     Ints,
     Longs,
+    measure,
     unit_normals,
 )
 from tribox.geometry.surfaces.master import (
@@ -402,7 +403,7 @@ class ContactSurface:
         The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
-        ratio: Floats = _measure(self.slave_tangents(displacement))
+        ratio: Floats = measure(self.slave_tangents(displacement))
         if self.axisymmetric:
             # The hoop stretch r/R.
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
@@ -415,16 +416,6 @@ def _unless_kinked(smooth: Floats, own: Floats) -> Floats:
     near = np.einsum("qi,qi->q", smooth, own) > ROUND * length
     out: Floats = np.where(near[:, None], smooth / np.where(near, length, 1.0)[:, None], own)
     return out
-
-
-def _measure(tangents: Floats) -> Floats:
-    """Length (q,) of one tangent, or area of the parallelogram of two, (q, α, i)."""
-    if tangents.shape[1] == 1:
-        out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
-        return out
-    (x, y, z), (u, v, w) = tangents.transpose(1, 2, 0)
-    area: Floats = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
-    return area
 
 
 # -- Values at the nodes of a contact pair, fetched from and returned to whichever rank owns them --
