@@ -25,6 +25,7 @@ from tribox.app.implicit.factor import (
     CLOSEST,
     DIRECT,
     LEFT,
+    Effort,
     Factor,
     factors_fit,
     petsc_kinds,
@@ -105,6 +106,8 @@ class BodyBlocks:
         self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
         self.budget, self.turned = IterationBudget(problem.size), False
         self._may_turn = may_turn and problem.dim == 3
+        self._refused = False  # as memory was short
+        self._factorised = 0  # unknowns of stiff bodies, as their multigrid does not get there
         self._prefix = ksp.getOptionsPrefix() or ""
         options = PETSc.Options(self._prefix)
         for key in () if self.direct else damped(KRYLOV, problem.comm.size):
@@ -123,6 +126,11 @@ class BodyBlocks:
         self._failures = 0
         self._share = LEFT  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
+
+    @property
+    def effort(self) -> Effort:
+        """What solves so far took that was too much."""
+        return Effort(self.budget.most, self.turned, self._factorised)
 
     @property
     def part(self) -> str:
@@ -208,7 +216,8 @@ class BodyBlocks:
         return self._in_turn(bodies)
 
     def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
-        return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self._tell)
+        count = None if self.direct else self._tell
+        return BodyByBody(self._problem, bodies, self._prefix, count, self._factorised)
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
@@ -246,9 +255,9 @@ class BodyBlocks:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
         works = self._solve(b, x)
         self.budget.close()
-        if self.budget.most and not self.direct and self._may_turn:
-            self._may_turn = factors_fit(self._problem.comm, self._problem.size)
-            if self._may_turn:
+        if self.budget.most and not self.direct and self._may_turn and not self._refused:
+            self._refused = not factors_fit(self._problem.comm, self._problem.size)
+            if not self._refused:
                 self._turn()
                 works = works or self._solve(b, x)
         if not works:
@@ -284,6 +293,8 @@ class BodyBlocks:
         assert self._bodies is not None
         held = self._without_prescribed(b)
         converged = self._works and self._bodies.solve(self._rest, x, self._share)
+        if isinstance(self._bodies, BodyByBody):
+            self._factorised = self._bodies.factorised
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
@@ -303,6 +314,7 @@ class BodyBlocks:
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         spent = {"over": self.budget.over, "most": self.budget.most, "turned": self.turned}
+        spent |= {"refused": self._refused, "factorised": self._factorised}
         return {"failures": self._failures, "given_up": self._given_up, **spent}
 
     @property
@@ -317,6 +329,8 @@ class BodyBlocks:
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
         self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
+        self._refused = kept.get("refused", False)
+        self._factorised = kept.get("factorised", 0)
         size, comm = self._problem.size, self._problem.comm
         if kept.get("turned", False) and self._may_turn and factors_fit(comm, size):
             self.direct = self.turned = True
@@ -372,6 +386,7 @@ class BodyByBody:
     Attributes:
         works: whether the stiff bodies could be factorised.
         own: the solver of the other bodies.
+        factorised: unknowns of the stiff ones, if their multigrid did not get there; else 0.
         solves: of one body, in all.
     """
 
@@ -381,12 +396,15 @@ class BodyByBody:
         bodies: KeptBodies,
         prefix: str,
         count: Callable[[int], None] | None = None,
+        factorised: int = 0,
     ) -> None:
         """Factorise the stiff bodies; collective.
 
         Args:
             count: is told iterations; None: all bodies are factorised.
+            factorised: as the attribute, of earlier solves.
         """
+        self.factorised = factorised
         self._prefix, self._count, self._problem = prefix, count, problem
         self._kept, self._others = bodies.dofs, bodies.others
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
@@ -410,7 +428,7 @@ class BodyByBody:
 
     def _solver_of_kept(self, K: PETSc.Mat) -> Factor | MultigridSolver:
         """Their solver, for good."""
-        if self._count is None or K.size[0] <= KEPT_LIMIT:
+        if self._count is None or self.factorised or K.size[0] <= KEPT_LIMIT:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
         return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)
@@ -428,6 +446,7 @@ class BodyByBody:
         before.destroy()
         factor = Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         self._stiff = factor
+        self.factorised = K.size[0]
         return factor if factor.make() else None
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
