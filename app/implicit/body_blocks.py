@@ -61,11 +61,14 @@ class IterationBudget:
     Attributes:
         most: iterations of the longest solve since the budget was used up first; 0: it never was.
         over: iterations above what factorisations cost; spent: of the solve that goes on.
+        refused: whether memory was too short for factors.
+        stiff: unknowns of stiff bodies that are factorised as their multigrid does not get there.
     """
 
     def __init__(self, size: int) -> None:
         """A budget for systems of so many unknowns in all."""
         self.most, self.over, self.spent = 0, 0.0, 0
+        self.refused, self.stiff = False, 0
         self._dear = DEAR * max(1.0, size / SMALL)
 
     def close(self) -> None:
@@ -106,8 +109,6 @@ class BodyBlocks:
         self.direct, self.count = ksp.getType() == PETSc.KSP.Type.PREONLY, count
         self.budget, self.turned = IterationBudget(problem.size), False
         self._may_turn = may_turn and problem.dim == 3
-        self._refused = False  # as memory was short
-        self._factorised = 0  # unknowns of stiff bodies, as their multigrid does not get there
         self._prefix = ksp.getOptionsPrefix() or ""
         options = PETSc.Options(self._prefix)
         for key in () if self.direct else damped(KRYLOV, problem.comm.size):
@@ -130,7 +131,7 @@ class BodyBlocks:
     @property
     def effort(self) -> Effort:
         """What solves so far took that was too much."""
-        return Effort(self.budget.most, self.turned, self._factorised)
+        return Effort(self.budget.most, self.turned, self.budget.stiff)
 
     @property
     def part(self) -> str:
@@ -217,7 +218,7 @@ class BodyBlocks:
 
     def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
         count = None if self.direct else self._tell
-        return BodyByBody(self._problem, bodies, self._prefix, count, self._factorised)
+        return BodyByBody(self._problem, bodies, self._prefix, count, self.budget.stiff)
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
@@ -255,9 +256,9 @@ class BodyBlocks:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
         works = self._solve(b, x)
         self.budget.close()
-        if self.budget.most and not self.direct and self._may_turn and not self._refused:
-            self._refused = not factors_fit(self._problem.comm, self._problem.size)
-            if not self._refused:
+        if self.budget.most and not self.direct and self._may_turn and not self.budget.refused:
+            self.budget.refused = not factors_fit(self._problem.comm, self._problem.size)
+            if not self.budget.refused:
                 self._turn()
                 works = works or self._solve(b, x)
         if not works:
@@ -294,7 +295,7 @@ class BodyBlocks:
         held = self._without_prescribed(b)
         converged = self._works and self._bodies.solve(self._rest, x, self._share)
         if isinstance(self._bodies, BodyByBody):
-            self._factorised = self._bodies.factorised
+            self.budget.stiff = self._bodies.factorised
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
@@ -314,7 +315,7 @@ class BodyBlocks:
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         spent = {"over": self.budget.over, "most": self.budget.most, "turned": self.turned}
-        spent |= {"refused": self._refused, "factorised": self._factorised}
+        spent |= {"refused": self.budget.refused, "factorised": self.budget.stiff}
         return {"failures": self._failures, "given_up": self._given_up, **spent}
 
     @property
@@ -329,8 +330,8 @@ class BodyBlocks:
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
         self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
-        self._refused = kept.get("refused", False)
-        self._factorised = kept.get("factorised", 0)
+        self.budget.refused = kept.get("refused", False)
+        self.budget.stiff = kept.get("factorised", 0)
         size, comm = self._problem.size, self._problem.comm
         if kept.get("turned", False) and self._may_turn and factors_fit(comm, size):
             self.direct = self.turned = True
@@ -387,7 +388,6 @@ class BodyByBody:
         works: whether the stiff bodies could be factorised.
         own: the solver of the other bodies.
         factorised: unknowns of the stiff ones, if their multigrid did not get there; else 0.
-        solves: of one body, in all.
     """
 
     def __init__(
@@ -420,7 +420,6 @@ class BodyByBody:
         self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.solves = 0
 
     def _global(self, dofs: Ints, comm: MPI.Comm) -> PETSc.IS:
         """Owned local unknowns as PETSc numbers them; collective."""
@@ -533,7 +532,6 @@ class BodyByBody:
                 stirred = self._on_others(self._left)
                 follow = share * stirred if stirred > others else np.inf
                 self._move_others(x, min(MARGIN * most, follow))
-            self.solves += 1
             lefts.append(self._left.norm())
             if len(lefts) <= LEAST:
                 continue

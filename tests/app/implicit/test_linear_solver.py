@@ -439,7 +439,7 @@ def test_iterations_go_on_where_they_are_asked_for_or_memory_is_short(
         monkeypatch.setattr(factor, "free_memory", lambda: math.inf)
         other = Simulation(sim.model).stepper.solver.way
         other.restore(sim.stepper.solver.way.snapshot())
-        assert other._may_turn and other._refused and not other.direct
+        assert other._may_turn and other.budget.refused and not other.direct
 
 
 def test_few_iterations_are_not_told(factorised, tmp_path):
