@@ -25,6 +25,7 @@ from tribox.app.implicit.factor import (
     CLOSEST,
     DIRECT,
     LEFT,
+    Effort,
     Factor,
     factors_fit,
     petsc_kinds,
@@ -60,11 +61,14 @@ class IterationBudget:
     Attributes:
         most: iterations of the longest solve since the budget was used up first; 0: it never was.
         over: iterations above what factorisations cost; spent: of the solve that goes on.
+        refused: whether memory was too short for factors.
+        stiff: unknowns of stiff bodies that are factorised as their multigrid does not get there.
     """
 
     def __init__(self, size: int) -> None:
         """A budget for systems of so many unknowns in all."""
         self.most, self.over, self.spent = 0, 0.0, 0
+        self.refused, self.stiff = False, 0
         self._dear = DEAR * max(1.0, size / SMALL)
 
     def close(self) -> None:
@@ -123,6 +127,11 @@ class BodyBlocks:
         self._failures = 0
         self._share = LEFT  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
+
+    @property
+    def effort(self) -> Effort:
+        """What solves so far took that was too much."""
+        return Effort(self.budget.most, self.turned, self.budget.stiff)
 
     @property
     def part(self) -> str:
@@ -208,7 +217,8 @@ class BodyBlocks:
         return self._in_turn(bodies)
 
     def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
-        return BodyByBody(self._problem, bodies, self._prefix, None if self.direct else self._tell)
+        count = None if self.direct else self._tell
+        return BodyByBody(self._problem, bodies, self._prefix, count, self.budget.stiff)
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
@@ -246,9 +256,9 @@ class BodyBlocks:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
         works = self._solve(b, x)
         self.budget.close()
-        if self.budget.most and not self.direct and self._may_turn:
-            self._may_turn = factors_fit(self._problem.comm, self._problem.size)
-            if self._may_turn:
+        if self.budget.most and not self.direct and self._may_turn and not self.budget.refused:
+            self.budget.refused = not factors_fit(self._problem.comm, self._problem.size)
+            if not self.budget.refused:
                 self._turn()
                 works = works or self._solve(b, x)
         if not works:
@@ -284,6 +294,8 @@ class BodyBlocks:
         assert self._bodies is not None
         held = self._without_prescribed(b)
         converged = self._works and self._bodies.solve(self._rest, x, self._share)
+        if isinstance(self._bodies, BodyByBody):
+            self.budget.stiff = self._bodies.factorised
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
@@ -303,6 +315,7 @@ class BodyBlocks:
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         spent = {"over": self.budget.over, "most": self.budget.most, "turned": self.turned}
+        spent |= {"refused": self.budget.refused, "factorised": self.budget.stiff}
         return {"failures": self._failures, "given_up": self._given_up, **spent}
 
     @property
@@ -317,6 +330,8 @@ class BodyBlocks:
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
         self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
+        self.budget.refused = kept.get("refused", False)
+        self.budget.stiff = kept.get("factorised", 0)
         size, comm = self._problem.size, self._problem.comm
         if kept.get("turned", False) and self._may_turn and factors_fit(comm, size):
             self.direct = self.turned = True
@@ -372,7 +387,7 @@ class BodyByBody:
     Attributes:
         works: whether the stiff bodies could be factorised.
         own: the solver of the other bodies.
-        solves: of one body, in all.
+        factorised: unknowns of the stiff ones, if their multigrid did not get there; else 0.
     """
 
     def __init__(
@@ -381,12 +396,15 @@ class BodyByBody:
         bodies: KeptBodies,
         prefix: str,
         count: Callable[[int], None] | None = None,
+        factorised: int = 0,
     ) -> None:
         """Factorise the stiff bodies; collective.
 
         Args:
             count: is told iterations; None: all bodies are factorised.
+            factorised: as the attribute, of earlier solves.
         """
+        self.factorised = factorised
         self._prefix, self._count, self._problem = prefix, count, problem
         self._kept, self._others = bodies.dofs, bodies.others
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
@@ -402,7 +420,6 @@ class BodyByBody:
         self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
-        self.solves = 0
 
     def _global(self, dofs: Ints, comm: MPI.Comm) -> PETSc.IS:
         """Owned local unknowns as PETSc numbers them; collective."""
@@ -410,7 +427,7 @@ class BodyByBody:
 
     def _solver_of_kept(self, K: PETSc.Mat) -> Factor | MultigridSolver:
         """Their solver, for good."""
-        if self._count is None or K.size[0] <= KEPT_LIMIT:
+        if self._count is None or self.factorised or K.size[0] <= KEPT_LIMIT:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
         return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)
@@ -428,6 +445,7 @@ class BodyByBody:
         before.destroy()
         factor = Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         self._stiff = factor
+        self.factorised = K.size[0]
         return factor if factor.make() else None
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
@@ -514,7 +532,6 @@ class BodyByBody:
                 stirred = self._on_others(self._left)
                 follow = share * stirred if stirred > others else np.inf
                 self._move_others(x, min(MARGIN * most, follow))
-            self.solves += 1
             lefts.append(self._left.norm())
             if len(lefts) <= LEAST:
                 continue

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -74,6 +74,23 @@ class LinearWay(Protocol):
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen; the matrix is set up after this."""
         ...
+
+
+class Effort(NamedTuple):
+    """What solves by iterations took that was more than it should have been.
+
+    Attributes:
+        most: iterations of the longest solve; 0: none took longer than factorisations would.
+        turned: whether systems are factorised for it.
+        stiff: unknowns of stiff bodies that are factorised as their multigrid did not converge.
+    """
+
+    most: int = 0
+    turned: bool = False
+    stiff: int = 0
+
+
+NO_EFFORT = Effort()
 
 
 def petsc_kinds(ksp: str, pc: str) -> str:

@@ -31,7 +31,7 @@ from tribox.app.equilibrium.snapshot import (
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
-from tribox.app.implicit.factor import DIRECT, LEFT, CoupledFactor, LinearWay
+from tribox.app.implicit.factor import DIRECT, LEFT, NO_EFFORT, CoupledFactor, Effort, LinearWay
 from tribox.app.implicit.kept_bodies import stiff_solids
 from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, damped, rigid_motions_of
 from tribox.forms.bodies.point_state import Origin
@@ -138,14 +138,9 @@ class LinearSolver:
         return self.way.direct
 
     @property
-    def dear(self) -> tuple[int, bool]:
-        """Iterations of the longest solve, and whether systems are factorised for it.
-
-        0 iterations where solves take no longer than factorisations.
-        """
-        if isinstance(self._way, BodyBlocks):
-            return self._way.budget.most, self._way.turned
-        return 0, False
+    def effort(self) -> Effort:
+        """What solves by iterations took that was too much."""
+        return self._way.effort if isinstance(self._way, BodyBlocks) else NO_EFFORT
 
     @property
     def way(self) -> LinearWay:

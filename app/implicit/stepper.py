@@ -25,6 +25,7 @@ from tribox.app.equilibrium.snapshot import (
 )
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import supports_at_hand
+from tribox.app.implicit.factor import NO_EFFORT, Effort
 from tribox.app.implicit.globalisation import solve
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
@@ -58,7 +59,7 @@ class StepResult:
         too_long: whether a friction law has left out traction
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
         unbalanced: contacts whose film had no solution at the state evaluated last.
-        dear: of linear solves by iterations so far, see :attr:`LinearSolver.dear`.
+        effort: of linear solves by iterations so far.
     """
 
     converged: bool
@@ -71,7 +72,7 @@ class StepResult:
     strayed: bool = False
     too_long: bool = False
     unbalanced: tuple[int, ...] = ()
-    dear: tuple[int, bool] = (0, False)
+    effort: Effort = NO_EFFORT
 
 
 class ImplicitStepper:
@@ -138,7 +139,7 @@ class ImplicitStepper:
             strayed=newton.strayed,
             too_long=self._is_too_long(),
             unbalanced=self._unbalanced_films(),
-            dear=self.solver.dear,
+            effort=self.solver.effort,
         )
 
     def _unbalanced_films(self) -> tuple[int, ...]:

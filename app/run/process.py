@@ -27,6 +27,8 @@ _PETSC = "PETSC_OPTIONS"
 _NO_HANDLER = "-no_signal_handler"
 _PR_SET_PDEATHSIG = 1
 _GONE = (errno.EPIPE, errno.EIO)
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _MMAP_MAX = -1, -3, -4  # as malloc.h counts them
+_LARGE, _USUAL = 4 << 20, 65536  # bytes; number of arrays that glibc maps at most
 
 
 def begin_process() -> None:
@@ -152,6 +154,21 @@ def end_with_parent(number: signal.Signals) -> None:
     import ctypes
 
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
+
+
+def give_memory_back() -> None:
+    """Have what is freed go back to the system, after PETSc has been loaded.
+
+    SuperLU_DIST, which PETSc is linked to, forbids glibc to map large arrays by themselves and to
+    trim its heap. Then what the first matrices leave lies between later ones, for good.
+    """
+    import ctypes
+
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # missing in other C libraries
+    if mallopt is not None:
+        mallopt(_MMAP_MAX, _USUAL)
+        mallopt(_MMAP_THRESHOLD, _LARGE)
+        mallopt(_TRIM_THRESHOLD, _LARGE)
 
 
 class _Outliving(io.FileIO):

@@ -32,6 +32,7 @@ from tribox.app.results.inputs import INPUTS, NOTHING, keep_inputs, kept_inputs,
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving, on_first
+from tribox.app.run.process import give_memory_back
 from tribox.app.run.progress import Reporter, Together
 from tribox.app.run.ranks import (
     EXIT_CODE,
@@ -153,6 +154,7 @@ def run_case(
         OutputError: results cannot be written; what has been written is valid.
         Interrupted: a signal has stopped the run; its state has been saved.
     """
+    give_memory_back()
     directory = Path(directory)
     claim = Claim(directory, force or resume or extend)
     on_first(comm, lambda: claim.take(resume or extend))

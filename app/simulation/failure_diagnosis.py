@@ -258,8 +258,8 @@ def explain(
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
-    most, factorised = result.dear
-    if most and not factorised:
+    most = result.effort.most
+    if most and not result.effort.turned:
         direct = 'solver.linear = "direct", if memory allows'
         findings = [(f"linear solves took up to {most} iterations", direct), *findings]
     trials = [what for _, what in findings]

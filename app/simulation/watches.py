@@ -17,6 +17,7 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.implicit.factor import Effort
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
@@ -197,30 +198,39 @@ class LinearWatch:
     """Notes how many iterations solves took at most, and since when they are too many."""
 
     def __init__(self) -> None:
-        self._most, self._turned, self._when = 0, False, ""
+        self._effort, self._when = Effort(), {"most": "", "stiff": ""}
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step."""
-        if isinstance(result, Interval) or not result.dear[0]:
+        if isinstance(result, Interval):
             return
-        self._most, self._turned = result.dear
-        self._when = self._when or f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+        self._effort = result.effort
+        for name, when in self._when.items():
+            if getattr(self._effort, name) and not when:
+                self._when[name] = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
-        return {"most": self._most, "turned": self._turned, "when": self._when}
+        return {"effort": list(self._effort), "when": dict(self._when)}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        self._most, self._turned, self._when = kept["most"], kept["turned"], kept["when"]
+        if "effort" in kept:  # not of checkpoints that know less
+            self._effort, self._when = Effort(*kept["effort"]), dict(kept["when"])
 
     def warnings(self) -> Iterator[str]:
-        """One line if solves took too long."""
-        took = f"linear solves took up to {self._most} iterations ({self._when})"
-        if self._turned:
+        """A line for each kind of solve that took too long."""
+        most, turned, stiff = self._effort
+        took = f"linear solves took up to {most} iterations ({self._when['most']})"
+        if turned:
             yield f"{took}: systems were factorised from there on, as {DIRECT} does from the start"
-        elif self._most:
+        elif most:
             yield f"{took}: {DIRECT} is faster, and surer, if memory allows"
+        if stiff:
+            yield (
+                f"the multigrid of the stiff bodies did not converge ({self._when['stiff']}): "
+                f"their {stiff} unknowns were factorised from there on, which takes more memory"
+            )
 
 
 # -- How far bodies flow, past the data of their hardening and in one step, and creep -------------

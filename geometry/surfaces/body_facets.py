@@ -65,16 +65,6 @@ def outward_facets(
     return local, position
 
 
-def facet_length(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> float:
-    """Mean length of facets, m; in space the side of a square or of half a square; collective."""
-    dim = mesh.topology.dim
-    mesh.topology.create_connectivity(dim - 1, 0)
-    longest = mesh.h(dim - 1, owned_facets(mesh, facets))
-    total, count = mesh.comm.allreduce(np.array([longest.sum(), float(len(longest))]))
-    # h of a facet is its longest distance of corners: over √2 the side of a square.
-    return float(total / count / np.sqrt(dim - 1))
-
-
 def owned_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """The facets that this rank owns."""
     size = mesh.topology.index_map(mesh.topology.dim - 1).size_local

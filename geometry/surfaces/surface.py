@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.geometry.surfaces.body_facets import (
     displacement_facet,
-    facet_length,
     outward_facets,
 )
 from tribox.geometry.surfaces.facets import (
@@ -84,7 +84,7 @@ class ContactSurface:
             the facets of its cells, of a rigid surface those that move it.
         target: search for the closest point on the master; parts: how often it has become larger.
         follows: whether more of the master is fetched when it comes within reach.
-        facet_length: m, mean length of the slave facets.
+        facet_length: m, mean length of the slave facets, in space by their areas as at a point.
         nodes: (m,) global nodes of the pair: those of this rank's slave facets, then the known ones
             of the master from row ``first_master`` on; slave_rows: (q, a) rows of points' nodes.
         normals: of the slave, for the kinks of a master in the plane; None without kinks.
@@ -129,7 +129,7 @@ class ContactSurface:
         self.axisymmetric = axisymmetric
         self.shape = displacement_facet(space)
         self.slave = slave_points(space, self.shape, slave_facets, quadrature_degree)
-        self.facet_length = facet_length(space.mesh, slave_facets)
+        self.facet_length = _mean(self.slave.facet_length, space.mesh.comm)
         if axisymmetric:
             # Whole rings: forces are totals and not per radian.
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
@@ -408,6 +408,12 @@ class ContactSurface:
             # The hoop stretch r/R.
             ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
         return ratio
+
+
+def _mean(values: Floats, comm: MPI.Comm) -> float:
+    """Mean of values of points (q,) of all ranks; collective."""
+    total, count = comm.allreduce(np.array([values.sum(), float(len(values))]))
+    return float(total / count)
 
 
 def _unless_kinked(smooth: Floats, own: Floats) -> Floats:

@@ -435,6 +435,11 @@ def test_iterations_go_on_where_they_are_asked_for_or_memory_is_short(
     assert not sim.stepper.solver.direct and sim.rows[-1].linear_iterations > 0
     same_forces(sim.rows, factorised)
     assert log.count('solver.linear = "direct" is faster, and surer, if memory allows') == 1
+    if linear == "auto":  # and so they do in a run that goes on, whatever memory there is by then
+        monkeypatch.setattr(factor, "free_memory", lambda: math.inf)
+        other = Simulation(sim.model).stepper.solver.way
+        other.restore(sim.stepper.solver.way.snapshot())
+        assert other._may_turn and other.budget.refused and not other.direct
 
 
 def test_few_iterations_are_not_told(factorised, tmp_path):
@@ -449,13 +454,23 @@ def test_failure_with_many_iterations_suggests_to_factorise(dear_from_the_start,
         boxes_run("krylov", min_step_fraction=0.5)
 
 
-def test_a_stiff_body_whose_multigrid_does_not_get_there_is_factorised(factorised, monkeypatch):
+def test_a_stiff_body_whose_multigrid_does_not_get_there_is_factorised(
+    factorised, monkeypatch, tmp_path
+):
+    """It is told, and a run that goes on does not try again."""
     monkeypatch.setattr(body_blocks, "KEPT_LIMIT", 0)
     monkeypatch.setitem(SYMMETRIC, "ksp_max_it", 1)
-    sim = boxes_run("krylov")
-    bodies = sim.stepper.solver.way._bodies
+    sim, log = boxes_run("krylov", tmp_path / "out")
+    way = sim.stepper.solver.way
+    bodies = way._bodies
     assert isinstance(bodies._stiff, Factor) and isinstance(bodies.own, MultigridSolver)
     same_forces(sim.rows, factorised)
+    unknowns = bodies._stiff.matrix.size[0]
+    assert log.count(f"their {unknowns} unknowns were factorised from there on") == 1
+    other = Simulation(sim.model).stepper.solver
+    other.way.restore(way.snapshot())
+    other.assemble(sim.stepper.newton.trial)
+    assert isinstance(other.way._bodies._stiff, Factor)
 
 
 def spend(budget, solves):

@@ -6,6 +6,8 @@ from functools import lru_cache
 import dolfinx
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mpi4py import MPI
 
 from tests.contact_boxes import SHAPES
@@ -92,6 +94,21 @@ def test_length_is_that_of_the_facets_around(shape):
     np.testing.assert_allclose(surface.vertices.length, expected, rtol=1e-12)
     assert surface.vertices.length.max() > 1.5 * surface.vertices.length.min()
     np.testing.assert_allclose(surface.slave.facet_length, length[surface.slave.facet], rtol=1e-12)
+
+
+@given(st.floats(0.02, 50.0), st.sampled_from(["tetrahedron", "hexahedron"]))
+@settings(max_examples=20, deadline=None)
+def test_length_of_long_facets_is_that_of_their_areas(ratio, cell):
+    """A penalty over it goes with the force per area: not with the longer side, however long."""
+    mesh = grid(cell, [3, 2, 1])
+    mesh.geometry.x[:, 0] *= ratio
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    sides = [
+        dolfinx.mesh.locate_entities_boundary(mesh, 2, lambda X, h=h: np.isclose(X[2], h))
+        for h in (0.0, 1.0)
+    ]
+    expected = np.sqrt(ratio / 3.0 / 2.0)  # of 3 by 2 rectangles, or twice as many triangles
+    assert ContactSurface(space, *sides, 2).facet_length == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("shape", ["T3", "Q9"])
