@@ -165,6 +165,9 @@ def note_on_fit(
 ) -> Iterator[str]:
     """A line on a fit whose surfaces, as they are meshed, do not lie on each other; collective.
 
+    A cord that touches its plate along a line is drawn beside it: where one facet is nearer, in its
+    own mean, than all are in theirs, its distance counts.
+
     Args:
         at: the slave's points on the master, undeformed.
     """
@@ -172,10 +175,14 @@ def note_on_fit(
     if size == 0.0:
         return
     near = at.on_surface & (np.abs(at.distance) < max(size, surface.facet_length))
-    weight = surface.slave.weight * near
-    local = np.array([weight @ np.where(near, at.distance, 0.0), weight.sum()])
-    total = surface.space.mesh.comm.allreduce(local)
-    mean = total[0] / total[1] if total[1] > 0.0 else 0.0
+    comm, facet, weight = surface.space.mesh.comm, surface.slave.facet, surface.slave.weight * near
+    areas = np.bincount(facet, weight)
+    moments = np.bincount(facet, weight * np.where(near, at.distance, 0.0))
+    moment, area = comm.allreduce(np.array([moments.sum(), areas.sum()]))
+    mean = moment / area if area > 0.0 else 0.0
+    own = np.sign(mean) * moments[areas > 0.0] / areas[areas > 0.0]
+    nearest = comm.allreduce(float(np.min(own, initial=np.inf)), op=MPI.MIN)
+    mean = np.sign(mean) * max(min(abs(mean), nearest), 0.0)
     if abs(mean) > OFF_FIT * size:
         where = "apart" if mean > 0.0 else "inside each other"
         yield (

@@ -369,9 +369,7 @@ class ContactWarnings:
             probe = self._sunk_in[index]
             if probe is None or not term.active or state.force <= 0.0:
                 continue
-            larger = 0.0 if term.offset is None else float(np.max(-term.offset, initial=0.0))
-            larger = self._problem.comm.allreduce(abs(larger), op=MPI.MAX)
-            sunk = probe.deepest(term.surface.gather(x), state.deepest + larger)
+            sunk = probe.deepest(term.surface.gather(x), state.deepest, term.offset)
             if sunk.share > self._sunk[index][0].share:
                 self._sunk[index] = (sunk, row.time, row.stage, row.dt)
 

@@ -168,15 +168,20 @@ class SunkVertices:
         meshed = isinstance(surface.master, MasterFacets)
         return cls(surface) if meshed and not curved and not term.tied else None
 
-    def deepest(self, values: Floats, penetration: float) -> Sunk:
+    def deepest(self, values: Floats, penetration: float, offset: Floats | None = None) -> Sunk:
         """The vertex that is deepest over the length of the facet; collective.
 
         Args:
             values: (m, i), m, displacements of the pair's nodes.
             penetration: m, that there is anyway, the largest of the mean gaps.
+            offset: (q,), m, of the gaps of a fit: the master is felt that much further back.
         """
         surface, master = self._surface, self._surface.master
         assert isinstance(master, MasterFacets)
+        back = 0.0
+        if offset is not None:
+            mine = float(np.max(offset, initial=-math.inf))
+            back = surface.space.mesh.comm.allreduce(mine, op=MPI.MAX)
         place = surface.master_positions(values)
         corners = master.facets[:, : master.shape.corners]
         outward = _vertex_normals(master, place)
@@ -192,23 +197,28 @@ class SunkVertices:
             piece = np.repeat(np.arange(len(slave)), counts)
             vertex = vertices[np.fromiter(chain.from_iterable(near), np.int64, counts.sum())]
             places = place[vertex], outward[vertex], master.position[vertex]
-            found = _deepest(slave[piece], *places, penetration)
+            found = _deepest(slave[piece], *places, back, penetration)
         comm = surface.vertices.comm
         return max(comm.allgather(found), key=lambda one: (one.share, one.place))
 
 
 def _deepest(
-    pieces: Floats, places: Floats, outward: Floats, undeformed: Floats, penetration: float
+    pieces: Floats,
+    places: Floats,
+    outward: Floats,
+    undeformed: Floats,
+    back: float,
+    penetration: float,
 ) -> Sunk:
     """The deepest of places (n, i), m, each beside a piece (n, i, i) of the slave.
 
     Those count whose normal ``outward`` (n, i) faces the piece, and which are behind it and not
-    beside it.
+    beside it, set ``back``, m, from it.
     """
     along = pieces[:, 1:] - pieces[:, :1]
     normal = unit_normals(along)
     apart = places - pieces[:, 0]
-    depth = -np.einsum("ni,ni->n", normal, apart)
+    depth = -np.einsum("ni,ni->n", normal, apart) - back
     metric = np.einsum("nai,nbi->nab", along, along)
     # The shortest side: an edge along facets much longer than wide sinks by their width.
     sides = pieces - np.roll(pieces, 1, axis=1)

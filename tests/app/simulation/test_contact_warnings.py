@@ -170,6 +170,38 @@ output = { fields_every = 0, figures = false }
 """
 
 
+# Rubber blocks that are drawn .08 mm inside each other, .4 of a facet of the slave.
+DRAWN_INSIDE = """
+geometry.kind = "blocks"
+geometry.blocks.low = { x = ["0 mm", "2 mm"], y = ["0 mm", "2 mm"], elements = [17, 3] }
+geometry.blocks.high = { x = ["0 mm", "2 mm"], y = ["1.92 mm", "3.92 mm"], elements = [10, 3] }
+bodies.low = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+bodies.high = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+boundary = [
+    { surface = "low_bottom", displacement = { x = 0, y = 0 } },
+    { surface = "high_top", displacement = { x = 0, y = 0 } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 3 }]
+[[contact]]
+slave = "high_bottom"
+master = "low_top"
+interference = "drawn"
+friction = { law = "frictionless" }
+[output]
+fields_every = 0
+figures = false
+"""
+
+
+def test_an_overlap_that_is_still_drawn_is_no_sunk_edge(tmp_path):
+    """Two thirds of it are left after the first step, and felt as none."""
+    case = Case.model_validate(tomllib.loads(DRAWN_INSIDE))
+    row = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF).rows[-1]
+    assert row.normal_force > 0.0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert [line for line in summary["warnings"] if "sinks" in line] == []
+
+
 @pytest.fixture(scope="module")
 def over_an_edge(tmp_path_factory):
     """Runs the pad, and keeps what it is asked for again; yields its rows and warnings."""

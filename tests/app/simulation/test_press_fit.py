@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, unlike
 from tests.app.checkpoint.going_on import run as run_into
+from tests.solved import built
 from tests.solved import solved as run_in_memory
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
@@ -188,6 +189,31 @@ def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):
     pressure = share * (2 * (lam + shear) / OUTER**2 + 2 * shear / BORE**2)
     # The chords of the bore reach into the shaft by 2/3 of their sagitta, 1.6 um, in the mean.
     assert row.normal_force == pytest.approx(pressure * AREA * (1.0 + 1.6 / 50.0), rel=0.015)
+
+
+def test_a_cord_that_touches_along_a_line_is_drawn_beside_its_plate():
+    """As an O-ring in its groove; one that is drawn away from it is not."""
+
+    def said(plate):
+        data = {
+            "geometry": {"kind": "cylinder-on-block", "contact_width": 2e-3, "contact_size": 1e-4,
+             "cylinder": {"radius": 3e-3}, "block": {"width": 5e-3, "height": 1e-3}},
+            "bodies": {name: {"material": "neo-hookean", "E": 5e6, "nu": 0.45}
+             for name in ("elastomer", "aluminium")},
+            "tools": {"plate": {"shape": "plane", "point": [0, plate], "normal": [0, 1]}},
+            "contact": [{"slave": "elastomer_contact", "master": "plate", "interference": 1e-4,
+             "friction": {"law": "frictionless"}}],
+            "boundary": [{"surface": name, "displacement": {"x": 0, "y": 0}}
+             for name in ("top", "bottom")],
+            "stage": [{"name": "fit", "duration": 1.0, "steps": 2}],
+        }  # fmt: skip
+        notes = built(data).model.notes
+        return [line for line in notes if "drawn beside each other" in line]
+
+    assert said(0.0) == []
+    [note] = said(-1e-5)
+    # By hand: the first facet rises by h²/2R, in its mean by h²/4R = 0.8 um.
+    assert "in the mean 1.1e-05 m apart, 11 % of the interference" in note
 
 
 @pytest.mark.parametrize(
