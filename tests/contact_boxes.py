@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from tests.grid import coordinate_element, grid
 from tribox.forms.contact.penalty import AS_IS, ContactTerm
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.compat import cell_nodes
 from tribox.geometry.surfaces.facet_search import RaySearch
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -110,6 +111,14 @@ def two_boxes(cell, fine, master=None, parallel=False):
         for h in (GAP, 0.0)
     )
     return mesh, slave, master
+
+
+def held_ends(shape, master):
+    """By axis, nodes of the lower box that stay in the planes of its vertical sides."""
+    where = Scene(shape, FrictionlessLaw(), master=master).where
+    lower, last = where[:, -1] < 0.5 * GAP, where.shape[1] - 1
+    ends = [np.isclose(where[:, i, None], [0.0, 1.0 + 0.1 * i]).any(axis=1) for i in range(last)]
+    return [*(np.nonzero(end & lower)[0] for end in ends), np.empty(0, dtype=np.int64)]
 
 
 class Scene:

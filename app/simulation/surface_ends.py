@@ -309,8 +309,7 @@ class OneSidedEnds:
                 f"contact.{index}: {slave} presses on an end of {master} ({when}), where "
                 "smoothing hands on too little of the load: on any mesh the last vertex has 10 to "
                 "25 % too much pressure, the next is off by up to 10 %; forces are right. A mesh "
-                "of second order has no such end; neither has one in the plane that symmetry = "
-                "true holds"
+                "of second order has no such end; neither has one that symmetry = true holds"
             )
 
 

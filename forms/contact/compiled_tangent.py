@@ -34,7 +34,7 @@ SOURCE = "contact_tangent.c"
 _SHAPES, _MOVERS, _CORNERS = 16, 64, 9  # most that the loops have room for
 _LONGS = ("shapes", "movers", "corners", "first_master", "vertices")
 _MASTER = ("powers", "coefficients", "extraction", "stencil")
-_SLAVE = ("weight", "shape", "slave_rows")
+_SLAVE = ("signs", "weight", "shape", "slave_rows")
 _TRIAL = (
     *("facet", "xi", "normal", "tangents", "gap", "curvature", "clamped", "along"),
     *("position", "foot", "spring", "pressure_slope", "traction", "by_slip", "by_elastic"),
@@ -123,6 +123,7 @@ class CompiledTangent:
             "coefficients": _packed(coefficients),
             "extraction": _packed(target.extraction),
             "stencil": _packed(target.stencil, np.int32),
+            "signs": _packed(surface.signs),
             "weight": _packed(slave.weight),
             "shape": _packed(slave.shape),
             "slave_rows": _packed(surface.slave_rows, np.int64),
@@ -147,6 +148,8 @@ class CompiledTangent:
         out = np.zeros((len(self.surface.nodes), 3))
         count = ctypes.c_int64(len(at.facet))
         squared = self._code.tribox_nodal_forces(ctypes.byref(pair), count, _at(out))
+        if (images := self.surface.images) is not None:
+            images.give_back(out, self.surface.first_master)
         return out, float(squared)
 
     # -- tangent ------------------------------------------------------------------------------
@@ -268,6 +271,9 @@ class CompiledTangent:
             *(ctypes.byref(pair), ctypes.c_int64(len(blocks)), _at(ends), _at(points)),
             *(ctypes.c_int64(width), _at(blocks)),
         )
+        if (signs := self._fixed["signs"]) is not None:
+            by_node = signs[nodes[which]]
+            blocks = by_node[:, :, :, None, None] * blocks * by_node[:, None, None]
         return self.surface.nodes[nodes[which]], blocks
 
     def _vertex_places(self, pair: _Pair, groups: PointGroups, needs: Bools) -> tuple[Any, ...]:
@@ -295,7 +301,8 @@ class CompiledTangent:
         arrays = take, groups.group, place, along, data
         count = ctypes.c_int64(len(take))
         self._code.tribox_vertex_rows(ctypes.byref(pair), count, *map(_at, arrays))
-        return NodeRows(indptr, node, data)
+        signs = self._fixed["signs"]
+        return NodeRows(indptr, node, data if signs is None else signs[node] * data)
 
     def _add_product(
         self, left: NodeRows, right: NodeRows, area: Floats, entries: Entries, first: Ints

@@ -448,15 +448,24 @@ class ContactTerm:
         shape = np.concatenate([slave.shape, -master], axis=1)
         nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
         values: Floats = shape[:, :, None] * force[:, None, :]
-        if (every := self.surface.signs) is None:
+        if (images := self.surface.images) is None:
             return nodes, values
-        # Forces on images are their nodes'; what that turns round comes from the plane.
-        rows = self.surface.first_master + self.surface.target.stencil[at.facet].astype(np.int64)
-        plane, signs = self.surface.nodes[self.surface.mirrored(rows)], every[rows]
+        # Forces on images are their nodes'; what that turns round comes from the planes.
+        rows = self.surface.target.stencil[at.facet]
+        own = len(self.surface.master.nodes) - len(images.of)
+        image, is_image = np.maximum(rows - own, 0), rows >= own
+        signs = np.where(is_image[:, :, None], images.signs[image], 1.0)
         beyond = values[:, slave.shape.shape[1] :]
         turned = (1.0 - signs) * beyond
         beyond *= signs
-        return np.concatenate([nodes, plane], axis=1), np.concatenate([values, turned], axis=1)
+        every = [values]
+        for axis in range(self.surface.dim):
+            only = np.zeros_like(turned)
+            only[:, :, axis] = turned[:, :, axis]
+            plane = np.where(is_image, images.across[image, axis], rows)
+            nodes = np.concatenate([nodes, self.surface.master.nodes[plane]], axis=1)
+            every.append(only)
+        return nodes, np.concatenate(every, axis=1)
 
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.

@@ -31,6 +31,8 @@ typedef struct {
     const int32_t *powers;
     const double *coefficients, *extraction;
     const int32_t *stencil;
+    /* Signs (n, i) of displacements and forces of the pair's nodes, or none. */
+    const double *signs;
     /* Slave points: (q), (q, a), rows (q, a) of the pair's nodes. */
     const double *weight, *shape;
     const int64_t *slave_rows;
@@ -427,9 +429,10 @@ INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_
     return first >= 0 && add_at(e, row, column, first, x, step) ? first : -1;
 }
 
-/* Add rows [low, high) of a block, columns of the nodes in `sorted` (count). */
-INLINE int add_rows(const Entries *e, const int64_t *nodes, int64_t low, int64_t high,
-                    const int64_t *sorted, int64_t count, const double *block, int64_t width)
+/* Add rows [low, high) of a block, columns of the nodes in `sorted` (count), with their signs. */
+INLINE int add_rows(const Entries *e, const double *signs, const int64_t *nodes, int64_t low,
+                    int64_t high, const int64_t *sorted, int64_t count, const double *block,
+                    int64_t width)
 {
     for (int64_t k = low; k < high; ++k) {
         const int32_t row = e->row_first[nodes[k]];
@@ -437,7 +440,15 @@ INLINE int add_rows(const Entries *e, const int64_t *nodes, int64_t low, int64_t
         for (int64_t l = 0; l < count; ++l) {
             const int64_t n = sorted[l];
             const double *x = block + DIM * k * DIM * width + DIM * n;
-            from = add_numbers(e, row, e->column_first[nodes[n]], from, x, DIM * width);
+            double turned[DIM * DIM];
+            int64_t step = DIM * width;
+            for (int i = 0; signs && i < DIM; ++i)
+                for (int j = 0; j < DIM; ++j)
+                    turned[DIM * i + j] = signs[DIM * nodes[k] + i] * x[i * step + j]
+                        * signs[DIM * nodes[n] + j];
+            if (signs)
+                x = turned, step = DIM;
+            from = add_numbers(e, row, e->column_first[nodes[n]], from, x, step);
             if (from < 0)
                 return 1;
         }
@@ -490,15 +501,15 @@ int tribox_add_point_blocks(const Pair *p, const Entries *e, int64_t groups,
         for (int64_t k = start[g]; k < start[g + 1]; ++k)
             add_point(p, order[k], width, block);
         sort_columns(e, nodes, 0, width, every);
-        if (add_rows(e, nodes, 0, a, every, width, block, width))
+        if (add_rows(e, p->signs, nodes, 0, a, every, width, block, width))
             return 1;
         sort_columns(e, nodes, 0, a, every);
-        if (add_rows(e, nodes, a, rows, every, a, block, width))
+        if (add_rows(e, p->signs, nodes, a, rows, every, a, block, width))
             return 1;
         const int64_t next = g + 1 < groups ? order[start[g + 1]] : -1;
         if (next >= 0 && p->facet[next] == now && p->facet_before[next] == last)
             continue;
-        if (add_rows(e, nodes, a, rows, sorted, width - a, block, width))
+        if (add_rows(e, p->signs, nodes, a, rows, sorted, width - a, block, width))
             return 1;
     }
     return 0;

@@ -81,6 +81,13 @@ class MasterFacets:
         shortest: Floats = np.where(apart > 0.0, apart, np.inf).min(axis=(1, 2))
         return shortest
 
+    def own(self) -> MasterFacets:
+        """The same without images."""
+        if self.images is None:
+            return self
+        own = len(self.nodes) - len(self.images.of)
+        return replace(self, nodes=self.nodes[:own], position=self.position[:own], images=None)
+
     def _corners_apart(self) -> Floats:
         """Distances (f, c, c), m, of the corners of each undeformed facet."""
         corners = self.position[self.facets[:, : self.shape.corners]]
@@ -123,19 +130,27 @@ def own_facets(
 
 
 def continued(
-    master: MasterFacets, held: Sequence[Longs], smoothing_angle: float, rings: bool
+    master: MasterFacets,
+    held: Sequence[Longs],
+    smoothing_angle: float | None,
+    rings: bool = False,
 ) -> MasterFacets:
-    """A line with its images beyond planes of symmetry.
+    """A surface with its images beyond planes of symmetry, if it is to be smooth.
 
     Args:
         held: by axis, global nodes (n,) of the mesh that stay where they are along it.
-        smoothing_angle: rad, from which on an angle is sharp.
+        smoothing_angle: rad, from which on an angle is sharp; None: the facets are as they are.
         rings: whether it is one of rings: their axis is no plane of symmetry.
     """
+    smooth = master.shape.degree == 1 and master.shape.cell != "triangle"
+    if smoothing_angle is None or not held or not smooth or not len(master.facets):
+        return master
     here = np.stack([np.isin(master.nodes, nodes) for nodes in held], axis=1)
     if rings:
         here[on_axis(master.position), 0] = False
-    images = images_beyond(master.facets, master.position, here, smoothing_angle)
+    is_open = None if master.part is None else master.part.is_open
+    known = master.shape, master.facets, master.position, here, smoothing_angle
+    images = images_beyond(*known, is_open)
     return replace(
         master,
         nodes=np.concatenate([master.nodes, master.nodes[images.of]]),
@@ -179,6 +194,7 @@ class MasterSource:
         own: tuple[Longs, Floats],
         ends: tuple[float | None, float | None],
         slave_length: float,
+        held: Sequence[Longs] = (),
     ) -> None:
         """Look at the surface as a whole, on the rank that has read the mesh; collective.
 
@@ -186,11 +202,13 @@ class MasterSource:
             own: what :func:`own_facets` gives.
             ends: smoothing angle and length over which points fade, see ``FacetSurface``.
             slave_length: m, mean length of the slave's facets.
+            held: by axis, global nodes of all ranks that stay where they are along it.
 
         Raises:
             ValueError: on every rank, what ``FacetSurface`` refuses.
         """
         self.comm, self._space, self._shape, self.ends = space.mesh.comm, space, shape, ends
+        self.held = held
         part, self.extent, self._anywhere = self._survey(own)
         self.own = FacetRows(*own, part)
         bulge = BULGE if ends[0] is not None else 1.0

@@ -111,10 +111,8 @@ class FacetSurface:
         self._patches: Patches | None = None
         self._last: tuple[Floats, Floats] | None = None  # nodes, and what they make
         if smoothing_angle is not None:
-            beyond = facets[:0] if images is None else images.facets
-            self._patches = smooth_patches(
-                shape, self.facets, nodes, smoothing_angle, rings, beyond
-            )
+            asked = smoothing_angle, rings, images
+            self._patches = smooth_patches(shape, self.facets, nodes, *asked)
             self.shape, self.stencil = self._patches.shape, self._patches.stencil
         self._code = CompiledFacets(self.shape, len(self.facets))
         self.fade_length, self._undeformed = fade_length, nodes
@@ -388,9 +386,12 @@ class FacetSurface:
         The same array as before while the nodes (n, i), m, are where they were.
         """
         if self._last is None or not np.array_equal(self._last[0], nodes):
+            images = None if self._patches is None else self._patches.images
+            own = len(self._undeformed) - (0 if images is None else len(images.of))
             # A part that has grown since they were found has more of them.
-            missing = self._undeformed[len(nodes) :]
-            every = np.concatenate([nodes, missing]) if len(missing) else nodes
+            missing = self._undeformed[len(nodes) : own]
+            every = np.concatenate([nodes[:own], missing]) if len(missing) else nodes[:own]
+            every = every if images is None else images.behind(every)
             moved: Floats = every[self.stencil]
             controls = moved if self._patches is None else self._patches.extraction @ moved
             controls.flags.writeable = False

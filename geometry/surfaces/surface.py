@@ -117,8 +117,8 @@ class ContactSurface:
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
             fade_length: m, way before an open end over which averaged pressure fades, if given.
-            held: in the plane, by axis, global nodes of all ranks that stay where they are along
-                it: a smooth master that ends at one goes on as its image.
+            held: by axis, global nodes of all ranks that stay where they are along it: a smooth
+                master that ends at some in a plane goes on as its image.
 
         Raises:
             ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
@@ -187,14 +187,13 @@ class ContactSurface:
         comm, own = self.space.mesh.comm, own_facets(self.space, self.shape, master)
         self.own_master = own[0]
         if self.dim == 2 or comm.size == 1:
-            self.master = whole_master(self.shape, comm.allgather(own))[0]
-            if self.dim == 2 and held and ends[0] is not None:
-                self.master = continued(self.master, held, ends[0], self.axisymmetric)
+            rings, whole = self.axisymmetric, whole_master(self.shape, comm.allgather(own))[0]
+            self.master = continued(whole, held, ends[0], rings)
             facets, images = (self.master.facets, self.master.position), self.master.images
-            rings = self.axisymmetric
             self.target = FacetSurface(self.shape, *facets, *ends, images=images, rings=rings)
             return
-        self._source = MasterSource(self.space, self.shape, own, ends, self.facet_length)
+        known = self.space, self.shape, own, ends, self.facet_length, held
+        self._source = MasterSource(*known)
         self.master = no_facets(self.shape, self._source.extent)
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
         rows = self._source.fetch(self.slave.position, still, self.master.number)
@@ -205,10 +204,11 @@ class ContactSurface:
         assert isinstance(self.master, MasterFacets) and self._source is not None
         if self.parts and not len(rows.nodes):
             return
-        self.master = master = grown(self.master, rows)
+        ends, more = self._source.ends, grown(self.master.own(), rows)
+        self.master = master = continued(more, self._source.held, ends[0])
         searches = self.target.search.searches if self.parts else 0
-        facets = master.facets, master.position
-        target = FacetSurface(self.shape, *facets, *self._source.ends, part=master.part)
+        facets, images = (master.facets, master.position), master.images
+        target = FacetSurface(self.shape, *facets, *ends, part=master.part, images=images)
         target.search.searches, self.target = searches, target
         self.nodes = np.concatenate([self.nodes[: self.first_master], master.nodes])
         self.parts += 1
@@ -285,14 +285,6 @@ class ContactSurface:
         out[-len(self.images.of) :] = self.images.signs
         return out
 
-    def mirrored(self, rows: Longs) -> Longs:
-        """Nodes of the pair: of images those in their planes, others as they are."""
-        if self.images is None:
-            return rows
-        own = len(self.nodes) - len(self.images.of)
-        planes: Longs = np.append(np.arange(own), self.first_master + self.images.across)
-        return planes[rows]
-
     def _find_normals(self) -> SlaveNormals:
         """Normals of a slave in the plane; collective."""
         local = outward_facets(self.space, self.shape, self.slave.mesh_facet)[0]
@@ -317,7 +309,7 @@ class ContactSurface:
         return values if signs is None else signs * values
 
     def master_positions(self, values: Floats) -> Floats:
-        """Current positions (n, i), m, of the points that move the master.
+        """Current positions (n, i), m, of the points that move the master, without images.
 
         Args:
             values: (m, i), m, displacements of the pair's ``nodes``.
@@ -325,7 +317,8 @@ class ContactSurface:
         master, moved = self.master, values[self.first_master :]
         if isinstance(master, RigidMaster) and master.motion is not None:
             return master.motion.control_points(*master.motion.read(moved))
-        out: Floats = master.position + moved
+        own = len(master.nodes) if self.images is None else -len(self.images.of)
+        out: Floats = (master.position + moved)[:own]
         return out
 
     def project(
@@ -473,11 +466,8 @@ class SurfaceExchange:
     def __init__(self, surface: ContactSurface) -> None:
         """Find the nodes of ``surface``."""
         self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
-        self.signs, self._own = surface.signs, len(surface.nodes)
-        if (images := surface.images) is not None:
-            self._own -= len(images.of)
-            self._image_of = surface.first_master + images.of
-            self._across = surface.first_master + images.across
+        self.signs, self._images = surface.signs, surface.images
+        self._own = len(surface.nodes) - (0 if self._images is None else len(self._images.of))
         self.first_master = surface.first_master
         self.dim = surface.dim
         self._alone = surface.space.mesh.comm.size == 1
@@ -500,20 +490,15 @@ class SurfaceExchange:
     def add(self, values: Floats, vector: NodalVector, sizes: bool = False) -> None:
         """Add ``values`` (m, i) at the nodes to ``vector``, those of all ranks; collective.
 
-        Those of images are taken to the nodes that they are of, in ``values`` too; what that turns
-        round comes from the plane, so that sums stay.
+        Those of images are taken to the nodes that they are of, in ``values`` too.
 
         Args:
             values: forces, or anything of their signs.
             vector: that they are added to.
             sizes: whether they have no signs: those of images are added as they are.
         """
-        if self.signs is not None:
-            beyond = values[self._own :]
-            signs = np.ones_like(beyond) if sizes else self.signs[self._own :]
-            np.add.at(values, self._image_of, signs * beyond)
-            np.add.at(values, self._across, (1.0 - signs) * beyond)
-            beyond[:] = 0.0
+        if self._images is not None:
+            self._images.give_back(values, self.first_master, sizes)
         if self._alone:
             vector.owned.reshape(-1, self.dim)[self.nodes[: self._own]] += values[: self._own]
             return

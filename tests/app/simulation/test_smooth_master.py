@@ -204,11 +204,64 @@ def test_half_a_model_is_half_of_the_whole(tmp_path, contact):
     assert whole[0][0] > 1e6 and "hands on too little" not in log
 
 
+def sunk_in_space(comm, directory, cut, contact):
+    """The same of boxes, without what lies beyond the planes across the axes ``cut``."""
+    data = tomllib.loads(HALVES)
+    data["contact"][0] |= contact
+    data["stage"][0]["steps"] = 2
+    data["geometry"]["blocks"] = {
+        name: {
+            **{axis: [0.0 if axis in cut else -wide, wide] for axis in "xz"},
+            "y": heights,
+            "elements": [n if "x" in cut else 2 * n, 2, n if "z" in cut else 2 * n],
+        }
+        for name, wide, heights, n in (
+            ("base", 6e-3, [0.0, 4e-3], 5),
+            ("pad", 3e-3, [4e-3, 7e-3], 3),
+        )
+    }
+    still = {"x": 0, "y": 0, "z": 0}
+    down = [["0 s", "0 mm"], ["1 s", "-1 mm"]]
+    data["boundary"] = [
+        {"surface": "base_bottom", "displacement": still},
+        {"surface": "pad_top", "displacement": still | {"y": down}},
+        *(
+            {"surface": f"{body}_{side}", "displacement": {axis: 0}}
+            for axis, side in (("x", "left"), ("z", "back"))
+            for body in ("base", "pad")
+            if axis in cut
+        ),
+    ]
+    run_case(Case.model_validate(data), directory / "out", quiet=True, force=True, comm=comm)
+    comm.barrier()  # the first rank writes
+    surface = read(directory / "out").contact()
+    quarter = np.nonzero((surface.points[:, [0, 2]] > -1e-9).all(axis=1))[0]
+    order = quarter[np.lexsort(np.round(surface.points[quarter], 9).T)]
+    values = [surface.point_data[name][order] for name in ("pressure", "slip_path", "gap")]
+    return np.array(values).tolist(), read_log(directory / "out").replace("\n", " ")
+
+
+@pytest.mark.parametrize("contact", [{"friction": {"law": "coulomb", "mu": 0.3}}, FILM])
+def test_parts_of_a_model_in_space_are_those_of_the_whole(tmp_path, contact):
+    whole, _ = sunk_in_space(MPI.COMM_SELF, tmp_path, "", contact)
+    for cut in ("z", "xz"):
+        part, log = sunk_in_space(MPI.COMM_SELF, tmp_path, cut, contact)
+        for mine, other in zip(part, whole, strict=True):
+            np.testing.assert_allclose(mine, other, rtol=0.0, atol=1e-9 * max(np.abs(other)))
+        assert whole[0][0] > 1e5 and "hands on too little" not in log
+
+
 def half_model(comm, directory):
     return pressed_in(comm, directory, True, {"friction": {"law": "coulomb", "mu": 0.3}})[0]
 
 
+def quarter_model(comm, directory):
+    return sunk_in_space(comm, directory, "xz", {"friction": {"law": "coulomb", "mu": 0.3}})[0]
+
+
 @pytest.mark.mpi(half_model, 2)
-def test_half_a_model_on_ranks(on_ranks):
-    for apart, alone in zip(on_ranks(half_model, 2), on_ranks(half_model, 1), strict=True):
+@pytest.mark.mpi(quarter_model, 3)
+@pytest.mark.parametrize(("model", "ranks"), [(half_model, 2), (quarter_model, 3)])
+def test_parts_of_a_model_on_ranks(on_ranks, model, ranks):
+    for apart, alone in zip(on_ranks(model, ranks), on_ranks(model, 1), strict=True):
         np.testing.assert_allclose(apart, alone, rtol=0.0, atol=1e-9 * max(np.abs(alone)))

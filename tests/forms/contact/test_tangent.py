@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tribox.forms.contact.tangent
-from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
+from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene, held_ends
 from tests.laws import coulomb, film_map
 from tribox.forms.contact.explicit_compiled import explicit_contact
 from tribox.forms.contact.tangent import PairTangent
@@ -69,27 +69,28 @@ def test_tangent_of_a_smooth_master(shape, state):
     assert scene.error(x) < 1e-9
 
 
-def mirrored(state, pressure):
-    """A smooth master in the plane that goes on as its image beyond both of its ends."""
-    where = Scene("Q4", state.law, master=2).where
-    ends = np.isclose(where[:, :1], [0.0, 1.0]).any(axis=1) & (where[:, 1] < 0.5 * GAP)
-    held = [np.nonzero(ends)[0], np.empty(0, dtype=np.int64)]
+def mirrored(shape, state, pressure):
+    """A smooth master that goes on as its image beyond all of its ends."""
+    held = held_ends(shape, 2)
     options = {"smoothing_angle": 0.5, "held": held, "pressure": pressure}
-    scene, x = prepared("Q4", state, bend=0.1, master=2, **options)
+    scene, x = prepared(shape, state, bend=0.1, master=2, **options)
     free = np.ones(scene.size)
-    free[2 * held[0]] = x.array[2 * held[0]] = 0.0
+    for axis, nodes in enumerate(held):
+        free[scene.dim * nodes + axis] = x.array[scene.dim * nodes + axis] = 0.0
     return scene, x, free
 
 
 @pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
 @pytest.mark.parametrize("state", STATES)
-def test_tangent_beside_planes_of_symmetry(state, pressure):
-    scene, x, free = mirrored(STATES[state], pressure)
-    assert len(scene.surface.master.images.of) == 2
+@pytest.mark.parametrize(("shape", "count"), [("Q4", 2), ("hex8", 16)])
+def test_tangent_beside_planes_of_symmetry(shape, count, state, pressure):
+    """Three nodes by three become five by five, in space, with images of images."""
+    scene, x, free = mirrored(shape, STATES[state], pressure)
+    assert len(scene.surface.master.images.of) == count
     force, trial = scene.residual(x)
     assert np.count_nonzero(trial.pressure) >= 2
     assert scene.error(x, free=free) < 1e-9
-    np.testing.assert_allclose(force.reshape(-1, 2).sum(axis=0), 0.0, atol=1e-13)
+    np.testing.assert_allclose(force.reshape(-1, scene.dim).sum(axis=0), 0.0, atol=1e-13)
     # Explicit steps have the same forces.
     explicit = explicit_contact(scene.term)
     u, out = NodalVector(scene.space), NodalVector(scene.space)

@@ -283,7 +283,7 @@ def test_half_a_line_with_its_image_is_half_of_the_whole(axis, flipped):
     facets, own = chain[:, turn], chain[:count, turn]
     held = np.zeros(half.shape, dtype=bool)
     held[0] = True
-    images = images_beyond(own, half, held, SMOOTHING_ANGLE)
+    images = images_beyond(facet_shape("interval", 1), own, half, held, SMOOTHING_ANGLE)
     every = np.concatenate([half, images.position])
     np.testing.assert_allclose(images.position, whole[[5]], atol=1e-15)
     shape = facet_shape("interval", 1)
@@ -291,7 +291,7 @@ def test_half_a_line_with_its_image_is_half_of_the_whole(axis, flipped):
     for moved in (1.0, 1.3):
         now = every * [1.0, moved] if axis == 0 else every * [moved, 1.0]
         full = whole * [1.0, moved] if axis == 0 else whole * [moved, 1.0]
-        mine = smooth_patches(shape, own, every, SMOOTHING_ANGLE, beyond=images.facets)
+        mine = smooth_patches(shape, own, every, SMOOTHING_ANGLE, images=images)
         other = smooth_patches(shape, facets, whole, SMOOTHING_ANGLE)
         np.testing.assert_allclose(places(mine, now, xi), places(other, full, xi)[6:], atol=1e-14)
 
@@ -302,7 +302,10 @@ def test_no_image_where_line_and_image_meet_sharply(slope, count):
     nodes = np.array([[0.0, 0.0], [1.0, slope], [2.0, 2.0 * slope]])
     held = np.array([[True, False], [False, False], [False, False]])
     chain = np.array([[0, 1], [1, 2]], dtype=np.int32)
-    assert len(images_beyond(chain, nodes, held, SMOOTHING_ANGLE).of) == count
+    assert (
+        len(images_beyond(facet_shape("interval", 1), chain, nodes, held, SMOOTHING_ANGLE).of)
+        == count
+    )
 
 
 # -- Rings ----------------------------------------------------------------------------------------
