@@ -97,7 +97,7 @@ def _compile(group: _Group) -> Iterator[str]:
         reference_area,
     )
     from tribox.forms.bodies.memory_solid import make_solid
-    from tribox.forms.bodies.weights import body_form, mass_form, surface_form
+    from tribox.forms.bodies.weights import body_weights, mass_form, surface_weights
     from tribox.geometry.meshes.mesh import generate
 
     # Groups share a form or two: one process waits for the other's compiler, s.
@@ -112,14 +112,14 @@ def _compile(group: _Group) -> Iterator[str]:
         for formulation in group.formulations:
             solid = make_solid("sample", u, cells, material, formulation, section=group.section)
             mass_form(space, solid)
-            body_form(space, cells, group.section)
+            body_weights(space, cells, group.section)
             yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
     mesh.topology.create_connectivity(dim - 1, dim)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
     pattern_form(space)
     FollowerPressure(u, facets, group.section)
     reference_area(mesh, facets, group.section)
-    surface_form(space, facets, group.section)
+    surface_weights(space, facets, group.section)
     mean_normal(mesh, facets)
     DeadTraction(u, facets, group.section)
     BodyForce(u, cells, 1.0, group.section)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import basix.ufl
 import dolfinx
 import dolfinx.fem.petsc
 import ffcx
@@ -67,42 +68,68 @@ def cell_partitioner(
     return partition
 
 
-def model_to_mesh(
-    model: Any,
+def mesh_of_cells(
     comm: MPI.Comm,
-    rank: int,
-    gdim: int,
+    cells: NDArray[np.int64],
+    position: Floats,
+    element: Any,
+    partitioner: CellPartitioner | None = None,
+) -> dolfinx.mesh.Mesh:
+    """A mesh from nodes (c, a) of cells and positions (n, i), m; collective."""
+    form, more = ufl.Mesh(element), {} if partitioner is None else {"partitioner": partitioner}
+    return dolfinx.mesh.create_mesh(comm, cells, x=position, e=form, **more)
+
+
+Tagged = tuple[NDArray[np.int64], Ints]  # nodes (e, a) of elements in gmsh's order, tags (e,)
+
+
+def distributed_mesh(
+    comm: MPI.Comm,
+    kind: tuple[str, int],
+    position: Floats,
+    cells: Tagged,
+    facets: Tagged | None,
     partitioner: CellPartitioner | None = None,
 ) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags, dolfinx.mesh.MeshTags]:
-    """Distribute the gmsh model of one process; collective.
+    """Distribute a mesh that one process has, others having none of its nodes; collective.
 
     Args:
-        model: ``gmsh.model`` on ``rank``; not used elsewhere.
-        rank: The process that holds the model.
-        gdim: Number of coordinates of a point.
+        comm: the processes.
+        kind: shape and degree of the cells.
+        position: (n, i), m.
+        cells: of the mesh; facets: those with tags, None without any.
         partitioner: Shares out the cells; None: by DOLFINx's own, which balances cells.
 
     Returns:
-        The mesh, and the physical tags of its cells and of its facets (possibly none).
+        The mesh, and the tags of its cells and of its facets.
     """
-    try:
-        from dolfinx.io import gmsh as reader
-    except ImportError:  # 0.9
-        from dolfinx.io import gmshio as reader
-    mesh, cell_tags, facet_tags = reader.model_to_mesh(
-        model, comm, rank, gdim=gdim, partitioner=partitioner
-    )[:3]
-    if facet_tags is None:
+    variant, dim = basix.LagrangeVariant.equispaced, position.shape[1]
+    element = basix.ufl.element("Lagrange", *kind, variant, shape=(dim,))
+    nodes = _reordered(kind[0], cells[0])
+    mesh = mesh_of_cells(comm, nodes, position, element, partitioner)
+    tdim = mesh.topology.dim
+    cell_tags = _tags_of(mesh, tdim, nodes, cells[1])
+    if facets is None:
         none = np.empty(0, dtype=np.int32)
-        facet_tags = dolfinx.mesh.meshtags(mesh, mesh.topology.dim - 1, none, none)
-    return mesh, cell_tags, facet_tags
+        return mesh, cell_tags, dolfinx.mesh.meshtags(mesh, tdim - 1, none, none)
+    on_facets = _reordered(facet_kind(mesh), facets[0])
+    return mesh, cell_tags, _tags_of(mesh, tdim - 1, on_facets, facets[1])
 
 
-def mesh_of_cells(
-    comm: MPI.Comm, cells: NDArray[np.int64], position: NDArray[np.float64], element: Any
-) -> dolfinx.mesh.Mesh:
-    """A mesh from nodes (c, a) of cells and positions (n, i), m; collective."""
-    return dolfinx.mesh.create_mesh(comm, cells, x=position, e=ufl.Mesh(element))
+def _reordered(shape: str, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes (e, a) in DOLFINx's order from those in gmsh's."""
+    order = dolfinx.cpp.io.perm_gmsh(dolfinx.cpp.mesh.to_type(shape), nodes.shape[1])
+    return nodes[:, order].copy()
+
+
+def _tags_of(
+    mesh: dolfinx.mesh.Mesh, dim: int, nodes: NDArray[np.int64], tags: Ints
+) -> dolfinx.mesh.MeshTags:
+    """Tags of entities, wherever they are now, from their nodes as they were; collective."""
+    entities, values = dolfinx.io.distribute_entity_data(mesh, dim, nodes, tags)
+    mesh.topology.create_connectivity(dim, mesh.topology.dim if dim < mesh.topology.dim else 0)
+    found = dolfinx.graph.adjacencylist(entities)
+    return dolfinx.mesh.meshtags_from_entities(mesh, dim, found, values.astype(np.int32))
 
 
 def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:

@@ -32,31 +32,14 @@ def surface_weights(
     Returns:
         m² (m in plane strain, per unit thickness); 0 off the surface.
     """
-    form = surface_form(space, facets, section)
-    return owned_values(space, form)[:: space.dofmap.index_map_bs].copy()
+    return _integrals(space, surface_measure(space.mesh, facets, _degree(space)), section)
 
 
 def body_weights(
     space: dolfinx.fem.FunctionSpace, cells: Ints, section: Section | None = None
 ) -> Floats:
     """The same over a body's owned ``cells``: m³ (m² in plane strain); 0 off the body."""
-    return owned_values(space, body_form(space, cells, section))[
-        :: space.dofmap.index_map_bs
-    ].copy()
-
-
-def surface_form(
-    space: dolfinx.fem.FunctionSpace, facets: Ints, section: Section | None = None
-) -> dolfinx.fem.Form:
-    """The form of :func:`surface_weights`."""
-    return _form(space, surface_measure(space.mesh, facets, _degree(space)), section)
-
-
-def body_form(
-    space: dolfinx.fem.FunctionSpace, cells: Ints, section: Section | None = None
-) -> dolfinx.fem.Form:
-    """The form of :func:`body_weights`."""
-    return _form(space, body_measure(space.mesh, cells, _degree(space)), section)
+    return _integrals(space, body_measure(space.mesh, cells, _degree(space)), section)
 
 
 def _degree(space: dolfinx.fem.FunctionSpace) -> int:
@@ -64,15 +47,16 @@ def _degree(space: dolfinx.fem.FunctionSpace) -> int:
     return int(space.element.basix_element.degree) + 1
 
 
-def _form(
+def _integrals(
     space: dolfinx.fem.FunctionSpace, measure: ufl.Measure, section: Section | None
-) -> dolfinx.fem.Form:
+) -> Floats:
     mesh, dim = space.mesh, space.dofmap.index_map_bs
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
     around = circumference(mesh, section_of(mesh.geometry.dim, section))
     # Shape functions of a blocked space: one component of it gives their integrals once.
     first = ufl.as_vector([one] + [0.0] * (dim - 1))
-    return dolfinx.fem.form(around * ufl.inner(first, ufl.TestFunction(space)) * measure)
+    form = dolfinx.fem.form(around * ufl.inner(first, ufl.TestFunction(space)) * measure)
+    return owned_values(space, form)[::dim].copy()
 
 
 def lumped_mass(

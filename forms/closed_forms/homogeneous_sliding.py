@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tribox.forms.friction.film import at_rest
+from tribox.forms.friction.film import threshold_speed as switching_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 Floats = NDArray[np.float64]
@@ -25,14 +26,7 @@ def threshold_speed(film: ArrayLike, parameters: FrictionMapParameters) -> Float
     Args:
         film: m, film thickness D.
     """
-    D = np.asarray(film, dtype=np.float64)
-    wet = parameters.D_min < D
-    if parameters.gamma is not None:
-        square = parameters.gamma * parameters.D_max / parameters.eta_b
-    else:
-        assert parameters.V_star is not None and parameters.V_star_at is not None
-        square = parameters.V_star**2 * parameters.V_star_at
-    return np.where(wet, np.sqrt(square / np.where(wet, D, 1.0)), np.inf)
+    return switching_speed(parameters, np.asarray(film, dtype=np.float64))
 
 
 def film_fraction(speed: ArrayLike, film: ArrayLike, parameters: FrictionMapParameters) -> Floats:

@@ -340,12 +340,8 @@ class CompiledTangent:
     def _completed(self, right: NodeRows) -> tuple[NodeRows, Longs]:
         """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
         surface, vertices = self.surface, self.surface.vertices
-        here = np.zeros(vertices.count, dtype=bool)
-        here[vertices.of_point] = True
         matrix = right.matrix(len(surface.nodes))
-        whole, columns = completed(
-            matrix, vertices.shared, here, surface.nodes, surface.dim, vertices.comm
-        )
+        whole, columns = completed(matrix, vertices, vertices.of_point, surface.nodes, surface.dim)
         blocks = whole.tobsr(blocksize=(1, surface.dim))
         indptr, node = (_packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
         return NodeRows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns

@@ -429,27 +429,15 @@ class PairArrays:
         a = self.arrays
         fades = self.pair.averaged and a["position"].shape[1] == 2
         return Projection(
-            facet=a["facet"],
-            xi=a["xi"],
-            foot=a["foot"],
-            normal=a["normal"],
-            tangents=a["tangent"],
-            gap=a["gap"],
-            clamped=a["clamped"],
-            on_surface=a["on_surface"],
+            *(a["facet"], a["xi"], a["foot"], a["normal"], a["tangent"], a["gap"]),
+            *(a["clamped"], a["on_surface"]),
             share=a["share"] if fades else None,
         )
 
     def kinematics(self) -> ContactKinematics:
         """The arrays as kinematics without variations."""
-        a = self.arrays
-        return ContactKinematics(
-            normal=a["normal"],
-            gap=a["gap"],
-            closed=a["closed"],
-            slip=a["slip"],
-            elastic_slip=a["elastic"],
-        )
+        names = ("normal", "gap", "closed", "slip", "elastic")
+        return ContactKinematics(*(self.arrays[name] for name in names))
 
     def fading(self) -> Fading | None:
         """What fades in the step; None with the pressure point by point."""

@@ -29,7 +29,7 @@ from petsc4py import PETSc
 from tribox.forms.contact.asperities import AsperityPressure, FilmModel
 from tribox.forms.contact.kinematics import ContactKinematics
 from tribox.forms.contact.lubricated_tangent import LubricatedTangent, felt_speeds
-from tribox.forms.contact.penalty import ContactTerm
+from tribox.forms.contact.penalty import ContactTerm, without_stiffness
 from tribox.forms.contact.state import (
     ContactMode,
     ContactTrial,
@@ -430,13 +430,7 @@ class LubricatedTerm(ContactTerm):
             oil = self._oil(mode)
             film, response = self._sheared(film, response, kinematics, closed, dt, oil)
         if mode.friction_as_load:
-            none = np.zeros_like(response.d_traction_d_slip)
-            response = replace(
-                response,
-                d_traction_d_slip=none,
-                d_traction_d_elastic=none,
-                d_traction_d_pressure=np.zeros_like(response.d_traction_d_pressure),
-            )
+            response = without_stiffness(response)
             flat = np.zeros_like(film.by_film)
             film = replace(film, by_film=flat, by_filled=flat, by_pressure=flat)
         return film, response

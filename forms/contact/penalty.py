@@ -284,7 +284,7 @@ class ContactTerm:
             response = replace(
                 response, d_traction_d_pressure=response.d_traction_d_pressure + through_film
             )
-        return film, _without_stiffness(response) if mode.friction_as_load else response
+        return film, without_stiffness(response) if mode.friction_as_load else response
 
     def respond(
         self,
@@ -542,7 +542,7 @@ def _entered(
     )
 
 
-def _without_stiffness(response: FrictionResponse) -> FrictionResponse:
+def without_stiffness(response: FrictionResponse) -> FrictionResponse:
     """The same traction, as a load that does not change with motion and pressure."""
     none = np.zeros_like(response.d_traction_d_slip)
     return replace(

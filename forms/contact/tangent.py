@@ -235,11 +235,9 @@ class PairTangent:
             return None
         assert normal.active is not None
         left, right = self.vertex_sides(state, trial)
-        nodes = columns = self.surface.nodes
-        if rule.vertices.comm.size > 1:
-            right, columns = self._completed(right)
-        product = left.T.tocsr() @ right
-        return Coupling(nodes, columns, product)
+        vertices, nodes = rule.vertices, self.surface.nodes
+        right, columns = completed(right, vertices, vertices.of_point, nodes, self.surface.dim)
+        return Coupling(nodes, columns, left.T.tocsr() @ right)
 
     def vertex_sides(
         self, state: ContactState, trial: ContactTrial
@@ -352,13 +350,6 @@ class PairTangent:
             less = np.einsum("prm,pri->pmi", rows, of_share)
             values -= np.einsum("pk,pmi->pkmi", share * mean, less)
         return self._rows(take, at.facet[take], needs, at.rays is not None).matrix(values)
-
-    def _completed(self, right: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
-        """R with the other ranks' parts of shared vertices, and its columns' nodes; collective."""
-        vertices, nodes = self.surface.vertices, self.surface.nodes
-        here = np.zeros(vertices.count, dtype=bool)
-        here[vertices.of_point] = True
-        return completed(right, vertices.shared, here, nodes, self.surface.dim, vertices.comm)
 
 
 def _share_variation(trial: ContactTrial, take: Longs, v: Variations) -> Floats:

@@ -503,13 +503,8 @@ class TieTerm(ContactTerm):
 
     def _whole(self, rows: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """Rows of vertices with the other ranks' parts, and their columns' nodes; collective."""
-        vertices, dim = self.surface.vertices, self.surface.dim
-        if vertices.comm.size == 1:
-            return rows, self.surface.nodes
-        here = np.zeros(vertices.count, dtype=bool)
-        here[self._points.of_point] = True
-        masks = np.repeat(vertices.shared, dim), np.repeat(here, dim)
-        return completed(rows, *masks, self.surface.nodes, dim, vertices.comm)
+        surface = self.surface
+        return completed(rows, surface.vertices, self._points.of_point, surface.nodes, surface.dim)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Energy of the penalty, this rank's part, J per unit thickness."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-from mpi4py import MPI
 
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.slave_points import SlaveVertices
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,25 +72,27 @@ def adding_up(key: Longs) -> tuple[Longs, scipy.sparse.csr_matrix]:
 
 
 def completed(
-    rows: scipy.sparse.csr_matrix,
-    shared: Bools,
-    here: Bools,
-    nodes: Longs,
-    dim: int,
-    comm: MPI.Comm,
+    rows: scipy.sparse.csr_matrix, vertices: SlaveVertices, of_point: Longs, nodes: Longs, dim: int
 ) -> tuple[scipy.sparse.csr_matrix, Longs]:
-    """Rows with the other ranks' parts of those that several ranks have; collective.
+    """Rows of vertices with the other ranks' parts of those that several ranks have; collective.
 
     Args:
-        rows: (r, nodes · i), of this rank.
-        shared: (r,) rows that several ranks have.
-        here: (r,) rows that this rank asks for.
+        rows: (v, nodes · i) or, one for each component, (v · i, nodes · i), of this rank.
+        vertices: of the slave.
+        of_point: (q, k) those that this rank asks for.
         nodes: (n,) global nodes of the columns.
         dim: components i of a node.
 
     Returns:
-        The matrix (r, columns · i), and the global nodes of its columns.
+        The matrix (…, columns · i), and the global nodes of its columns.
     """
+    comm = vertices.comm
+    if comm.size == 1:
+        return rows, nodes
+    asked = np.zeros(vertices.count, dtype=bool)
+    asked[of_point] = True
+    each = rows.shape[0] // vertices.count
+    shared, here = np.repeat(vertices.shared, each), np.repeat(asked, each)
     part = rows[shared].tocoo()
     at = np.nonzero(shared)[0][part.row], nodes[part.col // dim]
     gathered = comm.allgather((*at, part.col % dim, part.data))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,8 +171,32 @@ class CoulombParameters(Declared):
     )
 
 
+class StickingLaw:
+    """What laws have in common that stick with a stiffness K_T, up to a threshold mu t_N."""
+
+    __slots__ = ()
+    parameters: Any
+
+    def initial_state(self, n: int, dim: int) -> FrictionState:
+        """State of n points that have never been in contact, in dim space dimensions."""
+        return FrictionState.zeros(n, dim)
+
+    def stored_energy(self, state: FrictionState) -> Floats:
+        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
+        g = state.elastic_slip.T
+        return np.asarray(0.5 * self.parameters.K_T * dot(g, g))
+
+    def coefficient(self, state: FrictionState) -> Floats:
+        """Coefficient of friction mu, (q,)."""
+        raise NotImplementedError
+
+    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
+        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
+        return np.asarray(self.coefficient(state) * pressure / self.parameters.K_T)
+
+
 @dataclass(frozen=True, slots=True)
-class CoulombLaw:
+class CoulombLaw(StickingLaw):
     r"""Coulomb friction (a ``FrictionLaw``): T = K_T g_e, |T| <= mu t_N.
 
     The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
@@ -183,23 +208,9 @@ class CoulombLaw:
 
     parameters: CoulombParameters
 
-    def initial_state(self, n: int, dim: int) -> FrictionState:
-        """State of n points that have never been in contact, in dim space dimensions."""
-        return FrictionState.zeros(n, dim)
-
-    def stored_energy(self, state: FrictionState) -> Floats:
-        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
-        g = state.elastic_slip.T
-        return 0.5 * self.parameters.K_T * dot(g, g)
-
     def coefficient(self, state: FrictionState) -> Floats:
         """The constant coefficient of friction, (q,)."""
         return np.full_like(state.slip_path, self.parameters.mu)
-
-    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
-        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
-        length = np.asarray(self.parameters.mu * pressure / self.parameters.K_T, dtype=np.float64)
-        return length
 
     def update(
         self,

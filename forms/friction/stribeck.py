@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.coulomb import dry_step, stick_stiffness
+from tribox.forms.friction.coulomb import StickingLaw, dry_step, stick_stiffness
 from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.forms.friction.return_mapping import dot
 from tribox.forms.parameters import Declared, Refused, parameter
@@ -69,7 +69,7 @@ class StribeckParameters(Declared):
 
 
 @dataclass(frozen=True, slots=True)
-class StribeckLaw:
+class StribeckLaw(StickingLaw):
     """Stribeck friction (a ``FrictionLaw``); the film has no effect.
 
     Attributes:
@@ -80,25 +80,9 @@ class StribeckLaw:
     takes_film_cover: ClassVar[bool] = True
     parameters: StribeckParameters
 
-    def initial_state(self, n: int, dim: int) -> FrictionState:
-        """State of n points that have never been in contact, in dim space dimensions."""
-        return FrictionState.zeros(n, dim)
-
-    def stored_energy(self, state: FrictionState) -> Floats:
-        """Elastic energy of the slip, psi = K_T/2 |g_e|^2, (q,), J/m^2."""
-        g = state.elastic_slip.T
-        return 0.5 * self.parameters.K_T * dot(g, g)
-
     def coefficient(self, state: FrictionState) -> Floats:
         """mu(V) at the speed of the last step, (q,)."""
         return self.parameters.coefficient(state.speed)[0]
-
-    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats:
-        """Elastic slip of a point that slides, mu t_N/K_T, (q,), m."""
-        length = np.asarray(
-            self.coefficient(state) * pressure / self.parameters.K_T, dtype=np.float64
-        )
-        return length
 
     def update(
         self,

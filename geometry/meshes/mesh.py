@@ -15,11 +15,12 @@ from mpi4py import MPI
 
 from tribox.geometry.compat import (
     CellPartitioner,
+    Tagged,
     cell_nodes,
     cell_partitioner,
+    distributed_mesh,
     entity_nodes,
     integration_facets,
-    model_to_mesh,
 )
 from tribox.geometry.generators.blocks import Blocks
 from tribox.geometry.generators.two_blocks import TwoBlocks
@@ -27,10 +28,6 @@ from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_dra
 from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import (
     CORNERS,
-    DIMENSION,
-    FACETS,
-    KINDS,
-    NUMBERS,
     MeshError,
     Shape,
     ask,
@@ -178,32 +175,6 @@ class NamedMesh:
         return names[0]
 
 
-@dataclass(frozen=True, slots=True)
-class _Names:
-    """What every process knows of a mesh: dimension, tags by name, facets of surfaces, groups."""
-
-    dim: int
-    bodies: dict[str, int]
-    surfaces: dict[str, int]
-    facet_counts: dict[str, int]
-    groups: dict[str, npt.NDArray[np.int64]]
-    order: int
-    notes: tuple[str, ...]
-
-    @classmethod
-    def of(cls, arrays: MeshArrays) -> _Names:
-        """Those of a mesh."""
-        return cls(
-            arrays.dim,
-            {name: part.tag for name, part in arrays.bodies.items()},
-            {name: part.tag for name, part in arrays.surfaces.items()},
-            {name: len(part.nodes) for name, part in arrays.surfaces.items()},
-            arrays.groups,
-            arrays.order,
-            arrays.notes,
-        )
-
-
 def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
     """Mesh a built-in geometry on one process and distribute it; collective.
 
@@ -265,29 +236,30 @@ def _load(
     make: Callable[[], MeshArrays], source: str, comm: MPI.Comm, contacts: Contacts
 ) -> NamedMesh:
     """Make the arrays on the first process, checked there, and distribute them."""
-    arrays, problem = None, None
-    if comm.rank == 0:
-        try:
-            arrays = make()
-        except Exception as error:
-            problem = error
-    names = _agreed(comm, None if arrays is None else _Names.of(arrays), problem)
-    model = None if arrays is None else ArrayModel(arrays)
-    partitioner = _partitioner(arrays, names, comm, contacts)
-    mesh, cell_tags, facet_tags = model_to_mesh(model, comm, 0, names.dim, partitioner)
-    mesh.topology.create_entities(names.dim - 1)
-    named = NamedMesh(
-        mesh,
-        cell_tags,
-        facet_tags,
-        names.bodies,
-        names.surfaces,
-        {name: found_group(mesh, corners) for name, corners in names.groups.items()},
-        names.order,
-        names.notes,
+    arrays = _made(make, comm)
+    dim, parts = arrays.dim, (arrays.bodies, arrays.surfaces)
+    cells, facets = (_tagged(some) if some else None for some in parts)
+    assert cells is not None, "a mesh has a body"
+    mesh, cell_tags, facet_tags = distributed_mesh(
+        *(comm, (arrays.cell, arrays.order), arrays.position[:, :dim], cells, facets),
+        _partitioner(arrays, comm, contacts),
     )
-    _check_facets_found(named, names, source)
+    mesh.topology.create_entities(dim - 1)
+    bodies, surfaces = ({name: part.tag for name, part in some.items()} for some in parts)
+    groups = {name: found_group(mesh, corners) for name, corners in arrays.groups.items()}
+    named = NamedMesh(
+        *(mesh, cell_tags, facet_tags, bodies, surfaces, groups),
+        order=arrays.order,
+        notes=arrays.notes,
+    )
+    _check_facets_found(named, arrays, source)
     return named
+
+
+def _tagged(parts: Mapping[str, Part]) -> Tagged:
+    """All elements of some parts, with their tags."""
+    tags = [np.full(len(part.nodes), part.tag, dtype=np.int32) for part in parts.values()]
+    return np.concatenate([part.nodes for part in parts.values()]), np.concatenate(tags)
 
 
 def _generated(shape: Shape) -> MeshArrays:
@@ -341,16 +313,13 @@ def _read(path: Path, most_cells: int) -> MeshArrays:
         raise MeshError(f"{path}: gmsh broke down on it: {error}") from None
 
 
-def _partitioner(
-    arrays: MeshArrays | None, names: _Names, comm: MPI.Comm, contacts: Contacts
-) -> CellPartitioner | None:
+def _partitioner(arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts) -> CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
-    known = [pair for pair in contacts if pair[0] in names.surfaces]
+    known = [pair for pair in contacts if pair[0] in arrays.surfaces]
     if comm.size == 1 or not known or not comm.bcast(metis_is_available(), root=0):
         return None
 
     def parts_of(vertices: npt.NDArray[np.int64], parts: int) -> npt.NDArray[np.int32]:
-        assert arrays is not None, "the cells are where the arrays are"
         pairs = [(arrays.facets(slave), _facets(arrays, master)) for slave, master in known]
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
@@ -365,24 +334,31 @@ def _facets(arrays: MeshArrays, surface: str) -> npt.NDArray[np.int64]:
     return arrays.facets(next(iter(arrays.surfaces)))[:0]
 
 
-def _agreed(comm: MPI.Comm, names: _Names | None, problem: Exception | None) -> _Names:
-    """The first process's result on all; or an error on all, so that none waits for the others."""
+def _made(make: Callable[[], MeshArrays], comm: MPI.Comm) -> MeshArrays:
+    """The arrays, on all but the first process without nodes; or an error on all; collective."""
+    arrays, problem = None, None
+    if comm.rank == 0:
+        try:
+            arrays = make()
+        except Exception as error:  # which the others shall hear of, and not wait
+            problem = error
     # As text: an exception may hold what cannot be sent to another process.
-    own = (names, None if problem is None else str(problem), isinstance(problem, MeshError))
-    agreed, message, expected = comm.bcast(own, root=0)
+    words = None if problem is None else str(problem)
+    own = (None if arrays is None else arrays.emptied(), words, isinstance(problem, MeshError))
+    names, message, expected = comm.bcast(own, root=0)
     if problem is not None:
         raise problem
     if message is not None:
         raise MeshError(message) if expected else RuntimeError(message)
-    return agreed
+    return names if arrays is None else arrays
 
 
-def _check_facets_found(named: NamedMesh, names: _Names, source: str) -> None:
+def _check_facets_found(named: NamedMesh, arrays: MeshArrays, source: str) -> None:
     """An error for facets that bound no cell, which DOLFINx leaves out silently; collective."""
     owned = named.mesh.topology.index_map(named.mesh.topology.dim - 1).size_local
-    for name, expected in names.facet_counts.items():
-        local = int(np.count_nonzero(named.facets(name) < owned))
-        found = named.mesh.comm.allreduce(local)
+    for name, part in arrays.surfaces.items():
+        local = np.array([np.count_nonzero(named.facets(name) < owned), len(part.nodes)])
+        found, expected = named.mesh.comm.allreduce(local)
         if found != expected:
             raise MeshError(
                 f"{source}: {expected - found} of the {expected} facets of surface {name!r} are "
@@ -397,70 +373,6 @@ def _look_up(kind: str, name: str, tags: Mapping[str, int]) -> int:
     near = get_close_matches(name, tags, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(tags) or 'none'}"
     raise MeshError(f"no {kind} named {name!r}; {hint}")
-
-
-# -- Arrays of a mesh in the clothes of a gmsh model, which DOLFINx makes meshes from --------------
-
-_Tags = npt.NDArray[np.int64]
-_Elements = tuple[list[int], list[_Tags], list[_Tags]]
-
-
-class ArrayModel:
-    """Answers what DOLFINx's reader asks of ``gmsh.model``; names are those of gmsh.
-
-    gmsh itself has left by then: of a file it ran in a process of its own, and its memory is free.
-    Each body and each surface is one entity, whose number is its tag.
-
-    Attributes:
-        mesh: gmsh's module ``model.mesh``, for which this object stands too.
-    """
-
-    def __init__(self, arrays: MeshArrays) -> None:
-        """Answer from these arrays."""
-        self.mesh = self
-        dim = arrays.dim
-        self._position = arrays.position
-        self._parts: dict[tuple[int, int], tuple[str, Part]] = {}
-        shapes = {dim: arrays.cell, dim - 1: FACETS[arrays.cell]}
-        self._kinds = {d: NUMBERS[shape, arrays.order] for d, shape in shapes.items()}
-        for d, parts in ((dim - 1, arrays.surfaces), (dim, arrays.bodies)):
-            self._parts |= {(d, part.tag): (name, part) for name, part in parts.items()}
-
-    def getPhysicalGroups(self, dim: int = -1) -> list[tuple[int, int]]:
-        """Dimension and tag of each surface and body."""
-        return [key for key in self._parts if dim in (-1, key[0])]
-
-    def getPhysicalName(self, dim: int, tag: int) -> str:
-        """The name of one of them."""
-        return self._parts[dim, tag][0]
-
-    def getEntitiesForPhysicalGroup(self, dim: int, tag: int) -> list[int]:
-        """The one entity of a body or surface."""
-        return [tag]
-
-    def getNodes(self) -> tuple[_Tags, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Numbers from 1 on, flat positions, and no parameters."""
-        numbers = np.arange(1, len(self._position) + 1)
-        return numbers, self._position.reshape(-1), np.empty(0)
-
-    def getElements(self, dim: int, tag: int = -1) -> _Elements:
-        """Kind, numbers and flat nodes of the elements of one entity, or of a dimension."""
-        parts = [part for key, (_, part) in self._parts.items() if key[0] == dim]
-        begins = np.cumsum([0, *(len(part.nodes) for part in parts)])
-        chosen = [
-            (1 + begin + np.arange(len(part.nodes)), part.nodes.reshape(-1) + 1)
-            for begin, part in zip(begins, parts, strict=False)
-            if tag in (-1, part.tag)
-        ]
-        if not chosen:
-            return [], [], []
-        numbers, nodes = (np.concatenate(list(found)) for found in zip(*chosen, strict=True))
-        return [self._kinds[dim]], [numbers], [nodes]
-
-    def getElementProperties(self, kind: int) -> tuple[str, int, int, int, list[float], int]:
-        """Name, dimension, order, nodes, their local places (none here) and corners of a kind."""
-        one = KINDS[kind]
-        return one.shape, DIMENSION[one.shape], one.order, one.nodes, [], CORNERS[one.shape]
 
 
 # -- Named groups of points and edges of a mesh, and their nodes -----------------------------------

@@ -75,6 +75,14 @@ class MeshArrays:
         """Corners (f, a) of the facets of a surface."""
         return self.surfaces[surface].nodes[:, : CORNERS[FACETS[self.cell]]]
 
+    def emptied(self) -> MeshArrays:
+        """Names, tags and groups alone, without nodes and elements."""
+        bodies, surfaces = (
+            {name: Part(part.tag, part.nodes[:0]) for name, part in parts.items()}
+            for parts in (self.bodies, self.surfaces)
+        )
+        return replace(self, position=self.position[:0], bodies=bodies, surfaces=surfaces)
+
     def straightened(self) -> MeshArrays:
         """With straight cells of first order, between the corners; without the other nodes."""
         if self.order == 1:

@@ -8,7 +8,8 @@ import ufl
 from mpi4py import MPI
 
 from tests.grid import grid
-from tribox.geometry.compat import integration_facets, model_to_mesh
+from tribox.geometry.compat import distributed_mesh, integration_facets
+from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 from tribox.geometry.surfaces.body_facets import facet_nodes
 from tribox.geometry.surfaces.facets import facet_shape, unit_normals
@@ -34,11 +35,15 @@ def free_mesh(cell, bend=0.1):
             else:
                 gmsh.model.occ.addBox(0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
             gmsh.model.occ.synchronize()
-            gmsh.model.addPhysicalGroup(dim, [1], 1)
+            gmsh.model.addPhysicalGroup(dim, [1], 1, "body")
             gmsh.option.setNumber("Mesh.MeshSizeMax", 0.4)
             gmsh.option.setNumber("Mesh.RecombineAll", int(cell == "quadrilateral"))
             gmsh.model.mesh.generate(dim)
-            mesh = model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, dim)[0]
+            arrays = arrays_of(gmsh, "free")
+        body = arrays.bodies["body"]
+        cells = body.nodes, np.full(len(body.nodes), 1, dtype=np.int32)
+        place = arrays.position[:, :dim]
+        mesh = distributed_mesh(MPI.COMM_SELF, (arrays.cell, 1), place, cells, None)[0]
     x = mesh.geometry.x
     x[:, dim - 1] += 0.3 * x[:, 0] - bend * x[:, 0] * x[:, dim - 2]
     return mesh
