@@ -113,9 +113,9 @@ def two_boxes(cell, fine, master=None, parallel=False):
     return mesh, slave, master
 
 
-def held_ends(shape, master):
+def held_ends(shape, master, fine=False):
     """By axis, nodes of the lower box that stay in the planes of its vertical sides."""
-    where = Scene(shape, FrictionlessLaw(), master=master).where
+    where = Scene(shape, FrictionlessLaw(), fine=fine, master=master).where
     lower, last = where[:, -1] < 0.5 * GAP, where.shape[1] - 1
     ends = [np.isclose(where[:, i, None], [0.0, 1.0 + 0.1 * i]).any(axis=1) for i in range(last)]
     return [*(np.nonzero(end & lower)[0] for end in ends), np.empty(0, dtype=np.int64)]

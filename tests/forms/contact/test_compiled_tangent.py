@@ -60,10 +60,11 @@ def scene_of(name):
     shape, law, options = CASES[name]
     pressure = options.get("pressure", "averaged")
     if name == "mirrored":
-        options = options | {"held": held_ends(shape, 3)}
+        options = options | {"held": held_ends(shape, 3, fine=True)}
     scene = Scene(shape, LAWS[law][0], fine=True, master=3, **options)
     scene.term = ContactTerm(scene.surface, LAWS[law][0], PENALTY, LAWS[law][1], pressure)
     assert isinstance(scene.term.compiled, CompiledTangent)
+    assert (scene.surface.images is not None) == (name == "mirrored")
     return scene
 
 

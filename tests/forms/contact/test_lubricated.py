@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests import contact_boxes
 from tests.contact_boxes import unknowns_of
 from tests.forms.contact import test_tool
 from tests.forms.contact.test_tool import Rectangle, Scene, TwoBlocks, generate
@@ -86,6 +87,23 @@ def test_the_tangent_is_that_of_differences(kind, shape):
     assert film.pressure.max() > 0.01 * film.asperity.max()
     assert np.count_nonzero(trial.kinematics.closed) > 3
     assert scene.error(x, step=1e-7) < 1e-6
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_the_tangent_over_a_smooth_master_beside_planes_of_symmetry(steady):
+    held = contact_boxes.held_ends("Q4", 2, fine=True)
+    options = {"fine": True, "degree": 5, "smoothing_angle": 0.5, "held": held}
+    scene = contact_boxes.Scene("Q4", COULOMB, master=2, **options)
+    assert scene.surface.images is not None
+    scene.term = LubricatedTerm(scene.surface, COULOMB, film_model(steady=steady), 3.0)
+    before = scene.vector([0.01, -0.03], 0.004, 0.9)
+    x = scene.vector([0.03, -0.031], 0.005, 0.8, 0.0005)
+    free = np.ones(scene.size)
+    free[2 * held[0]] = before.array[2 * held[0]] = x.array[2 * held[0]] = 0.0
+    scene.term.commit(scene.term.evaluate(before, 1.0, PRESSED))
+    film = scene.residual(x)[1].normal_contact.lubrication
+    assert film.pressure.max() > 0.005 and film.asperity.max() > 0.1
+    assert scene.error(x, steps=(1e-6, 1e-7), free=free) < 1e-9
 
 
 def test_gaps_of_vertices_are_those_at_the_vertices():
