@@ -187,6 +187,9 @@ class Bodies:
         self.cells: list[CompiledCells | None] = [
             compiled_cells(u.function_space, solid) if compiled else None for solid in solids
         ]
+        for solid, cells in zip(solids, self.cells, strict=True):
+            if cells is None:
+                solid.forms  # what is wrong with an energy is told before anything is solved
         self._placed: dict[tuple[int, bool], _Placed] = {}
 
     def add_forces(self, out: Floats) -> None:
@@ -235,6 +238,15 @@ class Bodies:
         if points is not None:
             self._add_cells(A, self._places(A, (index, True), points, pattern), None)
 
+    def add_elastic_tangent(self, A: PETSc.Mat, index: int) -> None:
+        """Add the tangent of the strain energy of one solid to a matrix that is made once."""
+        cells = self.cells[index]
+        if cells is not None and is_direct(A):
+            self._add_cells(A, self._found(A, cells), None)
+            return
+        for part in self.solids[index].forms:
+            add_matrix(A, part.tangent, unrolled=False)
+
     def _places(
         self,
         A: PETSc.Mat,
@@ -246,18 +258,27 @@ class Bodies:
         """Cells with their places for a pattern: those found before, if any."""
         known = self._placed.get(which)
         if known is None or known.pattern != pattern:
-            places = CellPlaces(A, cells.nodes, self._dim)
-            inside = places.inside
-            same = points is not None and np.array_equal(points.nodes, cells.nodes)
-            known = _Placed(
-                pattern,
-                places,
-                cells if inside.all() else cells.part(inside),
-                cells.part(~inside),
-                (points.part(inside), points.part(~inside)) if points and same else None,
-            )
-            self._placed[which] = known
+            known = self._placed[which] = self._found(A, cells, pattern, points)
         return known
+
+    def _found(
+        self,
+        A: PETSc.Mat,
+        cells: CompiledCells | PointCells,
+        pattern: object = None,
+        points: PointCells | None = None,
+    ) -> _Placed:
+        """Cells with their places, looked up."""
+        places = CellPlaces(A, cells.nodes, self._dim)
+        inside = places.inside
+        same = points is not None and np.array_equal(points.nodes, cells.nodes)
+        return _Placed(
+            pattern,
+            places,
+            cells if inside.all() else cells.part(inside),
+            cells.part(~inside),
+            (points.part(inside), points.part(~inside)) if points and same else None,
+        )
 
     def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> bool:
         """Add matrices; returns whether those of the points beside the cells were added too."""

@@ -27,7 +27,6 @@ from tribox.app.equilibrium.tangent import pattern_form
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Ints
 
 STIFFER = 0.5
@@ -68,8 +67,7 @@ class KeptBodies:
         present = u.copy()
         u[:] = 0.0
         for solid in self.solids:
-            for part in solid.forms:
-                add_matrix(whole, part.tangent, unrolled=False)
+            problem.bodies.add_elastic_tangent(whole, problem.solids.index(solid))
         u[:] = present
         whole.assemble()
         held = problem.constrained_dofs()

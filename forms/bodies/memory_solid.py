@@ -70,12 +70,8 @@ class MemorySolid(Solid):
 
     # -- forms --------------------------------------------------------------------------------
 
-    def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
-        """Forms of the strain energy beside the points: all of it, or the volumetric part, or none.
-
-        Those at the points are the loop's.
-        """
-        # The points, and the loop over the cells that evaluates them.
+    def _start_points(self) -> None:
+        """Make the points, and the loop over the cells that evaluates them."""
         space = self.section == "3D"
         law = self.material.points(space)
         assert law is not None, "the material has no points that remember"
@@ -84,7 +80,7 @@ class MemorySolid(Solid):
             self._u.function_space, self.section, self.cells, self.full_degree
         )
         self.point_cells = PointCells(self.section, cells)
-        self.count, self._width, self._reduced = len(cells.shape), 9 if space else 5, reduced
+        self.count, self._width = len(cells.shape), 9 if space else 5
         self.points = PointState(law.start(cells.count))
         self._forces: Floats = np.zeros_like(self._u.x.array)
         self._dissipated: Floats = np.zeros(2)
@@ -92,9 +88,15 @@ class MemorySolid(Solid):
         self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
         self._tangent_origin: Origin | None = None
+
+    def _energy_forms(self) -> list[CompiledForms]:
+        """Forms of the strain energy beside the points: all of it, or the volumetric part, or none.
+
+        Those at the points are the loop's.
+        """
         if self.law.added:
-            return super()._energy_forms(reduced)
-        if not reduced:
+            return super()._energy_forms()
+        if not self.reduced:
             return []
         k = centre_kinematics(self._u, self.section)
         return [self._compiled(k, self._volumetric, self._dx(CENTRE_DEGREE))]
@@ -104,7 +106,7 @@ class MemorySolid(Solid):
         """See :attr:`tribox.forms.bodies.solid.Solid.elastic`."""
         if self.law.added:
             return self.material.elastic
-        elastic = self.material.elastic if self._reduced else None
+        elastic = self.material.elastic if self.reduced else None
         return Hencky(0.0, elastic.bulk_modulus) if isinstance(elastic, Hencky) else None
 
     # -- evaluation ---------------------------------------------------------------------------
@@ -132,7 +134,7 @@ class MemorySolid(Solid):
         moduli.kernel, moduli.state = self._kernel(law, origin.dt), origin.values
         if moduli.kernel is None:
             F = self._gradients()
-            update = law.update(F, origin.values, origin.dt, True, volumetric=not self._reduced)
+            update = law.update(F, origin.values, origin.dt, True, volumetric=not self.reduced)
             assert update.A is not None
             moduli.A = np.ascontiguousarray(update.A)
             return
@@ -176,7 +178,7 @@ class MemorySolid(Solid):
         """What the loop updates the points with; None: they are updated in Python."""
         last = self._last_kernel
         if last is None or last[0] is not law or last[1] != dt:
-            kernel = law.kernel(NAMES[self.section], dt, volumetric=not self._reduced)
+            kernel = law.kernel(NAMES[self.section], dt, volumetric=not self.reduced)
             self._last_kernel = last = law, dt, kernel
         return last[2]
 
@@ -194,7 +196,7 @@ class MemorySolid(Solid):
         u[:], forces[:] = self._u.x.array, 0.0
         if kernel is None:
             F = self._gradients()
-            update = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
+            update = law.update(F, origin.values, origin.dt, False, volumetric=not self.reduced)
             self.point_cells.add_forces(u, update.P, forces)
             end, valid = update.state, update.valid
             energies = np.array([self._integral(x) for x in (update.elastic, update.dissipation)])
@@ -292,7 +294,7 @@ class MemorySolid(Solid):
         origin = self._present().origin
         law = self._frozen if origin.elastic else self.law
         F = self._gradients()
-        found = law.update(F, origin.values, origin.dt, False, volumetric=not self._reduced)
+        found = law.update(F, origin.values, origin.dt, False, volumetric=not self.reduced)
         F, P = as_tensors(F), as_tensors(found.P)
         # Push-forward of the first Piola stress: σ = P Fᵀ/J.
         sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import basix.cell
@@ -131,8 +132,8 @@ class Solid:
         remembers: whether its stress depends on what its material points remember; flows: whether
             they yield; unloading: whether tangents are to be those of points that do not flow on.
         cell: shape of the cells.
-        forms: of each integral of a strain energy; carried: of the volumetric part of ``q1-sri``,
-            what another pressure changes of its tangent; None in the other formulations.
+        carried: of the volumetric part of ``q1-sri``, what another pressure changes of its tangent;
+            None in the other formulations.
     """
 
     remembers = False
@@ -149,7 +150,7 @@ class Solid:
         density: float = 0.0,
         section: Section | None = None,
     ) -> None:
-        """Compile the body's forms, or take them from the cache.
+        """Take the body's cells and its material.
 
         Args:
             name: the body's name, for messages.
@@ -185,8 +186,8 @@ class Solid:
         self.full_degree = full_degree(formulation, self.cell)
         # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
         reduced = formulation == "q1-sri" and not _vanishes(self._pressure())
-        self.forms = self._energy_forms(reduced)
         self.carried = self._carried() if reduced else None
+        self._start_points()
 
     @property
     def reduced(self) -> bool:
@@ -213,12 +214,23 @@ class Solid:
         """The displacement, m, that the forms are evaluated at."""
         return self._u
 
-    def _energy_forms(self, reduced: bool) -> list[CompiledForms]:
-        """The forms of the strain energy; ``reduced``: the volumetric part by itself."""
+    def _start_points(self) -> None:
+        """Make what material points remember, if they do."""
+
+    @cached_property
+    def forms(self) -> list[CompiledForms]:
+        """Of each integral of the strain energy; compiled, or taken from the cache, when asked for.
+
+        Where a compiled loop stands for them they never are. The first call is collective.
+        """
+        return self._energy_forms()
+
+    def _energy_forms(self) -> list[CompiledForms]:
+        """The forms of the strain energy, of a reduced volumetric part by itself."""
         u = self._u
         k = kinematics(u, self.section)
         full = self._dx(self.full_degree)
-        if not reduced:
+        if not self.reduced:
             return [self._compiled(k, lambda k: sum(self._energy(k)), full)]
         centre = centre_kinematics(u, self.section)
         return [

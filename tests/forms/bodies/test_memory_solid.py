@@ -209,7 +209,7 @@ def test_steps_write_over_old_states_but_those_that_others_hold(material):
         bend(u, 0.02 * number, seed=number)
         assert solid.evaluate(0.3)
         F = solid._gradients()
-        update = solid.law.update(F, state, 0.3, False, volumetric=not solid._reduced)
+        update = solid.law.update(F, state, 0.3, False, volumetric=not solid.reduced)
         solid.commit()
         np.testing.assert_allclose(solid.points.committed, update.state, rtol=0, atol=1e-13)
         state = update.state
