@@ -491,9 +491,13 @@ def corners_of(
 
 
 def _on_chords(contact: Contact, surface: ContactSurface, at: Projection) -> str:
-    """What to say of an overlap on a master that is round and made of facets; collective."""
-    smooth = contact.smoothing_angle is not None
-    return CHORDS if smooth or corners_of(contact, surface, at, 0.0).ratio > 0.0 else ""
+    """What to say of an overlap on a master that is round and made of facets; collective.
+
+    Nothing of one that is smoothed, which takes cells of the first order.
+    """
+    if contact.smoothing_angle is not None:
+        return ""
+    return CHORDS if corners_of(contact, surface, at, 0.0).ratio > 0.0 else ""
 
 
 def lengths_near(surface: ContactSurface, at: Projection, distance: float) -> tuple[float, float]:

@@ -52,6 +52,15 @@ class Table:
     renamed: tuple[tuple[str, str], ...] = ()
 
 
+TESTS = {
+    "tribox fit --material, as a test of a rubber or metal": re.compile(
+        "strain|stress|modulus|frequency"
+    ),
+    "tribox fit without --material, as friction": re.compile("traction|friction|velocity|speed"),
+}
+"""Which command reads columns with such words in their names."""
+
+
 def read_table(
     path: Path,
     known: Mapping[str, Quantity],
@@ -141,8 +150,21 @@ def _columns(
         places = [place for place, (other, _) in found.items() if other == name]
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in places)
         wrong.append(f"{path}:{number}: column {name} is there twice: {words}")
+    if wrong:
+        read = [name for place, name in enumerate(standard) if place not in unread]
+        wrong[:0] = _of_other_test(path, read, known)
     refuse(wrong)
     return found
+
+
+def _of_other_test(path: Path, names: Sequence[str], known: Mapping[str, Quantity]) -> list[str]:
+    """A line on a file that the other kind of ``tribox fit`` reads; none where it is not one."""
+    for command, pattern in TESTS.items():
+        there = [name for name in names if pattern.search(name.lower())]
+        if there and not any(pattern.search(name) for name in known):
+            shown = ", ".join(name.strip()[:_SHOWN] for name in there)
+            return [f"{path}: {shown}: read by {command}"]
+    return []
 
 
 def _name(text: str) -> str:

@@ -379,6 +379,7 @@ class GrowingTable:
 
     Attributes:
         written: number of rows so far.
+        columns: their names, as the file has them.
     """
 
     def __init__(
@@ -387,15 +388,16 @@ class GrowingTable:
         """Begin the file with the names of the columns, or go on with one that is there.
 
         Args:
-            columns: their names; the first is the number of the step.
+            columns: their names, of a new file; the first is the number of the step.
             after: number of the step whose rows are the last to be kept; None: a new file.
             more: rows of the step after that one which are kept too, the first of them.
         """
         self.written = 0
         if after is None or not has_rows(path):
-            self._file = GrowingFile(path, _lines([columns]))
+            self._file, self.columns = GrowingFile(path, _lines([columns])), tuple(columns)
             return
         header, *rows = path.read_bytes().splitlines(keepends=True)
+        self.columns = tuple(next(csv.reader([header.decode()])))
         whole = [(int(row.split(b",", 1)[0]), row) for row in rows if row.endswith(b"\n")]
         kept = [row for step, row in whole if step <= after]
         kept += [row for step, row in whole if step == after + 1][:more]

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.model import Model
+from tribox.app.errors import InputError
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows
 from tribox.app.results.fields import strain_of
@@ -102,9 +103,14 @@ class ProbeRecorder(Observer):
         rows = self._waiting[path]
         if not rows:
             return
+        columns = (*KEYS, *self._tables[path].columns)
         if path not in self._files:
-            self._files[path] = GrowingTable(
-                path, (*KEYS, *self._tables[path].columns), self._after
+            self._files[path] = GrowingTable(path, columns, self._after)
+        if self._files[path].columns != columns:
+            new = ", ".join(set(columns) ^ set(self._files[path].columns)) or "their order"
+            raise InputError(
+                f"{path}: does not have the columns of this version ({new}); the run cannot go on "
+                "there: begin it anew, or go on with the version that began it"
             )
         self._files[path].extend(rows)
         rows.clear()

@@ -210,9 +210,15 @@ def crossed(bottom):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("bottom", "told"), [(1.0 - 1e-3, True), (1.0 - 1e-6, False)])
-def test_surfaces_that_press_as_they_are_drawn_are_told_of(bottom, told):
-    model = build_model(Case.model_validate(crossed(bottom)), MPI.COMM_SELF)
+@pytest.mark.parametrize(
+    ("bottom", "told", "angle"),
+    [(1.0 - 1e-3, True, None), (1.0 - 1e-6, False, None), (1.0 - 1e-3, True, 0.5)],
+)
+def test_surfaces_that_press_as_they_are_drawn_are_told_of(bottom, told, angle):
+    """Cells of second order, as against chords, are no way for a smooth master."""
+    data = crossed(bottom)
+    data["contact"][0]["smoothing_angle"] = angle
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
     notes = [note for note in model.notes if "inside" in note]
     assert len(notes) == told
     for note in notes:

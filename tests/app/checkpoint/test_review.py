@@ -210,6 +210,20 @@ def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
     assert (out / "body_probes.csv").read_text() == table
 
 
+def test_a_table_of_probes_with_other_columns_is_not_gone_on_with(tmp_path):
+    """As one that was written before a column came in."""
+    probe = [{"name": "upper", "body": "elastomer"}]
+    run(case_of(probe=probe), tmp_path / "whole")
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    path = out / "body_probes.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    dropped = rows[0][-1]
+    path.write_text("".join(",".join(row[:-1]) + "\n" for row in rows))
+    with pytest.raises(InputError, match=rf"body_probes\.csv: does not have .* \({dropped}\)"):
+        run(case_of(probe=probe), out, resume=True)
+    assert len(path.read_text().splitlines()) == 3
+
+
 # -- directories --------------------------------------------------------------------------------
 
 

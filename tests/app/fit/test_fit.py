@@ -11,6 +11,7 @@ from tribox.app.case import check_case, load_case
 from tribox.app.errors import InputError
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData, read_data
+from tribox.app.fit.material_data import read_material
 from tribox.app.fit.model import RANGES, coordinates, friction
 from tribox.app.fit.run import report, run_fit
 from tribox.app.fit.setup import fit_setup
@@ -391,6 +392,19 @@ def test_names_that_tribometers_write_are_understood_and_told(tmp_path, capsys):
     assert told == ('note: read "SLIDING-SPEED [mm/s]" as velocity, "mu" as friction_coefficient')
     with pytest.raises(InputError, match=r'no such columns .*"distance'):
         read_data(write(tmp_path, text.replace("pressure", "distance")), needs_film=False)
+
+
+def test_a_file_of_the_other_kind_of_test_is_told_apart(tmp_path):
+    pull = "strain,stress [MPa]\n0.01,30\n0.02,40\n"
+    with pytest.raises(InputError, match="strain, stress: read by tribox fit --material"):
+        read_data(write(tmp_path, pull), needs_film=False)
+    friction = "time [s],velocity [mm/s],friction_coefficient\n1,1,0.1\n2,2,0.1\n"
+    with pytest.raises(InputError, match="friction_coefficient: read by tribox fit without --mat"):
+        read_material(write(tmp_path, friction), {}, [], None, None)
+    distance = "velocity [mm/s],distance,friction_coefficient\n1,1,0.1\n2,2,0.1\n"
+    with pytest.raises(InputError) as error:
+        read_data(write(tmp_path, distance), needs_film=False)
+    assert "read by" not in str(error.value)
 
 
 def test_steady_coefficients_need_no_pressure_where_the_law_has_no_use_for_it(tmp_path):
