@@ -283,7 +283,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
     # A body that floats stays where it is: pressures from inside would push it away.
-    began_inside = attempt.newton.inside.last and attempt.step.holding is None
+    floats = attempt.step.holding is not None
+    began_inside = attempt.newton.inside.last and attempt.has_contacts and not floats
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)

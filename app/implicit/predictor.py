@@ -40,6 +40,7 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
 FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
+NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that is none
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
 
@@ -385,11 +386,12 @@ class Predictor:
         changed = last is None or not np.array_equal(last.dofs, drive.dofs)
         if self._sum(np.array([float(changed)]))[0] or last is None:
             return False
-        cross = float(self._sum(np.array([drive.constrained @ last.constrained]))[0])
-        if cross == 0.0:
+        now, before = drive.constrained, last.constrained
+        cross, *sizes = self._sum(np.array([now @ before, now @ now, before @ before]))
+        if abs(cross) <= NO_WAY * max(sizes):  # supports that stand still move by rounding
             weights = self._weights(drive)
             cross = float((weights * drive.loads) @ (weights * last.loads))
-        return cross > 0.0
+        return bool(cross > 0.0)
 
     def _weights(self, drive: Drive) -> Floats:
         """One over the size of each load's vector, and of the platens' forces: they have units."""
@@ -466,8 +468,8 @@ class Attempt:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether there is a contact that could be made softer."""
-        return bool(self.newton.problem.contacts)
+        """Whether there is a contact that could be made softer, and not let go."""
+        return any(term.active for term in self.newton.problem.contacts)
 
     def return_to_start(self) -> None:
         """Put the predicted start back."""

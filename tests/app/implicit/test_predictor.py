@@ -2,6 +2,7 @@
 
 import copy
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,6 +121,17 @@ def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
     monkeypatch.setattr(tribox.app.implicit.predictor, "FAR_OFF", 0.0)
     assert stepper.predictor.predict(stepper.x, trial) == 2
     np.testing.assert_array_equal(trial.array_r, start)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_supports_that_move_by_rounding_lead_nowhere(sign):
+    """What is let go is unloaded, whichever way round-off moves the supports."""
+    predictor = pressed().implicit.stepper.predictor
+    last = predictor._drive
+    assert predictor._goes_on(last)
+    assert not predictor._goes_on(replace(last, constrained=-0.1 * last.constrained))
+    still = replace(last, constrained=sign * 1e-13 * last.constrained)
+    assert not predictor._goes_on(still)
 
 
 def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
