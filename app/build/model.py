@@ -39,6 +39,7 @@ from tribox.app.errors import InputError, TriboxError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.implicit.linear_solver import Linear, chosen_solver
 from tribox.forms.bodies.kinematics import Section
+from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
@@ -67,8 +68,8 @@ class Model:
         platen_names: of the problem's platens, such as "top_x": surface and direction.
         loads: what the boundaries prescribe.
         probes: places of the probes that are points or lines; lines: those of surfaces.
-        loaded: s and m, time and driven displacement of the loads that are set; loaded_in: the
-            stage that they were set in.
+        loaded: s, m and –, time, driven displacement and share of the loads that are set (see
+            :meth:`set_loads`); loaded_in: the stage that they were set in.
     """
 
     case: Case
@@ -83,7 +84,7 @@ class Model:
     loads: Loads | None = None
     probes: list[PointPlaces] = field(default_factory=list)
     lines: list[SurfaceLine] = field(default_factory=list)
-    loaded: tuple[float, float] = (0.0, 0.0)
+    loaded: tuple[float, float, float] = (0.0, 0.0, 1.0)
     loaded_in: str = ""
 
     @property
@@ -125,17 +126,40 @@ class Model:
             self.loads.stage = stage
             self._choose_contacts(stage)
 
-    def set_loads(self, time: float, driven: float) -> None:
+    def set_loads(self, time: float, driven: float, share: float = 1.0) -> None:
         """Set every prescribed displacement and load to its value at ``time`` (s).
 
         Args:
             time: s, since the start.
             driven: m, displacement of the driven boundaries so far.
+            share: of what stands in full at the very start, a constant force for instance. Where a
+                run's first step is made in pieces it grows over them: else the first piece would
+                have to bear all of it, however short.
         """
-        self.loaded = (time, driven)
+        self.loaded = (time, driven, share)
         self.loaded_in = "" if self.loads is None else self.loads.stage
+        if share == 1.0:
+            self._run_programs(time, driven)
+            return
+        self._run_programs(0.0, 0.0)
+        start = [getattr(part, name) for part, name in self._given()]
+        self._run_programs(time, driven)
+        for (part, name), at_once in zip(self._given(), start, strict=True):
+            if at_once is not None:
+                setattr(part, name, getattr(part, name) - (1.0 - share) * at_once)
+
+    def _run_programs(self, time: float, driven: float) -> None:
         for program in self.programs:
             program(time, driven)
+
+    def _given(self) -> Iterator[tuple[object, str]]:
+        """What displacements, forces and loads are given as; springs all over are supports."""
+        problem = self.problem
+        yield from ((part, "value") for part in problem.constraints.prescribed)
+        for name in ("force", "end", "displacement"):
+            yield from ((platen, name) for platen in problem.constraints.platens)
+        yield from ((load, "factor") for load in problem.nodal_loads)
+        yield from ((load, "amount") for load in problem.loads if not isinstance(load, Foundation))
 
 
 @contextmanager

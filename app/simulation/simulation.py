@@ -104,7 +104,9 @@ class ImplicitStage:
                 observer.ready(state)
             end = min(1.0, at.done + at.piece)
             moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
-            self.model.set_loads(start + end * load_step.dt, moved)
+            # Parts of the run's first step carry their share of what stands in full from the start.
+            share = end if at.load_step == at.count == 0 else 1.0
+            self.model.set_loads(start + end * load_step.dt, moved, share)
             dt = (end - at.done) * load_step.dt
             result = self.stepper.attempt(dt)
             self._heed_laws(load_step)

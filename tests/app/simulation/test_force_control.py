@@ -9,6 +9,7 @@ from tests.solved import Cuts, solved
 from tribox.app.build.mesh import make_mesh
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
+from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 
@@ -217,3 +218,60 @@ def test_explicit_stages_refuse_a_displacement():
     data = switched() | {"solver": {"kind": "explicit"}}
     with pytest.raises((InputError, ValueError), match="does not go with explicit stages"):
         Case.model_validate(data)
+
+
+def test_a_first_step_that_is_cut_ramps_what_stands_in_full_from_the_start(monkeypatch):
+    """Half of it with half the step; what begins at nothing, and later steps, follow the time."""
+    attempt, calls = ImplicitStepper.attempt, []
+
+    def fail(stepper, dt):
+        """Solve and then deny it, at the first attempt at either step."""
+        result = attempt(stepper, dt)
+        calls.append(dt)
+        if len(calls) in (1, 4):
+            result.converged = False
+        return result
+
+    monkeypatch.setattr(ImplicitStepper, "attempt", fail)
+    data = pressed("pad", 0.3, 2, {"pressure": [[0.0, 3e4], [1.0, 5e4]]})
+    data["boundary"][1]["displacement"]["y"] = [[0.0, -1e-5], [1.0, -3e-5]]
+    data["gravity"] = {"y": -9.81}
+    data["bodies"] = {name: body | {"density": 1e3} for name, body in data["bodies"].items()}
+    whole, seen = solved(data), []
+
+    class Loads(Observer):
+        def step(self, state, row, result) -> None:
+            problem = state.model.problem
+            moved = problem.constraints.prescribed[-1].value
+            amounts = [float(load.amount.reshape(-1)[-1]) for load in problem.loads]
+            seen.append((row.time, *amounts, moved))
+
+    calls.clear()
+    solved(data, observer=Loads())
+    times = np.array([0.25, 0.5, 0.75, 1.0])
+    share = np.minimum(times / 0.5, 1.0)
+    columns = dict(enumerate(np.array(seen).T))
+    np.testing.assert_allclose(columns[0], times)
+    np.testing.assert_allclose(columns[1], 3e4 * share + 2e4 * times)
+    for body in (2, 3):
+        np.testing.assert_allclose(columns[body], -9.81 * share)
+    np.testing.assert_allclose(columns[4], -1e-5 * share - 2e-5 * times)
+    assert whole.rows[-1].time == 1.0
+
+
+def test_pieces_of_a_first_step_bear_their_share_of_a_force():
+    """A hundred times the force is too much for one step: it is as if it had been ramped."""
+    data, force = pressed("cylinders", 0.45, 1), 100.0 * SHAPES["cylinders"][1]
+    data["boundary"][1]["platen"]["force"], seen = force, Cuts()
+    pieces = solved(data, observer=seen)
+    assert seen.count
+    times = [row.time for row in pieces.rows]
+    np.testing.assert_allclose([r.normal_force for r in pieces.rows], force * np.array(times), 1e-3)
+    ramp = [[0.0, 0.0], [1.0, force]]
+    data["boundary"][1]["platen"]["force"] = ramp
+    data["stage"][0]["steps"] = len(times)
+    ramped = solved(data)
+    assert [row.time for row in ramped.rows] == pytest.approx(times)
+    for name in ("normal_force", "contact_area", "strain_energy", "external_work"):
+        mine, other = ([getattr(row, name) for row in run.rows] for run in (pieces, ramped))
+        assert mine == pytest.approx(other, rel=1e-6), name
