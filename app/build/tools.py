@@ -244,6 +244,9 @@ def _add(
         free[slot] = how.is_loaded
         _move(tools, name, part, how)
     moment = None if rotation is None else rotation.moment
+    inertia = None if table.rotation is None else table.rotation.inertia
+    # The moment of inertia goes with the angle times a length.
+    masses = [table.mass or 0.0] * dim + [(inertia or 0.0) / length**2]
     tools.members.append(
         RigidTool(
             name=name,
@@ -252,7 +255,7 @@ def _add(
             block=block,
             free=free,
             idle=moment is not None and not any(moment.values),
-            mass=np.asarray(_masses(table, dim, length) / thickness, dtype=np.float64),
+            mass=np.asarray(np.array(masses) / thickness, dtype=np.float64),
         )
     )
 
@@ -361,13 +364,6 @@ def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:
     elif dim == 3 and isinstance(table, CylinderTool):
         axis = np.asarray(table.axis, dtype=np.float64)
     return RigidMotion(centre, points, length, axis)
-
-
-def _masses(table: Tool, dim: int, length: float) -> Floats:
-    """Mass of each slot (k,), kg: the moment of inertia goes with the angle times a length."""
-    inertia = None if table.rotation is None else table.rotation.inertia
-    masses = [table.mass or 0.0] * dim + [(inertia or 0.0) / length**2]
-    return np.array(masses, dtype=np.float64)
 
 
 def _component(table: Tool, component: str, share: float) -> _Slot:

@@ -417,8 +417,7 @@ class Equilibrium:
         self._work.array[:] = 0.0
         add(self._work.array)
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
-        mine: Floats = self._work.array[: self.owned].copy()
-        return mine
+        return self._work.array[: self.owned].copy()
 
     def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
         """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""

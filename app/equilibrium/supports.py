@@ -91,8 +91,7 @@ def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
     """Global nodes of this rank's cells of a solid."""
     dofmap = problem.space.dofmap
     local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
-    nodes: Longs = dofmap.index_map.local_to_global(local).astype(np.int64)
-    return nodes
+    return dofmap.index_map.local_to_global(local).astype(np.int64)
 
 
 # -- Bodies that move as one: those that common nodes or ties join ---------------------------------
@@ -125,8 +124,7 @@ class Grip:
         # Least squares: the tool takes the slots that are nearest to the motion; what is left of it
         # the grip resists. The pseudo-inverse, for slots may do the same to a small surface.
         out = flat - follow @ (np.linalg.pinv(sums[:, :own]) @ sums[:, own:])
-        left: Floats = out.reshape(moved.shape)
-        return left
+        return out.reshape(moved.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,8 +286,7 @@ def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
         support += here * np.outer(platen.normal, platen.normal)
     support = problem.comm.allreduce(support) + np.diag(held.astype(float))
     free = np.eye(problem.dim) - np.linalg.pinv(support) @ support  # onto what nothing holds
-    out: Bools = np.diag(free) > 1e-9
-    return out
+    return np.diag(free) > 1e-9
 
 
 def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
@@ -308,15 +305,13 @@ def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
 def free_slots(problem: Equilibrium, tool: RigidTool, supports: Ints) -> Bools:
     """Slots (k,) of a tool that are none of the owned unknowns ``supports``; collective."""
     here = tool.here & np.isin(tool.dofs, supports)
-    free: Bools = problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM) == 0
-    return free
+    return problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM) == 0
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
     """Local nodes of a body's owned cells, those that this rank owns."""
     nodes = np.unique(problem.space.dofmap.list[cells])
-    out: Ints = nodes[nodes < problem.owned // problem.dim]
-    return out
+    return nodes[nodes < problem.owned // problem.dim]
 
 
 def sprung_dofs(problem: Equilibrium) -> Ints:
@@ -447,5 +442,4 @@ def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> 
     mean = total[:-1] / max(total[-1], 1.0)
     fixed = platen.stiffness > 0.0 or platen.displacement is not None
     apart = rows if fixed else rows - mean
-    out: Floats = problem.comm.allreduce(apart.T @ apart)
-    return out
+    return problem.comm.allreduce(apart.T @ apart)

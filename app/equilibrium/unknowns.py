@@ -190,10 +190,7 @@ class Unknowns:
 
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""
-        out: NDArray[np.int32] = (nodes[..., None] * self.dim + np.arange(self.dim)).astype(
-            PETSc.IntType
-        )
-        return out
+        return (nodes[..., None] * self.dim + np.arange(self.dim)).astype(PETSc.IntType)
 
 
 # -- Places in the undeformed bodies, found and put into words -------------------------------------
@@ -218,5 +215,4 @@ def place_of_largest(values: Floats, space: dolfinx.fem.FunctionSpace) -> tuple[
         at = int(np.argmax(values))
         where = space.tabulate_dof_coordinates()[at // dim, :dim]
         mine = (float(values[at]), tuple(map(float, where)))
-    place: tuple[float, ...] = max(space.mesh.comm.allgather(mine))[1]
-    return place
+    return max(space.mesh.comm.allgather(mine))[1]

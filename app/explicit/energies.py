@@ -258,5 +258,4 @@ class Energies:
 
     def twice_kinetic(self) -> Floats:
         """Twice the kinetic energy m v² of each owned unknown (n,), J/m, by its last velocity."""
-        moving: Floats = self._mass * self._state.v.owned**2
-        return moving
+        return self._mass * self._state.v.owned**2

@@ -195,8 +195,7 @@ class _Limits:
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
         # ω² of a sum of stiffnesses is at most the sum of both: the cell alone, and the contact's
         # springs on the worst of its nodes.
-        out: Floats = self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
-        return out
+        return self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
 
 
 # -- The stable time step of central differences, from the largest eigenvalue of M⁻¹K --------------
@@ -388,8 +387,7 @@ class StableSteps:
         dim = dynamics.dim
         where = self._space.tabulate_dof_coordinates()[: len(dynamics.mass) // dim, :dim]
         phase = where @ np.array([12.9898, 78.233, 37.719][:dim]) / self._stiffness.smallest
-        out: Floats = np.sin(phase[:, None] + 1.7 * np.arange(dim)).reshape(-1)
-        return out
+        return np.sin(phase[:, None] + 1.7 * np.arange(dim)).reshape(-1)
 
     def _largest(self, apply: Callable[[Floats], Floats], last: Mode | None) -> Mode:
         """Begin with the last vector and some noise, which excites all other modes."""

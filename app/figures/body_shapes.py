@@ -104,8 +104,7 @@ def _scalar(values: Floats, component: str, name: str) -> Floats:
         return values[:, 0]
     if count == 9:
         raise InputError(f"--field {name}: a tensor; name a component, such as {name}_xy")
-    out: Floats = np.linalg.norm(values, axis=1)
-    return out
+    return np.linalg.norm(values, axis=1)
 
 
 @dataclass(frozen=True, slots=True)

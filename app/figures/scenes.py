@@ -327,8 +327,7 @@ def tool_triangles(results: Results, step: int) -> Floats | None:
     if not results.case.tools:
         return None
     mesh = results.grid("tools", step)
-    found: Floats = np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
-    return found
+    return np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
 
 
 def room_for(low: Floats, high: Floats, triangles: Floats | None) -> tuple[Floats, Floats]:

@@ -140,8 +140,7 @@ def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
     best = np.argmin(off, axis=1)[:, None]
     facet = within[np.take_along_axis(candidates, best, axis=1)[:, 0]]
     t = np.take_along_axis(share, best, axis=1)[:, 0]
-    out: Floats = line.arc[facet] + t * (line.arc[facet + 1] - line.arc[facet])
-    return out
+    return line.arc[facet] + t * (line.arc[facet + 1] - line.arc[facet])
 
 
 def facets_of(mesh: Grid, pair: int) -> Ints:

@@ -223,12 +223,6 @@ class BodyBlocks:
         near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
         return MultigridSolver(self._matrix, near, prefix, KRYLOV, self._tell)
 
-    def _fall_back(self) -> None:
-        """Solve with the whole of the tangent that is at hand, and of no other."""
-        self._drop_whole()
-        self._make_whole(widened=True)
-        self._fallen = True
-
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
@@ -265,7 +259,10 @@ class BodyBlocks:
         if not self._chosen:  # forgotten after a solve that failed
             self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
-            self._fall_back()
+            # With the whole of the tangent that is at hand, and of no other.
+            self._drop_whole()
+            self._make_whole(widened=True)
+            self._fallen = True
         return self._whole is None or (self._works and self._solve_whole(b, x))
 
     def _solve_whole(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:

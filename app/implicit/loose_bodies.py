@@ -50,8 +50,7 @@ class LooseBodies:
         """Sum of ``values`` (n,) of the owned unknowns in each direction (d,); collective."""
         dim = self.problem.dim
         local = [values[one.nodes * dim + one.component].sum() for one in self.directions]
-        total: Floats = self.problem.comm.allreduce(np.array(local, dtype=float), op=MPI.SUM)
-        return total
+        return self.problem.comm.allreduce(np.array(local, dtype=float), op=MPI.SUM)
 
     def moved(self, increment: Floats) -> Floats:
         """Mean displacement (d,), m, in each direction; collective."""
@@ -77,8 +76,7 @@ class LooseBodies:
                     squared = trial.kinematics.normal[:, one.component] ** 2
                     sums[row] += near @ squared, near.sum()
         total = problem.comm.allreduce(sums)
-        out: Bools = total[:, 0] < ALONG * total[:, 1]
-        return out
+        return total[:, 0] < ALONG * total[:, 1]
 
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m; collective."""

@@ -312,8 +312,7 @@ class StressField:
         """Equivalent plastic strain (c,) of this rank's cells."""
         space = self.plastic_strain.function_space
         owned = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-        values: Floats = self.plastic_strain.x.array[space.dofmap.list[:owned, 0]]
-        return values
+        return self.plastic_strain.x.array[space.dofmap.list[:owned, 0]]
 
 
 class _CentrePoints:

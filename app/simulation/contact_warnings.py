@@ -132,12 +132,10 @@ class PairProbe:
 
     def _by_facet(self, values: Any) -> Floats:
         """Point values (q, …) as (f, p, …), p being the points of a facet."""
-        out: Floats = values[self._order].reshape(*self._shape, *values.shape[1:])
-        return out
+        return values[self._order].reshape(*self._shape, *values.shape[1:])
 
     def _total(self, *values: float) -> Floats:
-        out: Floats = self._comm.allreduce(np.array(values))
-        return out
+        return self._comm.allreduce(np.array(values))
 
     def measure(self, trial: ContactTrial) -> PairState:
         """The contact at a converged state; collective."""
@@ -207,11 +205,9 @@ class PairProbe:
         """Points (q,) of the facets that press: all their vertices do, or any of their points."""
         vertices, nodal = self.surface.vertices, trial.nodal_pressure
         if nodal is not None:
-            every: Bools = np.min(nodal[vertices.of_point], axis=1) > 0.0
-            return every
+            return np.min(nodal[vertices.of_point], axis=1) > 0.0
         count = np.bincount(self.surface.slave.facet, trial.pressure > 0.0)
-        some: Bools = np.greater(count, 0)[self.surface.slave.facet]
-        return some
+        return np.greater(count, 0)[self.surface.slave.facet]
 
     def _waves(self, trial: ContactTrial, inside: Bools) -> tuple[float, float]:
         """Waves of the vertices' pressure over its mean, and how far corners are apart; collective.
@@ -233,14 +229,12 @@ class PairProbe:
     def _inside(self, patch: Bools) -> Bools:
         """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
         vertices = self.surface.vertices
-        inside: Bools = patch & self._whole(patch)[vertices.of_point].all(axis=1)
-        return inside
+        return patch & self._whole(patch)[vertices.of_point].all(axis=1)
 
     def _whole(self, patch: Bools) -> Bools:
         """Vertices (v,) all of whose facets are in a patch (q,); collective."""
         vertices = self.surface.vertices
-        whole: Bools = vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
-        return whole
+        return vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
 
     def _rim(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
         """Half-width, m, length of the facets at its rim, m, their share of the area; collective.

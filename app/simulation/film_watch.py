@@ -82,14 +82,12 @@ class Look:
     @property
     def loaded(self) -> Bools:
         """Vertices (v,) that bear a load."""
-        loaded: Bools = self.carried > LOADED * self.carried.max(initial=0.0)
-        return loaded
+        return self.carried > LOADED * self.carried.max(initial=0.0)
 
     @property
     def pressed(self) -> Bools:
         """Faces (f,) between vertices that count to the width of the contact."""
-        pressed: Bools = (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
-        return pressed
+        return (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
 
 
 Found = Iterator[tuple[str, float, str]]

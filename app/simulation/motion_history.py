@@ -52,8 +52,7 @@ def held_dofs(problem: Equilibrium) -> Ints:
     """Owned unknowns that supports or platens act on, sorted."""
     parts = [part.dofs for part in problem.prescribed]
     parts += [platen.dofs for platen in problem.platens]
-    out: Ints = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
-    return out
+    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
 
 
 class OutsideMean:

@@ -290,7 +290,7 @@ class Simulation:
         runner = self.explicit or self.implicit
         assert runner is not None
         return {
-            "factorisations": self._factorisations(),
+            "factorisations": self.implicit.stepper.solver.assembled if self.implicit else 0,
             "force": self.model.problem.reference_force,
             "solver": "implicit" if runner is self.implicit else "explicit",
             "model": self.model.snapshot(),
@@ -313,6 +313,3 @@ class Simulation:
                 self.implicit.stepper.solver.assembled = kept["factorisations"]
         self.model.problem.reference_force = kept["force"]  # of the last implicit evaluation
         self.state.restore(kept["state"])
-
-    def _factorisations(self) -> int:
-        return self.implicit.stepper.solver.assembled if self.implicit else 0

@@ -156,8 +156,7 @@ class SmoothEnds:
         """Vertices (v,) of the facets of some points (q,) of all ranks; collective."""
         vertices = self._surface.vertices
         mine = np.bincount(vertices.of_point[points].reshape(-1), minlength=vertices.count)
-        touched: Bools = vertices.total(mine.astype(np.float64)) > 0.0
-        return touched
+        return vertices.total(mine.astype(np.float64)) > 0.0
 
     def _past(self, trial: ContactTrial) -> Bools:
         """Points (q,) past the master's ends, within what would be its body."""
@@ -178,8 +177,7 @@ class SmoothEnds:
 
 def _largest(values: Floats, among: Bools) -> Bools:
     """Which (v,) of some values are nearly as large as the largest of them."""
-    largest: Bools = among & (values >= MOST * np.max(values, where=among, initial=0.0))
-    return largest
+    return among & (values >= MOST * np.max(values, where=among, initial=0.0))
 
 
 def _pressed_end(pressures: Floats, mean: float, where: str) -> PressedEnd:
