@@ -326,7 +326,7 @@ def tool_triangles(results: Results, step: int) -> Floats | None:
     """
     if not results.case.tools:
         return None
-    mesh = results.grid("tools", step)
+    mesh = results.tool_outlines(step)
     return np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
 
 
