@@ -28,7 +28,7 @@ from tribox.app.case.tools import (
 )
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.app.equilibrium.unknowns import NodalLoad
+from tribox.app.equilibrium.unknowns import NodalLoad, box_of
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.meshes.mesh import NamedMesh
@@ -191,11 +191,7 @@ def blocks_of_tools(case: Case, named: NamedMesh) -> dict[str, Block]:
 
 
 def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads: Loads) -> Tools:
-    """The tools of a case; collective.
-
-    Raises:
-        InputError: a shape cannot be made.
-    """
+    """The tools of a case; collective; InputError if a shape cannot be made."""
     tools = Tools(case, loads)
     box = extent(named)
     for name, table in case.tools.items():
@@ -205,10 +201,7 @@ def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads:
 
 def extent(named: NamedMesh) -> Floats:
     """Least and largest coordinates (2, i), m, of the mesh; collective."""
-    x, comm = named.mesh.geometry.x[:, : named.mesh.geometry.dim], named.mesh.comm
-    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    return ends * [[1.0], [-1.0]]
+    return box_of(named.mesh.comm, named.mesh.geometry.x[:, : named.mesh.geometry.dim])
 
 
 def _add(

@@ -14,6 +14,7 @@ from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import contact_shear_modulus
 from tribox.forms.bodies.solid import Solid
@@ -395,10 +396,9 @@ def motions_of(
         nodes: (n,) local ones of the body that this rank owns.
     """
     at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
-    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
-    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
-    return rigid_motions((at - middle) / extent, axisymmetric), extent
+    box = box_of(problem.comm, at)
+    extent = float(np.ptp(box, axis=0).max())
+    return rigid_motions((at - box.mean(axis=0)) / extent, axisymmetric), extent
 
 
 def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:

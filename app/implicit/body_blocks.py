@@ -313,9 +313,9 @@ class BodyBlocks:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
-        self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
+        self.budget.over, self.budget.most = kept["over"], kept["most"]
         size, comm = self._problem.size, self._problem.comm
-        if kept.get("turned", False) and self._may_turn and factors_fit(comm, size):
+        if kept["turned"] and self._may_turn and factors_fit(comm, size):
             self.direct = self.turned = True
 
 

@@ -21,6 +21,7 @@ from tribox.app.equilibrium.supports import (
     loose_directions,
     sprung_dofs,
 )
+from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats
 
@@ -81,9 +82,7 @@ class LooseBodies:
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m; collective."""
         at = self.problem.space.tabulate_dof_coordinates()[: self.problem.owned // self.problem.dim]
-        ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
-        self.problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        return float(np.max(ends.sum(axis=0)))
+        return float(np.ptp(box_of(self.problem.comm, at), axis=0).max())
 
     def held(self, stiffness: Floats, place: Floats) -> HoldingSprings:
         """Springs of a total stiffness (d,), N/m, without force at ``place`` (n,), m."""

@@ -416,9 +416,7 @@ class Predictor:
         return solved
 
     def _sum(self, local: Floats) -> Floats:
-        total = np.empty_like(local)
-        self.problem.comm.Allreduce(local, total, op=MPI.SUM)
-        return total
+        return self.problem.comm.allreduce(local)
 
 
 def lagrange_weights(nodes: Floats, at: float) -> Floats:

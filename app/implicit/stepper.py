@@ -85,11 +85,7 @@ class ImplicitStepper:
     """
 
     def __init__(self, problem: Equilibrium, options: ImplicitOptions | None = None) -> None:
-        """Make matrix and solvers; collective.
-
-        Raises:
-            ValueError: PETSc refuses one of the options.
-        """
+        """Make matrix and solvers; collective; ValueError if PETSc refuses one of the options."""
         self.problem, self.options = problem, options or ImplicitOptions()
         self.x, self.trial = problem.new_vector(), problem.new_vector()
         self.rate_dependent = True

@@ -244,9 +244,7 @@ def resultants(
 
 def _summed(comm: MPI.Comm, mine: dict[str, Floats]) -> dict[str, Floats]:
     """The same vectors, summed over all ranks."""
-    sums = np.array(list(mine.values()), dtype=np.float64)
-    total = np.empty_like(sums)
-    comm.Allreduce(sums, total, op=MPI.SUM)
+    total = comm.allreduce(np.array(list(mine.values()), dtype=np.float64))
     return dict(zip(mine, total, strict=True))
 
 

@@ -21,7 +21,7 @@ vertices is summed over all.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,9 +29,9 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_text
-from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import (
     BENT,
@@ -294,7 +294,7 @@ class PairProbe:
         return _over(sums[0], sums[1]), _over(sums[2], sums[3]), _over(sums[4], sums[5])
 
 
-class ContactWarnings:
+class ContactWarnings(Remembers):
     """Keeps of every pair what the warnings at the end of a run are about.
 
     Attributes:
@@ -303,6 +303,15 @@ class ContactWarnings:
             of a tie the same ratio by energies, stored in it over those of the bodies, where it
             stores most.
     """
+
+    over_facet: Kept[list[float]]
+    over_approach: Kept[list[float]]
+    _by_force: Kept[list[bool]]
+    _deepest: Kept[list[tuple[float, float, str]]]
+    _strongest: Kept[list[PairState | None]]
+    _widest: Kept[list[PairState | None]]
+    _stored: Kept[list[float]]
+    _sunk: Kept[list[tuple[Sunk, str]]]
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready; collective.
@@ -317,13 +326,12 @@ class ContactWarnings:
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
-        self._deepest = [(0.0, 0.0, "", 0.0)] * count
-        self._strongest: list[PairState | None] = [None] * count
-        self._widest: list[PairState | None] = [None] * count
+        self._deepest = [(0.0, 0.0, "")] * count
+        self._strongest, self._widest = [None] * count, [None] * count
         self._stored = [0.0] * count
-        self._sunk: list[tuple[Sunk, float, str, float]] = [(Sunk(), 0.0, "", 0.0)] * count
+        self._sunk = [(Sunk(), "")] * count
         if resumed is not None:
-            self._restore(resumed)
+            self.restore(resumed)
             return
         # Not in the middle of a run: another stage may hold the bodies otherwise, and the search
         # for facets, done at the start, would be done anew at the next step.
@@ -343,7 +351,7 @@ class ContactWarnings:
         spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
         approach = spent / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
-            here = (state.deepest, row.time, row.stage, row.dt)
+            here = (state.deepest, row.time, row.when)
             self._deepest[index] = max(self._deepest[index], here)
             self.over_facet[index] = max(self.over_facet[index], state.over_facet)
             strongest, widest = self._strongest[index], self._widest[index]
@@ -367,7 +375,7 @@ class ContactWarnings:
             larger = self._problem.comm.allreduce(abs(larger), op=MPI.MAX)
             sunk = probe.deepest(term.surface.gather(x), state.deepest + larger)
             if sunk.share > self._sunk[index][0].share:
-                self._sunk[index] = (sunk, row.time, row.stage, row.dt)
+                self._sunk[index] = (sunk, row.when)
 
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
@@ -390,32 +398,6 @@ class ContactWarnings:
             if stored > self._stored[index]:
                 self._stored[index] = stored
                 self.over_approach[index] = _over(2.0 * stored, spent)
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {
-            "by_force": self._by_force,
-            "over": [self.over_facet, self.over_approach],
-            "deepest": [list(one) for one in self._deepest],
-            "stored": self._stored,
-            "sunk": [[asdict(one[0]), *one[1:]] for one in self._sunk],
-            "strongest": [None if one is None else asdict(one) for one in self._strongest],
-            "widest": [None if one is None else asdict(one) for one in self._widest],
-        }
-
-    def _restore(self, kept: Snapshot) -> None:
-        self._by_force = list(kept["by_force"])
-        self.over_facet, self.over_approach = map(list, kept["over"])
-        self._stored = list(kept["stored"])
-        self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
-        self._sunk = [
-            (Sunk(one[0]["share"], one[0]["depth"], tuple(one[0]["place"])), *one[1:])
-            for one in kept["sunk"]
-        ]
-        self._strongest, self._widest = (
-            [None if one is None else PairState(**one) for one in kept[name]]
-            for name in ("strongest", "widest")
-        )
 
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""
@@ -451,10 +433,10 @@ class ContactWarnings:
 
     def _of_tie(self, index: int) -> Iterator[str]:
         if self.over_facet[index] > PENETRATION:
-            depth, time, stage, dt = self._deepest[index]
+            depth, _, when = self._deepest[index]
             yield (
-                f"contact.{index}: what is tied moves apart by up to {depth:.3g} m (time "
-                f"{time_text(time, dt)}, stage {stage}), {self.over_facet[index]:.2g} of the local "
+                f"contact.{index}: what is tied moves apart by up to {depth:.3g} m ({when}), "
+                f"{self.over_facet[index]:.2g} of the local "
                 "slave facet's length; raise the penalty (penalty_factor)"
             )
         share = self.over_approach[index]
@@ -467,10 +449,10 @@ class ContactWarnings:
             )
 
     def _edge(self, index: int) -> str:
-        sunk, time, stage, dt = self._sunk[index]
+        sunk, when = self._sunk[index]
         return (
             f"contact.{index}: a vertex of the master, at {place_text(sunk.place)}, sinks up to "
-            f"{sunk.depth:.3g} m into a slave facet (time {time_text(time, dt)}, stage {stage}), "
+            f"{sunk.depth:.3g} m into a slave facet ({when}), "
             f"{sunk.share:.2g} of its length more than the penetration: the mean gap, which the "
             "pressure answers to and max_penetration tells of, does not see an edge between the "
             "slave's vertices; round the edge, make the other surface the slave, or refine the "
@@ -499,7 +481,7 @@ class ContactWarnings:
         )
 
     def _soft(self, index: int, comb: bool) -> str:
-        depth, time, stage, dt = self._deepest[index]
+        depth, _, when = self._deepest[index]
         share = self.over_approach[index]
         cost = (
             "the bodies come that much too close under the given force"
@@ -512,8 +494,8 @@ class ContactWarnings:
             else "raise the penalty (penalty_factor) or refine the surface"
         )
         return (
-            f"contact.{index}: penetration up to {depth:.3g} m (time {time_text(time, dt)}, stage "
-            f"{stage}), up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
+            f"contact.{index}: penetration up to {depth:.3g} m ({when}), "
+            f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
             f"on average {share:.2g} of the approach of the bodies: {cost}; {cure}"
         )
 

@@ -198,8 +198,7 @@ class MotionHistory:
         here = self._means.of(*motion)
         there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
-        total = np.empty_like(local)
-        self._model.problem.comm.Allreduce(local, total, op=MPI.SUM)
+        total = self._model.problem.comm.allreduce(local)
         means = total[: here.size].reshape(here.shape)
         forces = total[here.size :].reshape(there.shape) * self._model.thickness
         self._add_surfaces(key, means[: len(self._on)], forces)
