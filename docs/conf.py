@@ -43,7 +43,7 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_preserve_defaults = True
 # Names that stand for longer types, and those that only a type checker imports.
-_ALIASES = ("Floats", "Ints", "NDArray", "DataFrame", "Table", "Grid", "MaterialPoints")
+_ALIASES = ("Floats", "Ints", "NDArray", "DataFrame", "Table", "MaterialPoints")
 autodoc_type_aliases = {name: name for name in _ALIASES}
 nitpick_ignore = [("py:class", name) for name in (*_ALIASES, "np.int64", "np.float64")]
 default_role = "code"

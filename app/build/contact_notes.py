@@ -139,8 +139,7 @@ def _moments(surface: ContactSurface, position: Floats) -> Floats:
     """Second moments (f, i, i), m², of the corners of facets (f, a, i) about their middles."""
     corners = position[:, : surface.shape.corners]
     arm = corners - corners.mean(axis=1, keepdims=True)
-    moments: Floats = np.einsum("fai,faj->fij", arm, arm)
-    return moments
+    return np.einsum("fai,faj->fij", arm, arm)
 
 
 def note_on_overlap(

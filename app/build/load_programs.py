@@ -46,8 +46,7 @@ def turning(arm: Floats, axis: Floats, component: int, angle: TimeTable) -> Prog
     def value(time: float, driven: float) -> Floats:
         turn = angle(time)
         # cos − 1 without cancellation
-        out: Floats = across * np.sin(turn) - outward * 2.0 * np.sin(0.5 * turn) ** 2
-        return out
+        return across * np.sin(turn) - outward * 2.0 * np.sin(0.5 * turn) ** 2
 
     return value
 

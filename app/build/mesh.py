@@ -48,13 +48,15 @@ def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         if isinstance(geometry, GeneratedGeometry):
             return generate(geometry.shape(), comm, contacts)
         try:
+            # Of second-order cells the corners alone are taken where first order is asked for.
+            given = [body.formulation for body in case.bodies.values()]
             named = read(
                 geometry.meshed or geometry.mesh,
                 comm,
                 contacts,
                 geometry.max_cells,
                 geometry.unit,
-                _straight(case),
+                case.is_explicit or any(one not in (None, "q2") for one in given),
                 geometry.meshing(),
             )
         except MeshError as error:
@@ -67,12 +69,6 @@ def _made_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
         raise InputError(str(error)) from None
     _check_surfaces(case, named)
     return named
-
-
-def _straight(case: Case) -> bool:
-    """Whether of second-order cells the corners alone are taken: first order is asked for."""
-    given = [body.formulation for body in case.bodies.values()]
-    return case.is_explicit or any(one not in (None, "q2") for one in given)
 
 
 def _name_problems(case: Case, named: NamedMesh) -> Iterator[str]:

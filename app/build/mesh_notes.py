@@ -25,7 +25,7 @@ from tribox.app.equilibrium.supports import (
     loose_directions,
     sprung_dofs,
 )
-from tribox.app.equilibrium.unknowns import Prescribed
+from tribox.app.equilibrium.unknowns import Prescribed, box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.mesh import NamedMesh
@@ -141,11 +141,7 @@ def large_mesh(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on a mesh that was read without a scale and may not be in metres; collective."""
     if isinstance(case.geometry, GeneratedGeometry) or case.geometry.says_unit:
         return
-    x = named.mesh.geometry.x
-    # The least as the largest of the negative: one reduction for both.
-    ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-    named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    extent = float(np.max(ends[:3] + ends[3:]))
+    extent = float(np.ptp(box_of(named.mesh.comm, named.mesh.geometry.x), axis=0).max())
     if extent > LARGE:
         yield (
             f"mesh {case.geometry.mesh}: {extent:.3g} m long; coordinates are taken as metres, "
@@ -165,10 +161,7 @@ def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
     """A line on each value that is out of proportion; collective."""
     yield from _yield_strains(case)
     yield from _coefficients(case)
-    x = named.mesh.geometry.x
-    ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-    named.mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    extent = float(np.max(ends[:3] + ends[3:]))
+    extent = float(np.ptp(box_of(named.mesh.comm, named.mesh.geometry.x), axis=0).max())
     yield from _slab(case, extent)
     for key, program in _displacements(case):
         way = max(map(abs, program.values))

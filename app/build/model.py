@@ -323,8 +323,7 @@ def body_dofs(model: Model, name: str) -> Ints:
     space, dim = model.problem.space, model.problem.dim
     nodes = np.unique(space.dofmap.list[model.named.cells(name)])
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
-    out: Ints = (nodes[:, None] * dim + np.arange(dim)).astype(np.int32)
-    return out
+    return (nodes[:, None] * dim + np.arange(dim)).astype(np.int32)
 
 
 def initial_velocity(model: Model) -> Floats:

@@ -28,7 +28,7 @@ from tribox.app.case.tools import (
 )
 from tribox.app.equilibrium.constraints import Platen, Prescribed
 from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.app.equilibrium.unknowns import NodalLoad
+from tribox.app.equilibrium.unknowns import NodalLoad, box_of
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.meshes.mesh import NamedMesh
@@ -191,11 +191,7 @@ def blocks_of_tools(case: Case, named: NamedMesh) -> dict[str, Block]:
 
 
 def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads: Loads) -> Tools:
-    """The tools of a case; collective.
-
-    Raises:
-        InputError: a shape cannot be made.
-    """
+    """The tools of a case; collective; InputError if a shape cannot be made."""
     tools = Tools(case, loads)
     box = extent(named)
     for name, table in case.tools.items():
@@ -205,10 +201,7 @@ def make_tools(case: Case, named: NamedMesh, blocks: Mapping[str, Block], loads:
 
 def extent(named: NamedMesh) -> Floats:
     """Least and largest coordinates (2, i), m, of the mesh; collective."""
-    x, comm = named.mesh.geometry.x[:, : named.mesh.geometry.dim], named.mesh.comm
-    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    return ends * [[1.0], [-1.0]]
+    return box_of(named.mesh.comm, named.mesh.geometry.x[:, : named.mesh.geometry.dim])
 
 
 def _add(
@@ -244,6 +237,9 @@ def _add(
         free[slot] = how.is_loaded
         _move(tools, name, part, how)
     moment = None if rotation is None else rotation.moment
+    inertia = None if table.rotation is None else table.rotation.inertia
+    # The moment of inertia goes with the angle times a length.
+    masses = [table.mass or 0.0] * dim + [(inertia or 0.0) / length**2]
     tools.members.append(
         RigidTool(
             name=name,
@@ -252,7 +248,7 @@ def _add(
             block=block,
             free=free,
             idle=moment is not None and not any(moment.values),
-            mass=np.asarray(_masses(table, dim, length) / thickness, dtype=np.float64),
+            mass=np.asarray(np.array(masses) / thickness, dtype=np.float64),
         )
     )
 
@@ -361,13 +357,6 @@ def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:
     elif dim == 3 and isinstance(table, CylinderTool):
         axis = np.asarray(table.axis, dtype=np.float64)
     return RigidMotion(centre, points, length, axis)
-
-
-def _masses(table: Tool, dim: int, length: float) -> Floats:
-    """Mass of each slot (k,), kg: the moment of inertia goes with the angle times a length."""
-    inertia = None if table.rotation is None else table.rotation.inertia
-    masses = [table.mass or 0.0] * dim + [(inertia or 0.0) / length**2]
-    return np.array(masses, dtype=np.float64)
 
 
 def _component(table: Tool, component: str, share: float) -> _Slot:

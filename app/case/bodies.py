@@ -356,8 +356,7 @@ class Elastomer(_Body):
         """The energy with the branches of the body and its softening, if there are any."""
         relaxed = self.relaxed_material(runs_code)
         if self.prony is None and self.mullins is None:
-            found: Material = relaxed
-            return found
+            return relaxed
         from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
 
         softening = self.mullins.law_of() if self.mullins is not None else None
@@ -382,8 +381,7 @@ class _DeclaredBody(DeclaredTable, Elastomer):
     @property
     def shear_modulus(self) -> float:
         """G, Pa."""
-        found: float = self.elastic_material(False).shear_modulus
-        return found
+        return self.elastic_material(False).shear_modulus
 
     @property
     def bulk_modulus(self) -> float:

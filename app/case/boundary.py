@@ -43,11 +43,7 @@ class AnyDirection(Written):
     """
 
     def parse(self, value: object) -> str | tuple[float, ...]:
-        """The direction.
-
-        Raises:
-            PydanticCustomError: it is none.
-        """
+        """The direction; PydanticCustomError if it is none."""
         if isinstance(value, str) and value in COMPONENTS:
             return value
         if isinstance(value, str) or not isinstance(value, Sequence):

@@ -32,11 +32,7 @@ class DeclaredTable(Model):
         return any(isinstance(getattr(self, key), TimeTable) for key in keys_of(kind).values())
 
     def parameters(self, time: float = 0.0) -> Any:
-        """The parameters at a time, s, checked.
-
-        Raises:
-            Refused: the values do not fit together.
-        """
+        """The parameters at a time, s, checked; Refused if the values do not fit together."""
         kind = type(self).declared
         values = {name: value_at(getattr(self, key), time) for name, key in keys_of(kind).items()}
         return kind(**{name: value for name, value in values.items() if value is not None})

@@ -277,8 +277,7 @@ class Film(_Flow):
 
     def rheology(self) -> FilmRheology:
         """Of the oil, as this table says."""
-        found: FilmRheology = self.parameters()
-        return found
+        return self.parameters()
 
     def unknown(self, modulus: float, rheology: Any = None) -> FilmModel:
         """The film that is solved for.

@@ -129,5 +129,4 @@ def map_of(friction: Friction) -> FrictionMapParameters | None:
     """The parameters of the friction map, if it is one, as far as they are known."""
     if friction.law != MAP or not isinstance(friction, LawTable):
         return None
-    found: FrictionMapParameters = friction.parameters()
-    return found
+    return friction.parameters()

@@ -114,11 +114,7 @@ class GeneratedGeometry(Model):
         raise NotImplementedError
 
     def shape(self) -> CountedShape:
-        """The shape that is meshed.
-
-        Raises:
-            ValueError: it cannot be meshed so; the message says why.
-        """
+        """The shape that is meshed; ValueError if it cannot be meshed so; the message says why."""
         raise NotImplementedError
 
     @property

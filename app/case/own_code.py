@@ -60,8 +60,7 @@ class NamesAClass(_NamesAClass):
     @property
     def reference(self) -> str:
         """File and class, "/path/my_law.py:MyLaw"."""
-        found: str = getattr(self, "class")
-        return found
+        return getattr(self, "class")
 
     @property
     def file(self) -> Path:

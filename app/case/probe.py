@@ -41,8 +41,7 @@ class ProbeLine(_NamesFrom):
     @property
     def start(self) -> Point:
         """The first point, m."""
-        found: Point = getattr(self, "from")
-        return found
+        return getattr(self, "from")
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """No line, or no number of points to divide it by."""

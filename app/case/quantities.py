@@ -236,11 +236,7 @@ class Quantity(Bounds, Written):
     """Pydantic annotation of a float field: `Annotated[float, Quantity("m", gt=0.0)]`."""
 
     def parse(self, value: object) -> float:
-        """SI value within the bounds.
-
-        Raises:
-            QuantityError: no such quantity, or out of bounds.
-        """
+        """SI value within the bounds; QuantityError if no such quantity, or out of bounds."""
         number = parse_bounded(value, self.unit)
         if self.nonzero and number == 0.0:
             raise QuantityError("must not be 0")

@@ -364,8 +364,8 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
         InputError: there is none, or it is no such file.
     """
     try:
-        found = os.stat(path)
-        _see_file(path, found, largest)
+        if see_file(path).st_size > largest:
+            raise _too_large(path, largest)
         with path.open("rb") as stream:
             content = stream.read(largest + 1)
     except FileNotFoundError:
@@ -385,13 +385,14 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
         ) from None
 
 
-def _see_file(path: Path, found: os.stat_result, largest: int) -> None:
+def see_file(path: Path) -> os.stat_result:
+    """See that something is a file: to read a pipe may take for ever, a device has no end."""
+    found = os.stat(path)
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(found.st_mode):
-        raise InputError(f"{path}: is no file but a device, pipe or socket")
-    if found.st_size > largest:
-        raise _too_large(path, largest)
+        raise OSError("it is a device, pipe or socket")
+    return found
 
 
 def _too_large(path: Path, largest: int) -> InputError:

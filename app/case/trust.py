@@ -107,11 +107,7 @@ def require_drawing(drawing: Path) -> None:
 
 
 def require_trusted_file(path: Path, said: str) -> None:
-    """See that a file lies in a directory that the user trusts.
-
-    Raises:
-        InputError: it does not.
-    """
+    """See that a file lies in a directory that the user trusts; InputError if it does not."""
     real = path.resolve()
     if not any(one in real.parents for one in trusted_directories()):
         raise InputError(

@@ -45,11 +45,7 @@ def is_whole(directory: Path, now: Case) -> bool:
 
 
 def refuse(found: Iterator[str], directory: Path) -> None:
-    """Refuse a case that differs.
-
-    Raises:
-        InputError: there are differences.
-    """
+    """Refuse a case that differs; InputError if there are differences."""
     lines = list(found)
     if lines:
         raise InputError(f"{directory}: the case is not the one of the run: {listed(lines)}")

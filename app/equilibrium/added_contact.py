@@ -138,8 +138,7 @@ class AddedContact:
     def normal_forces(self) -> Floats:
         """Of each pair ∫ t_N dA over the slave, N (per metre in plane strain); collective."""
         local = [term.surface.slave.weight @ trial.pressure for term, trial in self._pairs()]
-        total: Floats = self._unknowns.comm.allreduce(np.array(local), op=MPI.SUM)
-        return total
+        return self._unknowns.comm.allreduce(np.array(local), op=MPI.SUM)
 
     def _pairs(self) -> list[tuple[ContactTerm, ContactTrial]]:
         if not self.trials:

@@ -26,7 +26,7 @@ from tribox.app.equilibrium.rigid_tool import (
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepMode
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
-from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest
+from tribox.app.equilibrium.unknowns import NodalLoad, box_of, place_of_largest
 from tribox.forms.bodies.loads import Foundation, Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
@@ -61,7 +61,9 @@ class RoundOff:
     def __init__(self, space: dolfinx.fem.FunctionSpace, solids: Iterable[Solid]) -> None:
         """Take the solids; collective."""
         self._comm = space.mesh.comm
-        self._farthest = FAR * _extent(space.mesh)
+        self._farthest = FAR * float(
+            np.ptp(box_of(self._comm, space.mesh.geometry.x), axis=0).max()
+        )
         self._solids = list(solids)
         self.names = [solid.name for solid in self._solids]
 
@@ -104,8 +106,7 @@ def reference_force(
     given = [p for p in constraints.slanted if p.acts and p.displacement is not None]
     reactions += sum(float(np.sum(platen.along(unbalanced) ** 2)) for platen in given)
     local = np.array([contact_squared, reactions, float(loads @ loads)])
-    total = np.empty_like(local)
-    constraints.unknowns.comm.Allreduce(local, total, op=MPI.SUM)
+    total = constraints.unknowns.comm.allreduce(local)
     return max(
         float(np.sqrt(total.max())), *(abs(p.force) for p in constraints.platens if p.acts), 0.0
     )
@@ -119,14 +120,6 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
     for platen in (p for p in constraints.platens if p.acts):
         free[platen.dofs] = 0.0
     return place_of_largest(np.where(np.isfinite(free), free, np.inf), unknowns.space)
-
-
-def _extent(mesh: dolfinx.mesh.Mesh) -> float:
-    """Largest extent along an axis, m; collective."""
-    x = mesh.geometry.x
-    ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-    mesh.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    return float(ends.sum(axis=0).max())
 
 
 # -- The discrete equilibrium of all bodies, contacts and loads: residual and tangent --------------
@@ -417,8 +410,7 @@ class Equilibrium:
         self._work.array[:] = 0.0
         add(self._work.array)
         self._work.scatter_reverse(dolfinx.la.InsertMode.add)
-        mine: Floats = self._work.array[: self.owned].copy()
-        return mine
+        return self._work.array[: self.owned].copy()
 
     def _evaluate_solids(self, step: StepMode, tangent: bool = False) -> None:
         """Where a body's material cannot be evaluated its forms give NaN, and so the residual."""

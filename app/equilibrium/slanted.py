@@ -65,8 +65,7 @@ class SlantedPlaten(Platen):
     def along(self, values: Floats) -> Floats:
         """Components (m,) along n of nodal values (n,), at the platen's nodes."""
         vectors = values[self.dofs].reshape(-1, len(self.normal))
-        out: Floats = np.asarray(vectors @ self.normal, dtype=np.float64)
-        return out
+        return np.asarray(vectors @ self.normal, dtype=np.float64)
 
     def total(self, values: Floats) -> float:
         """This rank's sum of nodal values (n,), such as forces, along n."""
@@ -91,20 +90,17 @@ class NodeGroup:
     def dofs(self) -> Longs:
         """Local unknowns (m, i) of the nodes."""
         dim = self.normals.shape[1]
-        out: Longs = self.nodes[:, None] * dim + np.arange(dim)
-        return out
+        return self.nodes[:, None] * dim + np.arange(dim)
 
     @property
     def rows(self) -> Longs:
         """Local unknowns u_J (m, p), whose rows hold the platens' equations."""
-        out: Longs = self.nodes[:, None] * self.normals.shape[1] + self.pivots
-        return out
+        return self.nodes[:, None] * self.normals.shape[1] + self.pivots
 
     @property
     def inverse(self) -> Floats:
         """N_J⁻¹ (p, p)."""
-        out: Floats = np.asarray(np.linalg.inv(self.normals[:, self.pivots]), dtype=np.float64)
-        return out
+        return np.asarray(np.linalg.inv(self.normals[:, self.pivots]), dtype=np.float64)
 
 
 def node_groups(platens: Sequence[SlantedPlaten], held: Ints, dim: int) -> list[NodeGroup]:

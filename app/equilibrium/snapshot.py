@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,82 @@ class Partial:
     """This rank's part of sums over the ranks; read, the first rank has all of them."""
 
     values: Array
+
+
+KINDS = Nodal | AtPoints | InCells | Partial
+
+
+# -- Attributes that are kept as they are ----------------------------------------------------------
+
+T = TypeVar("T")
+Kept = Annotated[T, "kept"]
+"""In the body of a class that :class:`Remembers`: an attribute that a checkpoint keeps."""
+KeptAtPoints = Annotated[T, AtPoints]
+"""The same, of a list with the values of each pair at its points."""
+
+
+class Remembers:
+    """What has attributes that a checkpoint keeps; the kinds declared are made again from data."""
+
+    def snapshot(self) -> Snapshot:
+        """What the rest of a run depends on; views, not copies."""
+        kept = {}
+        for name, kind in _kept(self):
+            value = getattr(self, name)
+            if AtPoints in get_args(kind):
+                value = [AtPoints(pair, points) for pair, points in enumerate(value)]
+            kept[name.lstrip("_")] = _plain(value)
+        return kept
+
+    def restore(self, kept: Snapshot) -> None:
+        """Go on from what :meth:`snapshot` has seen."""
+        for name, kind in _kept(self):
+            own: Any = getattr(self, name, None)
+            value = kept[name.lstrip("_")]
+            if hasattr(own, "restore"):
+                own.restore(value)
+            else:
+                setattr(self, name, _made(get_args(kind)[0], value))
+
+
+def _kept(owner: Remembers) -> list[tuple[str, Any]]:
+    hints = get_type_hints(type(owner), include_extras=True)
+    return [(name, kind) for name, kind in hints.items() if get_origin(kind) is Annotated]
+
+
+def _plain(value: Any) -> Any:
+    """A value as a tree; a dictionary as pairs, for its keys need not be texts."""
+    if hasattr(value, "snapshot"):
+        return value.snapshot()
+    if isinstance(value, dict):
+        return [[_plain(key), _plain(one)] for key, one in value.items()]
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if is_dataclass(value) and not isinstance(value, KINDS):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    return value
+
+
+def _made(kind: Any, value: Any) -> Any:
+    """A value of a kind from its tree."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if value is None:
+        return None
+    if origin in (Union, UnionType):  # of something or None
+        return _made(parts[0], value)
+    if isinstance(kind, type) and is_dataclass(kind):
+        kinds = get_type_hints(kind)
+        return kind(**{name: _made(kinds[name], one) for name, one in value.items()})
+    if origin is dict:
+        return {_made(parts[0], key): _made(parts[1], one) for key, one in value}
+    if origin is list or (origin is tuple and parts[-1] is Ellipsis):
+        return origin(_made(parts[0], one) for one in value)
+    if origin is tuple:
+        return tuple(_made(part, one) for part, one in zip(parts, value, strict=True))
+    return value
+
+
+# -- What holds kinds of forms ---------------------------------------------------------------------
 
 
 def scattered(dofs: Array, values: Floats | float, owned: int) -> Nodal:

@@ -29,8 +29,7 @@ class HoldingSprings:
 
     def force(self, at: Floats) -> Floats:
         """Residual (n,), N, of the owned unknowns (n,), m."""
-        out: Floats = self.stiffness * (at - self.place)
-        return out
+        return self.stiffness * (at - self.place)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.slanted import SlantedPlaten
+from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import contact_shear_modulus
 from tribox.forms.bodies.solid import Solid
@@ -91,8 +92,7 @@ def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
     """Global nodes of this rank's cells of a solid."""
     dofmap = problem.space.dofmap
     local = np.unique(dofmap.list[solid.cells]).astype(np.int32)
-    nodes: Longs = dofmap.index_map.local_to_global(local).astype(np.int64)
-    return nodes
+    return dofmap.index_map.local_to_global(local).astype(np.int64)
 
 
 # -- Bodies that move as one: those that common nodes or ties join ---------------------------------
@@ -125,8 +125,7 @@ class Grip:
         # Least squares: the tool takes the slots that are nearest to the motion; what is left of it
         # the grip resists. The pseudo-inverse, for slots may do the same to a small surface.
         out = flat - follow @ (np.linalg.pinv(sums[:, :own]) @ sums[:, own:])
-        left: Floats = out.reshape(moved.shape)
-        return left
+        return out.reshape(moved.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,8 +287,7 @@ def _loose_axes(problem: Equilibrium, nodes: Ints, held: Bools) -> Bools:
         support += here * np.outer(platen.normal, platen.normal)
     support = problem.comm.allreduce(support) + np.diag(held.astype(float))
     free = np.eye(problem.dim) - np.linalg.pinv(support) @ support  # onto what nothing holds
-    out: Bools = np.diag(free) > 1e-9
-    return out
+    return np.diag(free) > 1e-9
 
 
 def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
@@ -308,15 +306,13 @@ def _loose_tools(problem: Equilibrium, supports: Ints) -> Iterator[Loose]:
 def free_slots(problem: Equilibrium, tool: RigidTool, supports: Ints) -> Bools:
     """Slots (k,) of a tool that are none of the owned unknowns ``supports``; collective."""
     here = tool.here & np.isin(tool.dofs, supports)
-    free: Bools = problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM) == 0
-    return free
+    return problem.comm.allreduce(here.astype(np.int32), op=MPI.SUM) == 0
 
 
 def body_nodes(problem: Equilibrium, cells: Ints) -> Ints:
     """Local nodes of a body's owned cells, those that this rank owns."""
     nodes = np.unique(problem.space.dofmap.list[cells])
-    out: Ints = nodes[nodes < problem.owned // problem.dim]
-    return out
+    return nodes[nodes < problem.owned // problem.dim]
 
 
 def sprung_dofs(problem: Equilibrium) -> Ints:
@@ -400,10 +396,9 @@ def motions_of(
         nodes: (n,) local ones of the body that this rank owns.
     """
     at = problem.space.tabulate_dof_coordinates()[nodes, : problem.dim]
-    ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
-    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    extent, middle = float(ends.sum(axis=0).max()), 0.5 * (ends[0] - ends[1])
-    return rigid_motions((at - middle) / extent, axisymmetric), extent
+    box = box_of(problem.comm, at)
+    extent = float(np.ptp(box, axis=0).max())
+    return rigid_motions((at - box.mean(axis=0)) / extent, axisymmetric), extent
 
 
 def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:
@@ -447,5 +442,4 @@ def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> 
     mean = total[:-1] / max(total[-1], 1.0)
     fixed = platen.stiffness > 0.0 or platen.displacement is not None
     apart = rows if fixed else rows - mean
-    out: Floats = problem.comm.allreduce(apart.T @ apart)
-    return out
+    return problem.comm.allreduce(apart.T @ apart)

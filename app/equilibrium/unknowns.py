@@ -181,22 +181,25 @@ class Unknowns:
 
         Those beside the mesh count as its middle.
         """
-        x = self.space.mesh.geometry.x[:, : self.dim]
-        ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        box = box_of(self.comm, self.space.mesh.geometry.x[:, : self.dim])
         out: Floats = self.space.tabulate_dof_coordinates()[: self.owned // self.dim, : self.dim]
-        out[self.beside // self.dim] = 0.5 * (ends[0] - ends[1])
+        out[self.beside // self.dim] = box.mean(axis=0)
         return out
 
     def of_nodes(self, nodes: Longs) -> NDArray[np.int32]:
         """Global scalar unknowns (…, i) of global nodes (…)."""
-        out: NDArray[np.int32] = (nodes[..., None] * self.dim + np.arange(self.dim)).astype(
-            PETSc.IntType
-        )
-        return out
+        return (nodes[..., None] * self.dim + np.arange(self.dim)).astype(PETSc.IntType)
 
 
 # -- Places in the undeformed bodies, found and put into words -------------------------------------
+
+
+def box_of(comm: MPI.Comm, x: Floats) -> Floats:
+    """Least and largest coordinates (2, i) of all ranks' places (n, i); collective."""
+    # The least as the largest of the negative: one reduction for both.
+    ends = np.stack([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+    return ends * [[-1.0], [1.0]]
 
 
 def place_text(place: Iterable[float]) -> str:
@@ -218,5 +221,4 @@ def place_of_largest(values: Floats, space: dolfinx.fem.FunctionSpace) -> tuple[
         at = int(np.argmax(values))
         where = space.tabulate_dof_coordinates()[at // dim, :dim]
         mine = (float(values[at]), tuple(map(float, where)))
-    place: tuple[float, ...] = max(space.mesh.comm.allgather(mine))[1]
-    return place
+    return max(space.mesh.comm.allgather(mine))[1]

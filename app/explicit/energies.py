@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Partial, Snapshot, scattered
-from tribox.app.equilibrium.unknowns import place_of_largest, place_text
+from tribox.app.equilibrium.snapshot import Kept, Partial, Remembers, Snapshot, scattered
+from tribox.app.equilibrium.unknowns import box_of, place_of_largest, place_text
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog
 from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import oedometric_modulus
@@ -70,21 +70,24 @@ def energy_roundoff(problem: Equilibrium) -> float:
     holds.
     """
     x = problem.space.tabulate_dof_coordinates()[:, : problem.dim]
-    ends = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-    problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    volume = float(np.prod(ends[: problem.dim] + ends[problem.dim :]))
+    box = box_of(problem.comm, x)
+    volume = float(np.prod(np.ptp(box, axis=0)))
     if problem.solids[0].section == "axisymmetric":
-        volume *= 2.0 * np.pi * float(ends[0])
+        volume *= 2.0 * np.pi * float(box[1, 0])
     stiffest = max(oedometric_modulus(solid.material) for solid in problem.solids)
     return 1e6 * problem.roundoff**2 / stiffest + 1e-14 * stiffest * volume
 
 
-class EnergyWatch:
+class EnergyWatch(Remembers):
     """Holds the stored energy against all that was ever supplied.
 
     Supports, loads and the start supply energy; dissipation only takes. So the strain, kinetic and
     interface energy together can never exceed the supply, but for errors of the integration.
     """
+
+    _supplied: Kept[float]
+    _work: Kept[float]
+    _roundoff: Kept[float]
 
     def __init__(self, problem: Equilibrium, limit: float, stored: float) -> None:
         """Begin with the energy that is stored at the start.
@@ -96,15 +99,6 @@ class EnergyWatch:
         self._supplied = stored
         self._work = 0.0
         self._roundoff = energy_roundoff(problem)
-
-    def snapshot(self) -> Snapshot:
-        """What was supplied so far."""
-        return {"supplied": self._supplied, "work": self._work, "roundoff": self._roundoff}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._supplied, self._work = kept["supplied"], kept["work"]
-        self._roundoff = kept["roundoff"]
 
     def check(self, stored: float, work: float, time: float, moving: Floats) -> None:
         """Compare; collective.
@@ -258,5 +252,4 @@ class Energies:
 
     def twice_kinetic(self) -> Floats:
         """Twice the kinetic energy m v² of each owned unknown (n,), J/m, by its last velocity."""
-        moving: Floats = self._mass * self._state.v.owned**2
-        return moving
+        return self._mass * self._state.v.owned**2

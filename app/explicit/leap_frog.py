@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.surface import NodalVector, SurfaceExchange
 
@@ -176,7 +176,7 @@ class LumpedDynamics:
 # -- One step of central differences: velocities to the next half step, displacements to the whole -
 
 
-class LeapFrog:
+class LeapFrog(Remembers):
     """Moves a state from one whole step to the next.
 
     Attributes:
@@ -184,6 +184,10 @@ class LeapFrog:
         platen_acceleration: (p,), m/s², at the last whole step; to be set before a step.
         platen_velocity: (p,), m/s, at the last half step; platen_displacement: (p,), m.
     """
+
+    platen_acceleration: Kept[Floats]  # the same on all ranks
+    platen_velocity: Kept[Floats]
+    platen_displacement: Kept[Floats]
 
     def __init__(
         self,
@@ -266,19 +270,6 @@ class LeapFrog:
         np.multiply(mean, mean, out=mean)
         v += self._change
         return self._damping * dt * float(np.dot(self._mass, mean))
-
-    def snapshot(self) -> Snapshot:
-        """The platens' motion, the same on all ranks."""
-        return {
-            "acceleration": self.platen_acceleration,
-            "velocity": self.platen_velocity,
-            "displacement": self.platen_displacement,
-        }
-
-    def restore(self, kept: Snapshot) -> None:
-        """The platens' motion that :meth:`snapshot` has seen."""
-        self.platen_acceleration = kept["acceleration"]
-        self.platen_velocity, self.platen_displacement = kept["velocity"], kept["displacement"]
 
     def take_back(self, dt: float) -> None:
         """Return to the displacements before the last step, of ``dt`` (s); collective."""

@@ -15,7 +15,7 @@ close gain energy with every rebound; the bound taken here is ω Δt ≤ √2, w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
 import dolfinx
@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
-from tribox.app.equilibrium.snapshot import Nodal, Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Nodal, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.forms.bodies.internal_force import InternalForce
@@ -195,8 +195,7 @@ class _Limits:
         factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
         # ω² of a sum of stiffnesses is at most the sum of both: the cell alone, and the contact's
         # springs on the worst of its nodes.
-        out: Floats = self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
-        return out
+        return self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)
 
 
 # -- The stable time step of central differences, from the largest eigenvalue of M⁻¹K --------------
@@ -388,8 +387,7 @@ class StableSteps:
         dim = dynamics.dim
         where = self._space.tabulate_dof_coordinates()[: len(dynamics.mass) // dim, :dim]
         phase = where @ np.array([12.9898, 78.233, 37.719][:dim]) / self._stiffness.smallest
-        out: Floats = np.sin(phase[:, None] + 1.7 * np.arange(dim)).reshape(-1)
-        return out
+        return np.sin(phase[:, None] + 1.7 * np.arange(dim)).reshape(-1)
 
     def _largest(self, apply: Callable[[Floats], Floats], last: Mode | None) -> Mode:
         """Begin with the last vector and some noise, which excites all other modes."""
@@ -429,31 +427,23 @@ class StableSteps:
         return float(step), mode
 
 
-class StepEstimate:
+class StepEstimate(Remembers):
     """The stable step, estimated again after a number of steps."""
+
+    _made_at: Kept[int]
+    _last: Kept[StableStep | None]
+    _stable_steps: Kept[StableSteps]
 
     def __init__(self, stable_steps: StableSteps, every: int) -> None:
         self._stable_steps, self._every = stable_steps, every
         self._made_at = 0
-        self._last: StableStep | None = None
+        self._last = None
 
     def at(self, steps: int) -> StableStep:
         """What the stable step is made of after so many steps; collective when it is due."""
         if self._last is None or steps - self._made_at >= self._every:
             self._last, self._made_at = self._stable_steps.estimate(), steps
         return self._last
-
-    def snapshot(self) -> Snapshot:
-        """The last estimate, and what the next one starts from."""
-        last = None if self._last is None else asdict(self._last)
-        return {"made_at": self._made_at, "last": last, "modes": self._stable_steps.snapshot()}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._made_at, last = kept["made_at"], kept["last"]
-        if last is not None:
-            self._last = StableStep(**last | {"place": tuple(last["place"])})
-        self._stable_steps.restore(kept["modes"])
 
     def last(self, steps: int) -> StableStep:
         """The last estimate, due or not; collective if there is none."""

@@ -154,8 +154,7 @@ class ExplicitStepper:
     @property
     def whole_step_velocity(self) -> Floats:
         """Velocities (n,) of the owned unknowns at the last whole step, m/s."""
-        out: Floats = self.v + 0.5 * self.state.last_dt * self.a
-        return out
+        return self.v + 0.5 * self.state.last_dt * self.a
 
     @property
     def a(self) -> Floats:

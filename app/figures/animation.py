@@ -105,7 +105,7 @@ def animate(results: Results, path: Path, field: str) -> int:
             "animation needs two or more (output.fields_every)"
         )
     names = body_names(results)
-    states = [read_bodies(results.grid("fields", step), names, field) for step in steps]
+    states = [read_bodies(results.fields(step), names, field) for step in steps]
     scale = common_scale([state.field for state in states])
     rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
     writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
@@ -158,7 +158,7 @@ def _in_the_plane(
         draw_tools(axes, lines[number], frame)
         if not names:
             return
-        nodes = without_roundoff(results.grid("contact", steps[number]), roundoff)
+        nodes = without_roundoff(results.contact(steps[number]), roundoff)
         shown = pairs_shown(nodes, len(names), MOST_PAIRS)
         draw_slaves(axes, nodes, {k: names[k] for k in shown}, frame.unit)
 

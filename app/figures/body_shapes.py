@@ -18,7 +18,7 @@ from tribox.app.errors import InputError
 from tribox.app.figures.style import FIELDS, Floats, Unit, fitting
 
 if TYPE_CHECKING:
-    from tribox.app.results.vtu import CellBlock, Grid
+    import meshio
 
 DEFAULT_FIELD = "von_mises_stress"
 VECTOR, TENSOR = ("x", "y", "z"), tuple(i + j for i in "xyz" for j in "xyz")
@@ -52,7 +52,7 @@ def named_after(stem: str, field: str) -> str:
     return f"{first}-{plain}{dash}{rest}"
 
 
-def cell_field(mesh: Grid, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
+def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
     """An array of a mesh, one number for each cell: of nodes the mean over the corners.
 
     Args:
@@ -80,7 +80,7 @@ def cell_field(mesh: Grid, cells: Sequence[NDArray[np.int64]], name: str) -> Cel
     return CellField(scalar, label + suffix, "" if known is None else known.unit, name)
 
 
-def _split(mesh: Grid, name: str) -> tuple[str, str]:
+def _split(mesh: meshio.Mesh, name: str) -> tuple[str, str]:
     """The array a name means, and the component; "" for all of it."""
     arrays = {**mesh.point_data, **mesh.cell_data}
     if name in arrays:
@@ -104,8 +104,7 @@ def _scalar(values: Floats, component: str, name: str) -> Floats:
         return values[:, 0]
     if count == 9:
         raise InputError(f"--field {name}: a tensor; name a component, such as {name}_xy")
-    out: Floats = np.linalg.norm(values, axis=1)
-    return out
+    return np.linalg.norm(values, axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +212,7 @@ class Bodies:
         return self.position[self.polygons[of], : self.dim] * factor
 
 
-def read_bodies(mesh: Grid, names: Sequence[str], field: str) -> Bodies:
+def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
     """Polygons of a mesh of a field file.
 
     The mesh has point data ``displacement`` and cell data ``body``; ``field`` as of
@@ -251,14 +250,14 @@ def read_bodies(mesh: Grid, names: Sequence[str], field: str) -> Bodies:
     )  # fmt: skip
 
 
-def _body(mesh: Grid, cells: Sequence[Ints]) -> Sequence[Ints]:
+def _body(mesh: meshio.Mesh, cells: Sequence[Ints]) -> Sequence[Ints]:
     """Numbers of the bodies, block by block; one body where the file does not say."""
     if "body" in mesh.cell_data:
         return list(mesh.cell_data["body"])
     return [np.zeros(len(block), dtype=np.int64) for block in cells]
 
 
-def _corners(block: CellBlock) -> tuple[str, Ints]:
+def _corners(block: meshio.CellBlock) -> tuple[str, Ints]:
     """Kind and corners (c, a) of a block of cells of any degree."""
     kind = block.type.removeprefix(_LAGRANGE).lower().replace("quadrilateral", "quad")
     kind = kind.replace("tetrahedron", "tetra")
@@ -268,7 +267,7 @@ def _corners(block: CellBlock) -> tuple[str, Ints]:
     raise ValueError(f"cells of kind {block.type} cannot be drawn")
 
 
-def _round(block: CellBlock) -> tuple[str, Ints]:
+def _round(block: meshio.CellBlock) -> tuple[str, Ints]:
     """Kind and nodes (c, a) round the cells of a block in the plane."""
     if block.type in _ROUND:
         return block.type, np.asarray(block.data, dtype=np.int64)[:, _ROUND[block.type]]

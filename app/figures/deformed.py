@@ -73,8 +73,9 @@ from tribox.app.figures.tractions import (
 )
 
 if TYPE_CHECKING:
+    import meshio
+
     from tribox.app.results import Results
-    from tribox.app.results.vtu import Grid
 
 
 MOST_PAIRS = 8  # pairs with a panel of their own
@@ -92,7 +93,7 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     if not states:
         return []
     names = body_names(results)
-    drawn = [read_bodies(results.grid("fields", state.step), names, field) for state in states]
+    drawn = [read_bodies(results.fields(state.step), names, field) for state in states]
     if drawn[0].dim == 3:
         return draw_states_in_space(results, states, drawn, figures)
     files = []
@@ -111,7 +112,7 @@ def draw_mesh(results: Results, figures: Path) -> list[Path]:
     if not len(results.steps):
         return []
     first = int(results.steps[0])
-    moved = read_bodies(results.grid("fields", first), body_names(results), "displacement")
+    moved = read_bodies(results.fields(first), body_names(results), "displacement")
     numbers = CellField(np.asarray(moved.body % PALE, dtype=np.float64), "", "", "body")
     bodies = replace(moved, position=moved.reference, field=numbers)
     scale = ColourScale(Normalize(-0.5, PALE - 0.5), "Pastel2", Unit(0, ""), "neither")
@@ -119,7 +120,7 @@ def draw_mesh(results: Results, figures: Path) -> list[Path]:
     if bodies.dim == 3:
         figure, words = mesh_in_space(bodies, scale), f"{words}outer facets"
     else:
-        nodes = results.grid("contact", first) if results.case.contact else None
+        nodes = results.contact(first) if results.case.contact else None
         figure, stretched = _mesh_figure(results, bodies, scale, nodes)
         words += f"cells{stretched}"
     figure.suptitle(heading(results, words), fontsize=9)
@@ -128,7 +129,7 @@ def draw_mesh(results: Results, figures: Path) -> list[Path]:
 
 
 def _mesh_figure(
-    results: Results, bodies: Bodies, scale: ColourScale, nodes: Grid | None
+    results: Results, bodies: Bodies, scale: ColourScale, nodes: meshio.Mesh | None
 ) -> tuple[Figure, str]:
     """The bodies with their cells in the plane, and what to say of their proportions."""
     frame = frame_round([bodies], axis_names(results))
@@ -149,8 +150,8 @@ def _mesh_figure(
 
 def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
-    nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
-    points = results.grid("contact_points", state.step)
+    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
+    points = results.contact_points(state.step)
     lines = tool_lines(results, state.step)
     frame = with_room(frame_round([bodies], axis_names(results)), lines)
     names = pair_names(results)
@@ -209,7 +210,11 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
 
 
 def _fill_panels(
-    panels: list[Axes], nodes: Grid, points: Grid | None, pairs: Mapping[int, str], total: int
+    panels: list[Axes],
+    nodes: meshio.Mesh,
+    points: meshio.Mesh | None,
+    pairs: Mapping[int, str],
+    total: int,
 ) -> None:
     """Tractions of each pair, in the same unit in all panels."""
     data = nodes.point_data
@@ -277,7 +282,7 @@ def _figure_in_space(
         _draw_bodies(figure, view, bodies, scale)
         figure.suptitle(heading(results, state.title), fontsize=9)
         return figure
-    nodes = without_roundoff(results.grid("contact", state.step), roundoff_of(results))
+    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_IN_SPACE)}
     columns = 1 if len(pairs) == 1 else 2
     rows = -(-len(pairs) // columns)
@@ -323,7 +328,7 @@ class Plan:
     facets: Ints
 
 
-def seen_along_normal(nodes: Grid, pair: int) -> Plan:
+def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
     """A slave in the plane across its mean normal, where it is pressed (all of it if nowhere).
 
     The normal is that of the slave, out of its body, turned towards the viewer where it has to be:
@@ -357,7 +362,9 @@ def _direction(vector: Floats) -> str:
     return "along (" + ", ".join(f"{v:.2g}" for v in vector) + ")"
 
 
-def draw_pairs(figure: Any, panels: Sequence[Axes], nodes: Grid, pairs: Mapping[int, str]) -> None:
+def draw_pairs(
+    figure: Any, panels: Sequence[Axes], nodes: meshio.Mesh, pairs: Mapping[int, str]
+) -> None:
     """Pressure and friction of each pair, in the same colours in all panels."""
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     stress = fitting(pressure, "Pa")
@@ -378,7 +385,7 @@ def draw_pairs(figure: Any, panels: Sequence[Axes], nodes: Grid, pairs: Mapping[
 
 
 def draw_pressure(
-    axes: Axes, nodes: Grid, plan: Plan, unit: Unit, stress: Unit, top: float
+    axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit, stress: Unit, top: float
 ) -> None:
     """Pressure on a slave where half or more of a node's surroundings touches; else its facets.
 
@@ -404,7 +411,7 @@ def draw_pressure(
     _limit(axes, place[np.unique(facets)], place[pressed])
 
 
-def touching(nodes: Grid, facets: Ints, place: Floats) -> Outline:
+def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Outline:
     """Outline of where half or more of a node's surroundings touches.
 
     Where the contact file lacks ``cover``, pressed nodes count as covered. ``place``: (v, 2), of
@@ -440,7 +447,7 @@ def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
     axes.set(xlim=(left, right), ylim=(low, high))
 
 
-def draw_friction(axes: Axes, nodes: Grid, plan: Plan, unit: Unit) -> None:
+def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> None:
     """Arrows of the friction on the master, where there is some."""
     vectors = nodes.point_data.get("friction_traction")
     if vectors is None:

@@ -23,7 +23,7 @@ from tribox.app.figures.style import RED, Floats, Unit, fitting
 from tribox.app.figures.tractions import facets_of, line_starts
 
 if TYPE_CHECKING:
-    from tribox.app.results.vtu import Grid
+    import meshio
 SLENDER = 6.0  # extent over extent from which on the shorter one is stretched
 SMALL = 0.15  # extent of what is pressed over that of the bodies, below which it is seen close up
 CELLS_OUTLINED = 4000
@@ -106,7 +106,7 @@ def frame_round(states: Sequence[Bodies], names: tuple[str, str]) -> Frame:
     return Frame(low, high, fitting([extent.max()], "m"), stretched, names)
 
 
-def close_up(frame: Frame, nodes: Grid) -> Frame | None:
+def close_up(frame: Frame, nodes: meshio.Mesh) -> Frame | None:
     """A frame round what is pressed, where it would hardly be seen among the bodies; else None."""
     pressed = np.asarray(nodes.point_data["pressure"]) > 0.0
     if frame.stretched or not pressed.any():
@@ -202,7 +202,7 @@ def pair_colour(pair: int) -> str:
 
 
 def draw_slaves(
-    axes: Axes, nodes: Grid, pairs: Mapping[int, str], unit: Unit
+    axes: Axes, nodes: meshio.Mesh, pairs: Mapping[int, str], unit: Unit
 ) -> list[LineCollection]:
     """Mark where each pair is pressed, and with a dot where its arc length begins.
 

@@ -326,9 +326,8 @@ def tool_triangles(results: Results, step: int) -> Floats | None:
     """
     if not results.case.tools:
         return None
-    mesh = results.grid("tools", step)
-    found: Floats = np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
-    return found
+    mesh = results.tool_outlines(step)
+    return np.asarray(mesh.points[mesh.cells[0].data], dtype=np.float64)
 
 
 def room_for(low: Floats, high: Floats, triangles: Floats | None) -> tuple[Floats, Floats]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +53,7 @@ def states_to_draw(results: Results) -> list[State]:
     ends = stage_ends(results)
     for number, (stage, end) in enumerate(ends[:-1], 1):
         step = _nearest(outputs, end)
-        names.setdefault(step, f"deformed-{number}-{_as_name(stage)}")
+        names.setdefault(step, f"deformed-{number}-{re.sub(r'[^A-Za-z0-9.+=_%µμ-]+', '_', stage)}")
         near = "" if step == last else f"nearest output to the end of {stage}"
         notes.setdefault(step, []).append(f"end of {stage}" if step == end else near)
     peak = _highest(history, list(names), outputs)
@@ -109,16 +108,12 @@ def _nearest(outputs: Any, step: int) -> int:
     return int(outputs[np.argmin(np.abs(outputs - step))])
 
 
-def _as_name(text: str) -> str:
-    """Text that is safe in a file's name."""
-    return re.sub(r"[^A-Za-z0-9.+=_%µμ-]+", "_", text)
-
-
 def _title(results: Results, step: int, notes: list[str]) -> str:
     """Stage, velocity, time and step, then what is special."""
     words = [note for note in notes if note]
     history = results.table("history")
-    row = _row(history, step)
+    found = history.where("step", step).records() if len(history) else []
+    row = found[0] if found else None
     if row is None:
         return "; ".join([f"step {step}", *words])
     total = int(history["step"][-1])
@@ -128,9 +123,3 @@ def _title(results: Results, step: int, notes: list[str]) -> str:
     when = time_text(time, float(row.get("dt", 0.0)))
     said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
     return "; ".join([said, *words])
-
-
-def _row(history: Table, step: int) -> Mapping[str, Any] | None:
-    """The row of a step in the history."""
-    found = history.where("step", step).records() if len(history) else []
-    return found[0] if found else None

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -63,7 +60,7 @@ def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
 
     ``tight``: the page is cut or widened to what is drawn and a margin.
     """
-    with written_whole(path, ".part.png") as part, _ticks_once(figure):
+    with written_whole(path, ".part.png") as part:
         _write(figure, part, tight)
 
 
@@ -103,50 +100,6 @@ def _cut(page: Pixels, margin: int) -> Pixels | None:
     out = np.full((*(n + 2 * margin for n in inner.shape[:2]), 4), 0xFF, dtype=np.uint8)
     out[margin:-margin, margin:-margin] = inner
     return out
-
-
-@contextmanager
-def _ticks_once(figure: Figure) -> Iterator[None]:
-    """Draw inside; axes of the plane are spared what needs their ticks again and changes no pixel.
-
-    That is the search for minor ticks that coincide with major ones where there are none, and the
-    extent of the line along an axis whose labels lie further out. And the ticks of an axis of the
-    same limits and size are made once: layout and drawing ask for them a dozen times.
-    """
-    kept: list[Any] = []
-    for axes in figure.axes:
-        for axis, sides in ((axes.xaxis, ("bottom", "top")), (axes.yaxis, ("left", "right"))):
-            if isinstance(axis.get_minor_locator(), NullLocator):
-                axis.remove_overlapping_locs = False
-            labelled = axis.get_tick_params("major")
-            for side in sides:
-                if side in axes.spines and labelled.get(f"label{side}", False):
-                    axes.spines[side].set_in_layout(False)
-            if axes.name == "rectilinear" and hasattr(axis, "_update_ticks"):
-                kept.append(axis)
-    for one in kept:
-        one._update_ticks = _kept_ticks(one)
-    try:
-        yield
-    finally:
-        for one in kept:
-            del one._update_ticks
-
-
-def _kept_ticks(axis: Any) -> Callable[[], list[Tick]]:
-    """What makes the ticks of an axis, kept until its limits or the size of its axes change."""
-    make, box = axis._update_ticks, axis.axes.bbox
-    last: tuple[float, ...] = ()
-    ticks: list[Tick] = []
-
-    def made() -> list[Tick]:
-        nonlocal last, ticks
-        now = (*axis.get_view_interval(), box.width, box.height)
-        if now != last:
-            last, ticks = now, make()
-        return ticks
-
-    return made
 
 
 def panels_in(room: FigureBase, rows: int, columns: int, count: int) -> list[Axes]:

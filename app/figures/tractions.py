@@ -30,8 +30,9 @@ from tribox.app.figures.style import (
 from tribox.geometry.surfaces.facets import chains
 
 if TYPE_CHECKING:
+    import meshio
+
     from tribox.app.results import Results
-    from tribox.app.results.vtu import Grid
 
 Ints = NDArray[np.int64]
 
@@ -140,18 +141,17 @@ def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
     best = np.argmin(off, axis=1)[:, None]
     facet = within[np.take_along_axis(candidates, best, axis=1)[:, 0]]
     t = np.take_along_axis(share, best, axis=1)[:, 0]
-    out: Floats = line.arc[facet] + t * (line.arc[facet + 1] - line.arc[facet])
-    return out
+    return line.arc[facet] + t * (line.arc[facet + 1] - line.arc[facet])
 
 
-def facets_of(mesh: Grid, pair: int) -> Ints:
+def facets_of(mesh: meshio.Mesh, pair: int) -> Ints:
     """Facets (f, a) of a pair in a contact file, in all its blocks."""
     of = np.rint(np.asarray(mesh.point_data["pair"], dtype=np.float64)).astype(np.int64)
     blocks = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells]
     return np.concatenate([block[of[block[:, 0]] == pair] for block in blocks])
 
 
-def pairs_shown(nodes: Grid, count: int, most: int) -> list[int]:
+def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:
     """Numbers of the pairs to show: all, or those that carry most; in their order."""
     data = nodes.point_data
     force = np.bincount(
@@ -170,7 +170,7 @@ def roundoff_of(results: Results) -> float:
     return NO_LOAD * float(np.max(np.abs(force[touching]) / area[touching], initial=0.0))
 
 
-def without_roundoff(nodes: Grid, roundoff: float) -> Grid:
+def without_roundoff(nodes: meshio.Mesh, roundoff: float) -> meshio.Mesh:
     """The contact file with no traction at all at nodes whose pressure is round-off.
 
     The contact file is changed.
@@ -191,7 +191,12 @@ def write_no_load(axes: Axes) -> None:
 
 
 def draw_tractions(
-    axes: Axes, nodes: Grid, points: Grid | None, pair: int, length: Unit, stress: Unit
+    axes: Axes,
+    nodes: meshio.Mesh,
+    points: meshio.Mesh | None,
+    pair: int,
+    length: Unit,
+    stress: Unit,
 ) -> None:
     """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
 
@@ -233,7 +238,7 @@ def _show_pressed(axes: Axes, line: Line, pressure: Floats, length: Unit) -> Non
     axes.set_xlim(length.factor * (at.min() - margin), length.factor * (at.max() + margin))
 
 
-def line_starts(nodes: Grid, pairs: Sequence[int]) -> dict[int, Floats]:
+def line_starts(nodes: meshio.Mesh, pairs: Sequence[int]) -> dict[int, Floats]:
     """Current place (i,), m, of the point where the arc length of each pair begins."""
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressed = np.asarray(nodes.point_data["pressure"]) > 0.0
@@ -257,7 +262,7 @@ def film_figure(results: Results) -> Figure | None:
     if not pairs or not ends:
         return None
     few = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), MOST_STAGES)).round().astype(int))
-    shown = [(ends[k][0], results.grid("contact", ends[k][1])) for k in few]
+    shown = [(ends[k][0], results.contact(ends[k][1])) for k in few]
     if "film_pressure" not in shown[0][1].point_data:
         return None
     figure = Figure(figsize=(6.5 * len(pairs), 6.4), layout="constrained")
@@ -275,7 +280,7 @@ def film_figure(results: Results) -> Figure | None:
 
 
 def _draw_films(
-    panels: Sequence[Axes], shown: list[tuple[str, Grid]], pair: int, sigma: float
+    panels: Sequence[Axes], shown: list[tuple[str, meshio.Mesh]], pair: int, sigma: float
 ) -> None:
     """The films of some states of a pair above, their pressures below."""
     lines, films, pressures = [], [], []

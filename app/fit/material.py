@@ -23,15 +23,16 @@ from tribox.app.fit.material_data import (
     read_material,
 )
 from tribox.app.fit.metal import LAWS, MOST_GIVEN, MetalFit, fit_metal
-from tribox.app.fit.model import AT_BOUND, NOISE, Estimate, Slopes, interval, undetermined
-from tribox.app.fit.prony import (
-    LONG_TERM,
-    MOST_BRANCHES,
+from tribox.app.fit.model import (
+    AT_BOUND,
+    NOISE,
+    Estimate,
     MaterialParameter,
-    PronyFit,
-    Shift,
-    fit_prony,
+    Slopes,
+    interval,
+    undetermined,
 )
+from tribox.app.fit.prony import LONG_TERM, MOST_BRANCHES, PronyFit, Shift, fit_prony
 from tribox.app.fit.setup import parsed, settings
 
 Floats = NDArray[np.float64]
@@ -141,11 +142,7 @@ class MaterialResult:
 
 
 def fit_material(data_file: Path, options: MaterialOptions | None = None) -> MaterialResult:
-    """Fit a material to a test.
-
-    Raises:
-        InputError: Data or options are not usable.
-    """
+    """Fit a material to a test; InputError if data or options are not usable."""
     options = options or MaterialOptions()
     data, given = read_test(data_file, options)
     return fitted(data, options, given)
@@ -155,11 +152,7 @@ def fit_material(data_file: Path, options: MaterialOptions | None = None) -> Mat
 
 
 def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, dict[str, float]]:
-    """The data, and keys that are fixed, SI.
-
-    Raises:
-        InputError: Data or options are not usable.
-    """
+    """The data, and keys that are fixed, SI; InputError if data or options are not usable."""
     law = options.law
     if law is not None and law not in MATERIAL_LAWS:
         raise InputError(f"--law {law}: no such law of a material; {nearest(law, MATERIAL_LAWS)}")

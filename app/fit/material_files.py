@@ -7,7 +7,7 @@ assumed; what the data do not determine is a comment.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.toml_files import toml_text
 from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, save, thin_log_ticks
 from tribox.app.fit.material import (
     ASSUMED_METAL,
@@ -34,10 +33,19 @@ from tribox.app.fit.material import (
 from tribox.app.fit.metal import LAWS, MetalFit, paths, response
 from tribox.app.fit.model import CONFIDENCE, stated
 from tribox.app.fit.prony import LONG_TERM, PronyFit, PronyProblem
-from tribox.app.fit.run import NEEDED, value_and_ends
+from tribox.app.fit.run import (
+    DIGITS,
+    described,
+    judged,
+    judged_rows,
+    not_determined,
+    rounded,
+    section,
+    value_and_ends,
+    write_fit,
+)
 from tribox.app.friction_map.run import keep_input, suffixed_directory
 from tribox.app.results.claim import claimed
-from tribox.app.results.directory import write_json, write_table, write_text
 
 # -- Figure of a material's test and what was fitted to it -----------------------------------------
 
@@ -227,7 +235,6 @@ Floats = NDArray[np.float64]
 
 BAD_SCATTER = 0.1
 _PREFIXES = {"Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)), "s": (("ms", 1e-3), ("us", 1e-6))}
-_DIGITS = 6
 _DIGITS_OF_SHARE = 9  # the long-term modulus is what all shares leave
 
 
@@ -246,13 +253,8 @@ def run_material(
     keep_input(directory, data_file)
     with claimed(directory, force) as claim:
         result = fitted(data, options, given)
-        claim.clear()
-        write_json(directory / "fit.json", numbers(result, data_file))
-        header, rows = _table(result)
-        write_table(directory / "fit.csv", header, rows)
-        write_text(directory / "body.toml", body_section(result, data_file))
-
-        (directory / "figures").mkdir(exist_ok=True)
+        written = body_section(result, data_file)
+        write_fit(claim, numbers(result, data_file), _table(result), "body.toml", written)
         draw_material(result, directory / "figures" / "fit.png")
     for line in report(result):
         print(line)
@@ -262,17 +264,13 @@ def run_material(
 
 def body_section(result: MaterialResult, data_file: Path) -> str:
     """A `[bodies.NAME]` section of a case file with the fitted material."""
-    measured = len(result.data)
-    comments = [
-        f"# fitted to {data_file.name}: {measured} rows of {WORDS[result.data.kind]}, "
-        f"scatter {result.scatter:.2%}; in brackets 95 % intervals",
-        *(f"# {value_and_ends(e)}" for e in result.estimates),
-        *(f"# NOT DETERMINED: {line}" for line in result.warnings),
-        *(f"# note: {line}" for line in result.notes),
-        *([f"# assumed: {', '.join(result.assumed)}"] if result.assumed else []),
-    ]
-    lines = _rubber(result) if isinstance(result.fit, PronyFit) else _metal(result)
-    return "\n".join([*comments, f"[bodies.{result.body}]", *lines]) + "\n"
+    rows = f"{data_file.name}: {len(result.data)} rows of {WORDS[result.data.kind]}"
+    rows += f", scatter {result.scatter:.2%}"
+    estimates = map(value_and_ends, result.estimates)
+    notes = [f"note: {line}" for line in result.notes]
+    notes += [f"assumed: {', '.join(result.assumed)}"] if result.assumed else []
+    keys = _rubber(result) if isinstance(result.fit, PronyFit) else _metal(result)
+    return section(rows, estimates, result.warnings, notes, [f"[bodies.{result.body}]", *keys])
 
 
 def _rubber(result: MaterialResult) -> Iterator[str]:
@@ -281,10 +279,10 @@ def _rubber(result: MaterialResult) -> Iterator[str]:
     series = fit.series
     moduli, never = series.G * series.shares, _never_seen(result)
     G = series.G - float(moduli[never].sum())
-    yield _line("material", "neo-hookean")
-    yield from _judged("G", _quantity(G, "Pa"), "G" in loose and not never.any())
-    yield _line("K", _quantity(result.given.get("K", ASSUMED_RUBBER["K"]), "Pa"))
-    yield _line("moduli", "instantaneous")
+    yield judged("material", "neo-hookean")
+    yield judged("G", _quantity(G, "Pa"), "G" in loose and not never.any())
+    yield judged("K", _quantity(result.given.get("K", ASSUMED_RUBBER["K"]), "Pa"))
+    yield judged("moduli", "instantaneous")
     rows: list[tuple[list[object], bool]] = []
     for k, (modulus, time) in enumerate(zip(moduli, series.times, strict=True), start=1):
         if never[k - 1]:
@@ -295,18 +293,18 @@ def _rubber(result: MaterialResult) -> Iterator[str]:
         last = k == fit.branches and LONG_TERM.name in loose
         rows.append((row, last or bool({f"share {k}", f"tau {k}"} & loose)))
     if rows:
-        yield from _rows("prony", rows, "without it its share never relaxes")
+        yield from judged_rows("prony", rows, "without it its share never relaxes")
     if fit.problem.shift is not None:
         reference = fit.problem.shift.reference
         at = result.given.get("temperature", reference)
         inner = {
             "law": "wlf",
-            "C1": _rounded(fit.values["C1"]),
+            "C1": rounded(fit.values["C1"]),
             "C2": _quantity(fit.values["C2"], "K"),
             "reference": _celsius(reference),
             "temperature": _celsius(at),
         }
-        line = _line("shift", inner)
+        line = f"shift = {{ {', '.join(judged(*one) for one in inner.items())} }}"
         if {"C1", "C2"} & loose:
             line = f"# {line}  # not determined: without it the times are those at the reference"
         yield line
@@ -326,69 +324,36 @@ def _metal(result: MaterialResult) -> Iterator[str]:
     fit, loose = result.fit, result.loose
     assert isinstance(fit, MetalFit)
     values, law = fit.values, fit.problem.law
-    yield _line("material", "elastoplastic")
-    yield from _judged("E", _quantity(values["E"], "Pa"), "E" in loose)
-    yield _line("nu", result.given.get("nu", ASSUMED_METAL["nu"]))
+    yield judged("material", "elastoplastic")
+    yield judged("E", _quantity(values["E"], "Pa"), "E" in loose)
+    yield judged("nu", result.given.get("nu", ASSUMED_METAL["nu"]))
     rows: list[tuple[list[object], bool]] = []
     for k, (c, b) in enumerate(fit.metal.kinematic, start=1):
         open_row = bool({f"c {k}", f"b {k}"} & loose)
-        rows.append(([_quantity(c, "Pa"), f"{b:.{_DIGITS}g}"], open_row))
+        rows.append(([_quantity(c, "Pa"), f"{b:.{DIGITS}g}"], open_row))
     if rows:
-        yield from _rows("kinematic", rows, "without it there is a back stress less")
+        yield from judged_rows("kinematic", rows, "without it there is a back stress less")
     yield ""
     yield f"[bodies.{result.body}.hardening]"
-    yield _line("law", law)
+    yield judged("law", law)
     for key, unit in LAWS[law].items():
-        yield from _judged(key, _quantity(values[key], unit), key in loose)
+        yield judged(key, _quantity(values[key], unit), key in loose)
     if law == "voce" and "modulus" in values:
-        yield _line("modulus", _quantity(values["modulus"], "Pa"))
-
-
-def _line(key: str, value: object) -> str:
-    return toml_text({key: value}).strip() if not isinstance(value, dict) else _inline(key, value)
-
-
-def _inline(key: str, table: Mapping[str, object]) -> str:
-    inner = ", ".join(toml_text({name: value}).strip() for name, value in table.items())
-    return f"{key} = {{ {inner} }}"
-
-
-def _judged(key: str, value: object, loose: bool) -> Iterator[str]:
-    """A line, or a comment of what is not determined."""
-    line = _line(key, value)
-    yield f"# {line}  # not determined: {NEEDED}" if loose else line
-
-
-def _rows(key: str, rows: Sequence[tuple[Sequence[object], bool]], without: str) -> Iterator[str]:
-    """A list of which some rows are not determined."""
-    if not any(loose for _, loose in rows):
-        yield _line(key, [list(row) for row, _ in rows])
-    elif all(loose for _, loose in rows):
-        yield f"# {_line(key, [list(row) for row, _ in rows])}  # not determined: {without}"
-    else:
-        yield f"{key} = ["
-        for row, loose in rows:
-            text = "[" + ", ".join(f'"{cell}"' for cell in row) + "],"
-            yield f"    # {text}  # not determined: {without}" if loose else f"    {text}"
-        yield "]"
+        yield judged("modulus", _quantity(values["modulus"], "Pa"))
 
 
 def _quantity(value: float, unit: str) -> object:
     """A quantity as people write it: "2 MPa"; a number without unit."""
     if not unit:
-        return _rounded(value)
+        return rounded(value)
     for shown, factor in _PREFIXES.get(unit, ()):
         if (value >= factor) if factor > 1.0 else (factor <= value < 1.0):
-            return f"{value / factor:.{_DIGITS}g} {shown}"
-    return f"{value:.{_DIGITS}g} {unit}"
+            return f"{value / factor:.{DIGITS}g} {shown}"
+    return f"{value:.{DIGITS}g} {unit}"
 
 
 def _celsius(kelvin: float) -> str:
     return f"{round(kelvin - 273.15, 6):.10g} degC"
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
 
 
 def numbers(result: MaterialResult, data_file: Path) -> dict[str, Any]:
@@ -429,26 +394,17 @@ def report(result: MaterialResult) -> Iterator[str]:
         what = f"branches: {chosen}" if result.law == RUBBER else f"law and back stresses: {chosen}"
         tried = f"{len(result.criterion)} series or laws tried"
         yield f"note: {what}, by the information criterion ({tried}, see fit.json)"
-    for line in result.warnings:
-        yield f"warning: {line}"
-    if result.warnings:
-        loose = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
-        yield f"note: only comments in body.toml, as the data do not determine them: {loose}"
+    yield from not_determined(result.estimates, "body.toml")
     for line in result.notes:
         yield f"{'warning' if 'Durbin' in line else 'note'}: {line}"
-    if result.scatter > BAD_SCATTER:
-        yield f"warning: scatter of {result.scatter:.0%}: the law does not describe these data"
-    if result.assumed:
-        shown = ", ".join(result.assumed)
-        yield f"note: assumed, neither fitted nor fixed (values in body.toml): {shown}"
+    yield from described(result.scatter, BAD_SCATTER, result.assumed, "body.toml")
 
 
 def _table(result: MaterialResult) -> tuple[list[str], Iterator[list[float]]]:
     """Header and rows of ``fit.csv``."""
     data, computed = result.data, result.fit.computed()
     n = len(data)
-    columns: dict[str, Floats] = {}
-    for name, column in (
+    columns = (
         ("time [s]", data.time),
         ("angular_frequency [rad/s]", data.frequency),
         ("temperature [K]", data.temperature),
@@ -462,8 +418,7 @@ def _table(result: MaterialResult) -> tuple[list[str], Iterator[list[float]]]:
         ("fitted_loss_modulus [Pa]", computed[n:] if data.loss is not None else None),
         ("fitted_modulus [Pa]", computed if data.stress is None and data.loss is None else None),
         ("weight [-]", data.weight),
-    ):
-        if column is not None:
-            columns[name] = column
-    rows = zip(*columns.values(), strict=True)
-    return list(columns), ([float(cell) for cell in row] for row in rows)
+    )
+    known = {name: column for name, column in columns if column is not None}
+    rows = zip(*known.values(), strict=True)
+    return list(known), ([float(cell) for cell in row] for row in rows)

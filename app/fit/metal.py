@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
-from tribox.app.fit.model import Slopes
-from tribox.app.fit.prony import MaterialFit, MaterialParameter, best_minimum
+from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
 Floats = NDArray[np.float64]

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.stats import t as t_distribution
 
 from tribox.app.errors import InputError
@@ -179,6 +180,94 @@ def interval(coordinate: Searched, value: float, half: float) -> tuple[float | N
         return None, None
     at = coordinate.to_search(value)
     return coordinate.to_value(at - half), coordinate.to_value(at + half)
+
+
+# -- The search for the parameters of a material, whatever its law ---------------------------------
+
+EXACT = 1e-4
+"""Relative scatter below which data count as exact when numbers of branches are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialParameter(Searched):
+    """A parameter of a material.
+
+    Attributes:
+        name: such as "G" or "tau 2".
+        unit: SI, "" of a plain number.
+        bounded: Whether it is a share between 0 and 1.
+    """
+
+    name: str
+    unit: str = ""
+    bounded: bool = False
+
+
+class _Problem(Protocol):
+    """What any material is fitted to."""
+
+    @property
+    def measured(self) -> Floats: ...
+
+    def residual(self, x: Floats) -> Floats: ...
+
+    def jacobian(self, x: Floats) -> Floats: ...
+
+
+Problem = TypeVar("Problem", bound=_Problem)
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialFit(Generic[Problem]):
+    """A material that was found.
+
+    Attributes:
+        problem: What it was fitted to.
+        x: (c,), search coordinates.
+        at_bound: (c,), whether the search ended at a bound.
+    """
+
+    problem: Problem
+    x: Floats
+    at_bound: NDArray[np.bool_]
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the residual."""
+        residual = self.problem.residual(self.x)
+        return float(residual @ residual)
+
+    @property
+    def degrees(self) -> int:
+        """Values less parameters."""
+        return len(self.problem.measured) - len(self.x)
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion; that of the best material is least."""
+        return information(self.squares, len(self.problem.measured), len(self.x))
+
+
+def information(squares: float, values: int, parameters: int) -> float:
+    """Bayesian information criterion, n ln(squares/n) + c ln n; data may count as exact."""
+    variance = max(squares / values, EXACT**2)
+    return values * math.log(variance) + parameters * math.log(values)
+
+
+def best_minimum(
+    problem: _Problem, begun: Iterable[Floats], bounds: tuple[Floats, Floats], tol: float, most: int
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Search coordinates of the least squares from some starts, and which end at a bound."""
+    low, high = bounds
+    found = [
+        least_squares(
+            problem.residual, np.clip(x, low + 1e-6, high - 1e-6), jac=problem.jacobian,
+            bounds=bounds, x_scale="jac", xtol=1e-10, ftol=tol, gtol=tol, max_nfev=most,
+        )
+        for x in begun
+    ]  # fmt: skip
+    x = min(found, key=lambda one: one.cost).x.copy()
+    return x, np.minimum(x - low, high - x) < 1e-6
 
 
 # -- Coordinates of the search, and the friction that a law gives for the data ---------------------

@@ -16,19 +16,18 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 
 from tribox.app.errors import InputError
 from tribox.app.fit.material_data import MaterialData
-from tribox.app.fit.model import Searched, Slopes
+from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 
 Floats = NDArray[np.float64]
 Branch = Callable[[Floats], tuple[Floats, Floats]]
@@ -40,8 +39,6 @@ PER_DECADE = 4
 """Times of the grid for starts."""
 BEYOND = 30.0
 """Factor beyond the shortest and longest time of the data within which relaxation times lie."""
-EXACT = 1e-4
-"""Relative scatter below which data count as exact when numbers of branches are compared."""
 MOST_LOG = 150.0
 """Logarithm of a shift factor up to which the search may go astray."""
 SMALL_STRAIN = 0.02
@@ -80,88 +77,6 @@ class Shift:
         """Logarithm of a_T, (n,); far beyond all decades of a test it is cut."""
         found = -math.log(10.0) * C1 * self.above / (C2 + self.above)
         return np.asarray(np.clip(found, -MOST_LOG, MOST_LOG))
-
-
-@dataclass(frozen=True, slots=True)
-class MaterialParameter(Searched):
-    """A parameter of a material.
-
-    Attributes:
-        name: such as "G" or "tau 2".
-        unit: SI, "" of a plain number.
-        bounded: Whether it is a share between 0 and 1.
-    """
-
-    name: str
-    unit: str = ""
-    bounded: bool = False
-
-
-class _Problem(Protocol):
-    """What any material is fitted to."""
-
-    @property
-    def measured(self) -> Floats: ...
-
-    def residual(self, x: Floats) -> Floats: ...
-
-    def jacobian(self, x: Floats) -> Floats: ...
-
-
-Problem = TypeVar("Problem", bound=_Problem)
-
-
-@dataclass(frozen=True, slots=True)
-class MaterialFit(Generic[Problem]):
-    """A material that was found.
-
-    Attributes:
-        problem: What it was fitted to.
-        x: (c,), search coordinates.
-        at_bound: (c,), whether the search ended at a bound.
-    """
-
-    problem: Problem
-    x: Floats
-    at_bound: NDArray[np.bool_]
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squares of the residual."""
-        residual = self.problem.residual(self.x)
-        return float(residual @ residual)
-
-    @property
-    def degrees(self) -> int:
-        """Values less parameters."""
-        return len(self.problem.measured) - len(self.x)
-
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion; that of the best material is least."""
-        return information(self.squares, len(self.problem.measured), len(self.x))
-
-
-def information(squares: float, values: int, parameters: int) -> float:
-    """Bayesian information criterion, n ln(squares/n) + c ln n; data may count as exact."""
-    variance = max(squares / values, EXACT**2)
-    return values * math.log(variance) + parameters * math.log(values)
-
-
-def best_minimum(
-    problem: _Problem, begun: Iterable[Floats], bounds: tuple[Floats, Floats], tol: float, most: int
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Search coordinates of the least squares from some starts, and which end at a bound."""
-    low, high = bounds
-    found = [
-        least_squares(
-            problem.residual, np.clip(x, low + 1e-6, high - 1e-6), jac=problem.jacobian,
-            bounds=bounds, x_scale="jac", xtol=1e-10, ftol=tol, gtol=tol, max_nfev=most,
-        )
-        for x in begun
-    ]  # fmt: skip
-    x = min(found, key=lambda one: one.cost).x.copy()
-    return x, np.minimum(x - low, high - x) < 1e-6
 
 
 LONG_TERM = MaterialParameter("long-term G", "Pa")

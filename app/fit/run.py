@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ from tribox.app.fit.model import (
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
 from tribox.app.friction_map.run import keep_input, suffixed_directory
-from tribox.app.results.claim import claimed
+from tribox.app.results.claim import Claim, claimed
 from tribox.app.results.directory import write_json, write_table, write_text
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.coulomb import CoulombParameters
@@ -72,24 +72,34 @@ ABSENT = {
 }
 """What a case does without a key; without any other it says that the key is missing."""
 NEEDED = "the case needs a value of yours"
-_DIGITS = 6
+DIGITS = 6
 _DIGITS_OF_ALPHA = 10  # what counts is 1 - alpha
 
 
 def friction_section(setup: FitSetup, result: FitResult, data_file: Path) -> str:
     """A `[contact.friction]` section of a case file with the calibrated law."""
-    comments = [
-        f"# fitted to {data_file.name}: {len(setup.data)} rows, scatter {result.scatter:.2%}; in "
-        "brackets 95 % intervals",
-        *(f"# {estimate_line(e, result.parameters)}" for e in result.estimates),
-        *(f"# NOT DETERMINED: {line}" for line in result.warnings),
-        *([f"# assumed: {', '.join(setup.assumed)}"] if setup.assumed else []),
-    ]
+    rows = f"{data_file.name}: {len(setup.data)} rows, scatter {result.scatter:.2%}"
+    estimates = [estimate_line(e, result.parameters) for e in result.estimates]
+    notes = [f"assumed: {', '.join(setup.assumed)}"] if setup.assumed else []
     if setup.law == "friction-map":
         films = ", ".join(f'"{D * 1e9:g} nm"' for D in np.unique(setup.data.thickness))
-        comments.append(f"# the case needs contact.film.thickness too; the data's: {films}")
-    lines = _lines(_table(setup, result), result)
-    return "\n".join([*comments, "[contact.friction]", *lines]) + "\n"
+        notes.append(f"the case needs contact.film.thickness too; the data's: {films}")
+    lines = ["[contact.friction]", *_lines(_table(setup, result), result)]
+    return section(rows, estimates, result.warnings, notes, lines)
+
+
+def section(
+    rows: str, estimates: Iterable[str], warnings: Iterable[str], notes: Iterable[str],
+    lines: Iterable[str],
+) -> str:  # fmt: skip
+    """A section of a case file, with what was found of it in comments before."""
+    comments = [
+        f"fitted to {rows}; in brackets 95 % intervals",
+        *estimates,
+        *(f"NOT DETERMINED: {line}" for line in warnings),
+        *notes,
+    ]
+    return "\n".join([*(f"# {line}" for line in comments), *lines]) + "\n"
 
 
 def estimate_line(estimate: Estimate[Coordinate], law: Parameters) -> str:
@@ -117,10 +127,10 @@ def _table(setup: FitSetup, result: FitResult) -> dict[str, Any]:
     for key in setup.names:
         value = getattr(result.parameters, key)
         if isinstance(value, tuple):
-            rows = [[f"{film:.12g} m", _rounded(entry, _DIGITS_OF_ALPHA)] for film, entry in value]
+            rows = [[f"{film:.12g} m", rounded(entry, _DIGITS_OF_ALPHA)] for film, entry in value]
             table[key] = rows
         else:
-            number = _rounded(value, _DIGITS_OF_ALPHA if key == "alpha" else _DIGITS)
+            number = rounded(value, _DIGITS_OF_ALPHA if key == "alpha" else DIGITS)
             unit = RANGES[key].unit
             table[key] = f"{number:.10g} {unit}" if unit else number
     if "mu_d" not in (*setup.names, *setup.fixed):
@@ -156,26 +166,32 @@ def _lines(table: dict[str, Any], result: FitResult) -> Iterator[str]:
     alpha = table.get("alpha")
     if films and (not isinstance(alpha, list) or len(films) == len(alpha)):
         keys.add("alpha")
+    some = {f"{film:.12g} m" for film in films}
     for key, value in table.items():
-        line = toml_text({key: value}).strip()
-        if key in keys:
-            yield f"# {line}  # not determined: {absent.get(key, NEEDED)}"
-        elif key == "alpha" and films:
-            yield from _alpha_lines(value, films)
+        if key == "alpha" and films and key not in keys:
+            rows = [(row, row[0] in some) for row in value]
+            yield from judged_rows(key, rows, "without it the case takes what the others say")
         else:
-            yield line
+            yield judged(key, value, key in keys, absent.get(key, NEEDED))
 
 
-def _alpha_lines(rows: list[list[Any]], films: set[float | None]) -> Iterator[str]:
-    """A table over the film thickness, of which some rows are not determined."""
-    loose = {f"{film:.12g} m" for film in films}
-    yield "alpha = ["
-    for film, value in rows:
-        row = f'["{film}", {value!r}],'
-        if film in loose:
-            yield f"    # {row}  # not determined: without it the case takes what the others say"
-        else:
-            yield f"    {row}"
+def judged(key: str, value: object, loose: bool = False, without: str = NEEDED) -> str:
+    """A line, or a comment of what is not determined."""
+    line = toml_text({key: value}).strip()
+    return f"# {line}  # not determined: {without}" if loose else line
+
+
+def judged_rows(
+    key: str, rows: Sequence[tuple[Sequence[object], bool]], without: str
+) -> Iterator[str]:
+    """A list of which some rows are not determined."""
+    if len({loose for _, loose in rows}) < 2:
+        yield judged(key, [list(row) for row, _ in rows], rows[0][1], without)
+        return
+    yield f"{key} = ["
+    for row, loose in rows:
+        cells = ", ".join(f'"{cell}"' if isinstance(cell, str) else repr(cell) for cell in row)
+        yield f"    # [{cells}],  # not determined: {without}" if loose else f"    [{cells}],"
     yield "]"
 
 
@@ -189,13 +205,14 @@ def _plain(value: Any) -> Any:
     return f"{float(number):.12g} {unit}"
 
 
-def _rounded(value: float, digits: int) -> float:
+def rounded(value: float, digits: int = DIGITS) -> float:
+    """Of so many digits."""
     return float(f"{value:.{digits}g}")
 
 
 # -- What ``tribox fit`` does, from data and options to files --------------------------------------
 
-BAD_SCATTER = 0.3
+BAD_SCATTER = 0.3  # from which on a law does not describe its data
 FIT_COLUMNS = (
     "thickness [m]",
     "velocity [m/s]",
@@ -239,17 +256,26 @@ def run_fit(
     with claimed(directory, force) as claim:
         chosen = coordinates(setup.names, setup.data, setup.base)
         result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
-        claim.clear()
-        write_json(directory / "fit.json", numbers(setup, result, data_file))
-        write_table(directory / "fit.csv", _columns(setup.data), _rows(setup.data, result))
-        write_text(directory / "friction.toml", friction_section(setup, result, data_file))
-
-        (directory / "figures").mkdir(exist_ok=True)
+        table = _columns(setup.data), _rows(setup.data, result)
+        written = friction_section(setup, result, data_file)
+        write_fit(claim, numbers(setup, result, data_file), table, "friction.toml", written)
         draw_fit(setup.data, result, directory / "figures", data_file.name)
     for line in report(setup, result):
         tell(line)
     print(f"results in {directory}")
     return result
+
+
+def write_fit(
+    claim: Claim, found: Mapping[str, Any], table: tuple[list[str], Iterable[list[Any]]],
+    name: str, written: str,
+) -> None:  # fmt: skip
+    """Put numbers, a table and a section of a case file in the place of older results."""
+    claim.clear()
+    write_json(claim.directory / "fit.json", found)
+    write_table(claim.directory / "fit.csv", *table)
+    write_text(claim.directory / name, written)
+    (claim.directory / "figures").mkdir(exist_ok=True)
 
 
 def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, Any]:
@@ -282,25 +308,33 @@ def report(setup: FitSetup, result: FitResult) -> Iterator[str]:
     )
     for estimate in result.estimates:
         yield f"  {estimate_line(estimate, result.parameters)}"
-    for line in result.warnings:
-        yield f"warning: {line}"
-    if result.warnings:
-        loose = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
-        yield (
-            f"note: only comments in friction.toml, as the data do not determine them: {loose}; "
-            "add the rows named, or give values with --fix NAME=VALUE"
-        )
-    if result.scatter > BAD_SCATTER:
-        other = ""
-        if setup.law == "friction-map" and len(np.unique(setup.data.thickness)) == 1:
-            other = "; of one film thickness, or of none that you know, try --law stribeck"
-        elif setup.law == "coulomb":
-            other = "; where it depends on the velocity, try --law stribeck"
-        reason = f"scatter of {result.scatter:.0%}: the law does not describe these data"
-        yield f"warning: {reason}{other}"
-    if setup.assumed:
-        shown = ", ".join(setup.assumed)
-        yield f"note: assumed, neither fitted nor fixed (values in friction.toml): {shown}"
+    cure = "; add the rows named, or give values with --fix NAME=VALUE"
+    yield from not_determined(result.estimates, "friction.toml", cure)
+    other = ""
+    if setup.law == "friction-map" and len(np.unique(setup.data.thickness)) == 1:
+        other = "; of one film thickness, or of none that you know, try --law stribeck"
+    elif setup.law == "coulomb":
+        other = "; where it depends on the velocity, try --law stribeck"
+    yield from described(result.scatter, BAD_SCATTER, setup.assumed, "friction.toml", other)
+
+
+def not_determined(estimates: Iterable[Estimate[Any]], file: str, cure: str = "") -> Iterator[str]:
+    """What the data leave open, for the terminal."""
+    loose = {e.coordinate.name: e.warning for e in estimates if e.warning}
+    yield from (f"warning: {line}" for line in loose.values())
+    if loose:
+        names = ", ".join(loose)
+        yield f"note: only comments in {file}, as the data do not determine them: {names}{cure}"
+
+
+def described(
+    scatter: float, most: float, assumed: Iterable[str], file: str, other: str = ""
+) -> Iterator[str]:
+    """Lines where a law is not that of the data, and of what was assumed."""
+    if scatter > most:
+        yield f"warning: scatter of {scatter:.0%}: the law does not describe these data{other}"
+    if shown := ", ".join(assumed):
+        yield f"note: assumed, neither fitted nor fixed (values in {file}): {shown}"
 
 
 def _columns(data: TribometerData) -> list[str]:

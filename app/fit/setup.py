@@ -120,11 +120,7 @@ def settings(items: Sequence[str], option: str, known: Sequence[str]) -> dict[st
 
 
 def parsed(option: str, key: str, value: object, quantity: Quantity) -> float:
-    """The value of "key=value", SI.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The value of "key=value", SI; InputError if it is none."""
     try:
         return quantity.parse(value)
     except QuantityError as error:

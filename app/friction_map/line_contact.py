@@ -281,11 +281,7 @@ class Curve:
 
 
 def film_map(case: Case) -> FilmMap:
-    """The line contact of a case's first pair.
-
-    Raises:
-        InputError: the pair is none.
-    """
+    """The line contact of a case's first pair; InputError if the pair is none."""
     pair = case.contact[0]
     film, tool = pair.film, case.tools.get(pair.master)
     assert film is not None and film.sigma is not None

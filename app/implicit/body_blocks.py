@@ -233,12 +233,6 @@ class BodyBlocks:
         near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
         return MultigridSolver(self._matrix, near, prefix, KRYLOV, self._tell)
 
-    def _fall_back(self) -> None:
-        """Solve with the whole of the tangent that is at hand, and of no other."""
-        self._drop_whole()
-        self._make_whole(widened=True)
-        self._fallen = True
-
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
@@ -275,7 +269,10 @@ class BodyBlocks:
         if not self._chosen:  # forgotten after a solve that failed
             self._make(True)
         if self._whole is None and not self._solve_by_bodies(b, x):
-            self._fall_back()
+            # With the whole of the tangent that is at hand, and of no other.
+            self._drop_whole()
+            self._make_whole(widened=True)
+            self._fallen = True
         return self._whole is None or (self._works and self._solve_whole(b, x))
 
     def _solve_whole(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
@@ -333,7 +330,7 @@ class BodyBlocks:
         self.budget.refused = kept.get("refused", False)
         self.budget.stiff = kept.get("factorised", 0)
         size, comm = self._problem.size, self._problem.comm
-        if kept.get("turned", False) and self._may_turn and factors_fit(comm, size):
+        if kept["turned"] and self._may_turn and factors_fit(comm, size):
             self.direct = self.turned = True
 
 

@@ -426,8 +426,7 @@ def _coupled(of_others: scipy.sparse.csr_matrix, on_kept: scipy.sparse.csr_matri
     """Kept unknowns (m,) that are coupled with the others."""
     coupled = np.diff(on_kept.indptr) > 0
     coupled[of_others.indices] = True
-    out: Ints = np.nonzero(coupled)[0].astype(np.int32)
-    return out
+    return np.nonzero(coupled)[0].astype(np.int32)
 
 
 def sparse(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:

@@ -372,5 +372,4 @@ def _mirrored(values: Floats) -> Floats:
         above = below.T
     elif not below.any():
         below = above.T
-    out: Floats = below + above + np.diag(np.diag(values))
-    return out
+    return below + above + np.diag(np.diag(values))

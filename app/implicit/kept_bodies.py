@@ -48,14 +48,12 @@ class KeptBodies:
     @property
     def dofs(self) -> Ints:
         """Their owned local unknowns."""
-        out: Ints = np.nonzero(self.kept)[0].astype(np.int32)
-        return out
+        return np.nonzero(self.kept)[0].astype(np.int32)
 
     @property
     def others(self) -> Ints:
         """All other owned local unknowns."""
-        out: Ints = np.nonzero(~self.kept)[0].astype(np.int32)
-        return out
+        return np.nonzero(~self.kept)[0].astype(np.int32)
 
     def tangent(self, problem: Equilibrium) -> PETSc.Mat:
         """Their tangent undeformed, on their supports, without contacts; collective."""
@@ -156,5 +154,4 @@ def _unknowns_of(problem: Equilibrium, solids: Sequence[Solid]) -> Bools:
     for solid in solids:
         marks.array[np.unique(problem.space.dofmap.list[solid.cells])] = 1.0
     marks.scatter_reverse(dolfinx.la.InsertMode.add)  # a node may be used on another rank alone
-    out: Bools = np.repeat(marks.array[: index.size_local] > 0.0, problem.dim)
-    return out
+    return np.repeat(marks.array[: index.size_local] > 0.0, problem.dim)

@@ -27,8 +27,7 @@ def slopes(path: Sequence[tuple[float, Floats]], add: Sum) -> Floats:
     states = [values for _, values in path[-STATES:]]
     squares = [np.sum((b - a) ** 2) for a, b in pairwise(states)]
     way = np.sqrt(add(np.array(squares)))
-    out: Floats = np.diff(loads) / np.where(way > 0.0, way, np.inf)
-    return out
+    return np.diff(loads) / np.where(way > 0.0, way, np.inf)
 
 
 def falls(slope: Floats) -> bool:

@@ -21,6 +21,7 @@ from tribox.app.equilibrium.supports import (
     loose_directions,
     sprung_dofs,
 )
+from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats
 
@@ -50,8 +51,7 @@ class LooseBodies:
         """Sum of ``values`` (n,) of the owned unknowns in each direction (d,); collective."""
         dim = self.problem.dim
         local = [values[one.nodes * dim + one.component].sum() for one in self.directions]
-        total: Floats = self.problem.comm.allreduce(np.array(local, dtype=float), op=MPI.SUM)
-        return total
+        return self.problem.comm.allreduce(np.array(local, dtype=float), op=MPI.SUM)
 
     def moved(self, increment: Floats) -> Floats:
         """Mean displacement (d,), m, in each direction; collective."""
@@ -77,15 +77,12 @@ class LooseBodies:
                     squared = trial.kinematics.normal[:, one.component] ** 2
                     sums[row] += near @ squared, near.sum()
         total = problem.comm.allreduce(sums)
-        out: Bools = total[:, 0] < ALONG * total[:, 1]
-        return out
+        return total[:, 0] < ALONG * total[:, 1]
 
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m; collective."""
         at = self.problem.space.tabulate_dof_coordinates()[: self.problem.owned // self.problem.dim]
-        ends = np.stack([at.max(axis=0, initial=-np.inf), -at.min(axis=0, initial=np.inf)])
-        self.problem.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        return float(np.max(ends.sum(axis=0)))
+        return float(np.ptp(box_of(self.problem.comm, at), axis=0).max())
 
     def held(self, stiffness: Floats, place: Floats) -> HoldingSprings:
         """Springs of a total stiffness (d,), N/m, without force at ``place`` (n,), m."""

@@ -305,8 +305,7 @@ class FinestLevel:
                 self._parts = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
             every: tuple[NDArray[Any], ...] = (*self._matrix, *self._parts)
             missing = self._code.tribox_split_blocks(*self._sizes(), *map(_at, every))
-        found: bool = blocks.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
-        return found
+        return blocks.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
 
     def _sizes(self) -> tuple[ctypes.c_int64, ctypes.c_int64]:
         return ctypes.c_int64(self._size), ctypes.c_int64(self._count)

@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import (
     LinearSolver,
@@ -115,7 +115,7 @@ class Patience:
     eager: bool = False
 
 
-class Newton:
+class Newton(Remembers):
     """Solves for the unknowns at given loads, from the start that ``trial`` holds.
 
     Attributes:
@@ -128,6 +128,9 @@ class Newton:
         inside: what is known of steps that were found from inside.
         snes: PETSc's solver.
     """
+
+    largest_force: Kept[float]
+    inside: Kept[Inside]
 
     def __init__(
         self,
@@ -362,18 +365,6 @@ class Newton:
     def accept(self) -> None:
         """Take note of the forces of a solution that is committed."""
         self.largest_force = max(self.largest_force, self.problem.reference_force)
-
-    def snapshot(self) -> Snapshot:
-        """What the next solution depends on beside its start."""
-        return {
-            "largest_force": self.largest_force,
-            "inside": [self.inside.last, self.inside.opening],
-        }
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self.largest_force = kept["largest_force"]
-        self.inside = Inside(*kept.get("inside", ()))
 
     def _run(self, phase: NewtonPhase, step: StepMode) -> tuple[int, int]:
         problem = self.problem

@@ -335,8 +335,7 @@ class Predictor:
         if not self.problem.rounding.is_within_reach(trial):
             return np.inf
         self.problem.residual(None, trial, self._residual, step)
-        norm: float = self._residual.norm()
-        return norm
+        return self._residual.norm()
 
     def _driving(self, x: PETSc.Vec) -> Drive:
         """Increments from the converged state to the current prescribed values and loads."""
@@ -401,10 +400,7 @@ class Predictor:
         single = len(group) + np.arange(len(problem.nodal_loads))
         group = np.concatenate([group, single]).astype(np.intp)
         squares = np.bincount(group, drive.total**2 + drive.loads**2)[group]
-        weights: Floats = np.where(
-            squares > 0.0, 1.0 / np.sqrt(np.where(squares, squares, 1.0)), 0.0
-        )
-        return weights
+        return np.where(squares > 0.0, 1.0 / np.sqrt(np.where(squares, squares, 1.0)), 0.0)
 
     def _carry(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> bool:
         """Linear step from the converged state that meets the prescribed displacements.
@@ -422,17 +418,14 @@ class Predictor:
         return solved
 
     def _sum(self, local: Floats) -> Floats:
-        total = np.empty_like(local)
-        self.problem.comm.Allreduce(local, total, op=MPI.SUM)
-        return total
+        return self.problem.comm.allreduce(local)
 
 
 def lagrange_weights(nodes: Floats, at: float) -> Floats:
     """Weights (n,) of the values at distinct ``nodes`` (n,) in their polynomial's value ``at``."""
     own = np.eye(len(nodes), dtype=bool)
     factors = (at - nodes[None, :]) / np.where(own, 1.0, nodes[:, None] - nodes[None, :])
-    weights: Floats = np.prod(np.where(own, 1.0, factors), axis=1)
-    return weights
+    return np.prod(np.where(own, 1.0, factors), axis=1)
 
 
 # -- A step that is being tried, and what a way to solve it is -------------------------------------
@@ -530,8 +523,7 @@ class SteadyFlow:
             )
             for (begin, before), (end, after) in steps
         ]
-        out: Floats = here[self.nodes] + sum(moved) / len(moved)
-        return out
+        return here[self.nodes] + sum(moved) / len(moved)
 
     def carried(self, places: Floats, values: Floats, at: Floats) -> Floats:
         """``values`` (n, i) of nodes at ``places`` (n, i), m, interpolated at points (p, i), m.
@@ -557,16 +549,14 @@ class SteadyFlow:
             foot = np.einsum("pa,pai->pi", weights, x[cell])
             from_node = foot[:, None] - x[cell]
             found = found + 0.5 * np.einsum("paij,paj->pai", slopes[self._cells[cell]], from_node)
-        out: Floats = np.einsum("pa,pai->pi", weights, found)
-        return out
+        return np.einsum("pa,pai->pi", weights, found)
 
     def _slopes(self, gradients: Floats, values: Floats) -> Floats:
         """Slopes (n, i, j) at the nodes: means of those in the cells (c, a, j) around them."""
         in_cells = np.einsum("caj,cai->cij", gradients, values[self._cells])
         sums = np.zeros((len(self.nodes), *in_cells.shape[1:]))
         np.add.at(sums, self._cells.ravel(), np.repeat(in_cells, self._cells.shape[1], axis=0))
-        out: Floats = sums / self._count[:, None, None]
-        return out
+        return sums / self._count[:, None, None]
 
 
 def steady_flows(problem: Equilibrium) -> list[SteadyFlow]:

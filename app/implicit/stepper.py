@@ -86,11 +86,7 @@ class ImplicitStepper:
     """
 
     def __init__(self, problem: Equilibrium, options: ImplicitOptions | None = None) -> None:
-        """Make matrix and solvers; collective.
-
-        Raises:
-            ValueError: PETSc refuses one of the options.
-        """
+        """Make matrix and solvers; collective; ValueError if PETSc refuses one of the options."""
         self.problem, self.options = problem, options or ImplicitOptions()
         self.x, self.trial = problem.new_vector(), problem.new_vector()
         self.rate_dependent = True
@@ -124,6 +120,7 @@ class ImplicitStepper:
         iterations, reason, holding = self._solve(step)
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
+        films = [trial.normal_contact.lubrication for trial in self.problem.trials]
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -138,14 +135,11 @@ class ImplicitStepper:
             holding=holding,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
-            unbalanced=self._unbalanced_films(),
+            unbalanced=tuple(
+                i for i, film in enumerate(films) if film is not None and film.is_unsolved
+            ),
             effort=self.solver.effort,
         )
-
-    def _unbalanced_films(self) -> tuple[int, ...]:
-        """Contacts whose film had no solution at the state evaluated last."""
-        films = [trial.normal_contact.lubrication for trial in self.problem.trials]
-        return tuple(i for i, film in enumerate(films) if film is not None and film.is_unsolved)
 
     def _is_too_long(self) -> bool:
         """Whether a law leaves out traction that the drive of the bodies brings back; collective.

@@ -134,8 +134,7 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
 def _along(vectors: Floats, normal: Floats) -> Floats:
     """Vectors in the contact's plane as numbers (q,): signed in the plane, lengths in space."""
     if normal.shape[1] == 2:
-        signed: Floats = np.einsum("qi,qi->q", vectors, turned_right(normal))
-        return signed
+        return np.einsum("qi,qi->q", vectors, turned_right(normal))
     return np.linalg.norm(vectors, axis=1)
 
 
@@ -272,8 +271,7 @@ def _film(trial: ContactTrial, values: dict[str, Array]) -> dict[str, Array]:
 def _mean(term: ContactTerm, values: Floats) -> Floats:
     """Means (v,) of point values (q,); collective."""
     vertices = term.surface.vertices
-    out: Floats = vertices.sums(term.surface.slave.weight * values) / vertices.area
-    return out
+    return vertices.sums(term.surface.slave.weight * values) / vertices.area
 
 
 def _mean_vectors(term: ContactTerm, vectors: Floats) -> Floats:
@@ -285,8 +283,7 @@ def _normals(term: ContactTerm, normals: Floats) -> Floats:
     """Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective."""
     mean = _mean_vectors(term, normals)
     length = np.linalg.norm(mean, axis=1, keepdims=True)
-    out: Floats = mean / np.where(length > 0.0, length, 1.0)
-    return out
+    return mean / np.where(length > 0.0, length, 1.0)
 
 
 def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
@@ -297,8 +294,7 @@ def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
     if gap is None:
         own = _mean(term, np.where(above, trial.kinematics.gap, 0.0))
         gap = own / np.where(covered > 0.0, covered, 1.0)
-    out: Floats = np.where(covered > 0.0, gap, np.nan)
-    return out
+    return np.where(covered > 0.0, gap, np.nan)
 
 
 def displacement_at(model: Model, nodes: Longs) -> Floats:

@@ -327,11 +327,7 @@ class Place:
         weakref.finalize(self, os.close, self.descriptor)
 
     def check(self) -> None:
-        """See that it is still there.
-
-        Raises:
-            FileNotFoundError: it is not.
-        """
+        """See that it is still there; FileNotFoundError if it is not."""
         if not os.path.samestat(os.fstat(self.descriptor), self.path.stat()):
             raise FileNotFoundError(errno.ENOENT, "another one is there", str(self.path))
 
@@ -357,11 +353,7 @@ class GrowingFile:
         os.fsync(self._place.descriptor)
 
     def append(self, text: str) -> None:
-        """Append a text.
-
-        Raises:
-            OSError: the disk is full, or the file is gone; nothing was appended.
-        """
+        """Append a text; OSError if the disk is full, or the file is gone; nothing was appended."""
         self._place.check()
         data, file = memoryview(text.encode()), self._place.descriptor
         end = self._size + len(data)

@@ -47,11 +47,7 @@ NOTHING = KeptInputs()
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's contents, in hexadecimal digits.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """SHA-256 of a file's contents, in hexadecimal digits; InputError if it cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

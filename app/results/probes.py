@@ -259,7 +259,7 @@ class _Body:
             centre = np.tile(self._centre.deformation(u), (count, 1, 1))
         # Component by component, each in one row of memory, all that follows is faster.
         F = np.ascontiguousarray(F.reshape(shape).transpose(1, 2, 0)).transpose(2, 0, 1)
-        sigma, measures = self._stress.cauchy(F, centre), strain_of(F, dim)
+        sigma, measures = self._stress.cauchy(F, centre), strain_of(F)
         strain = measures.log_strain
         place = (self._points.place + self._points.displacement(u)).reshape(-1, dim)
         weight = self._points.weight.reshape(-1) * measures.J
@@ -268,8 +268,7 @@ class _Body:
         parts += [sigma[:, i, j] for _, i, j in tensor] + [mises, mean_pressure(sigma)]
         parts += [strain[:, i, j] for _, i, j in tensor]
         local = np.array([weight @ part for part in parts] + [self.solid.strain_energy()])
-        total = np.empty_like(local)
-        comm.Allreduce(local, total, op=MPI.SUM)
+        total = comm.allreduce(local)
         volume, means, energy = total[0], total[1:-1] / total[0], total[-1]
         stretch = float(measures.max_stretch.max(initial=0.0))
         largest = comm.allreduce(stretch, op=MPI.MAX)
@@ -284,8 +283,7 @@ class _Body:
         local = np.zeros(count)
         mine = self.solid.dissipated_by_part
         local[: len(mine)] = mine
-        total = np.empty_like(local)
-        self._problem.comm.Allreduce(local, total, op=MPI.SUM)
+        total = self._problem.comm.allreduce(local)
         return [float(lost) * self._thickness for lost in total]
 
     def by_softening(self) -> float:

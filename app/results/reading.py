@@ -13,9 +13,6 @@ Neither DOLFINx nor PETSc nor MPI is needed: what is read are the files. ::
 from __future__ import annotations
 
 import csv
-import errno
-import os
-import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -30,10 +27,10 @@ from numpy.typing import NDArray
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.solver import LABEL, LONGEST_LABEL
+from tribox.app.case.toml_files import see_file
 from tribox.app.errors import InputError
 from tribox.app.results.claim import owner_of
 from tribox.app.results.directory import TEXT_COLUMNS, json_of
-from tribox.app.results.vtu import Grid, UnknownVtuError, read_vtu
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
@@ -227,11 +224,7 @@ class Results:
     """
 
     def __init__(self, directory: Path) -> None:
-        """See that it is a results directory; nothing is read yet.
-
-        Raises:
-            InputError: it is none.
-        """
+        """See that it is a results directory; nothing is read yet; InputError if it is none."""
         if not (directory / "case.toml").is_file():
             what = "no such directory"
             if directory.is_dir():
@@ -433,26 +426,14 @@ class Results:
         return self._mesh("tools", step)
 
     def _mesh(self, name: str, step: int) -> meshio.Mesh:
+        import meshio
+
         path = self._file(name, step)
-        with _whole(path):
-            return _read_by_meshio(path)
-
-    def grid(self, name: str, step: int = LAST) -> Grid | meshio.Mesh:
-        """The same as a grid like such a mesh, which needs no meshio unless others wrote it.
-
-        Args:
-            name: "fields", "contact", "contact_points" or "tools".
-            step: as of :meth:`fields`.
-
-        Raises:
-            InputError: as :meth:`fields`.
-        """
-        path = self._file(name, step)
-        with _whole(path):
-            try:
-                return read_vtu(path)
-            except UnknownVtuError:
-                return _read_by_meshio(path)
+        try:
+            see_file(path)
+            return meshio.vtu.read(path)
+        except Exception:  # whatever the XML parser, base64, zlib and numpy raise
+            raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
 
     def _file(self, name: str, step: int) -> Path:
         """The file of a step."""
@@ -483,22 +464,6 @@ class Results:
         return {int(p.stem): p for p in found if p.stem.isdecimal()}
 
 
-@contextmanager
-def _whole(path: Path) -> Iterator[None]:
-    """Read a grid inside."""
-    try:
-        _see_file(path)
-        yield
-    except Exception:  # whatever the XML parser, base64, zlib and numpy raise
-        raise InputError(f"{path}: {CUT_OFF} a file of tribox") from None
-
-
-def _read_by_meshio(path: Path) -> meshio.Mesh:
-    import meshio
-
-    return meshio.vtu.read(path)
-
-
 def _is_label(text: str) -> bool:
     """Whether this can be the name that a value of a sweep has, and leads nowhere else."""
     return LABEL.fullmatch(text) is not None and len(text.encode()) <= LONGEST_LABEL
@@ -523,21 +488,12 @@ def files_of_one_run(results: Results) -> Iterator[None]:
 def _text(path: Path, what: str) -> str:
     """Text of a file."""
     try:
-        _see_file(path)
+        see_file(path)
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except (UnicodeDecodeError, MemoryError):
         raise InputError(f"{path}: {CUT_OFF} {what} of tribox") from None
-
-
-def _see_file(path: Path) -> None:
-    """See that something is a file: to read a pipe may take for ever, a device has no end."""
-    mode = path.stat().st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(mode):
-        raise OSError("it is a device, pipe or socket")
 
 
 def _index(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

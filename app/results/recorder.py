@@ -27,7 +27,7 @@ from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
-from tribox.app.simulation.history import COLUMNS, Row, energy_gap, time_text
+from tribox.app.simulation.history import COLUMNS, Row, energy_gap
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.watches import Watches
@@ -290,7 +290,7 @@ class Recorder(Observer):
                 where = ", ".join(f"{c:.4g}" for c in pair.worst)
                 self.warnings.append(
                     f"negative dissipation {pair.least_dissipation:.3g} J/m² at ({where}) m, "
-                    f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+                    f"{row.when}"
                 )
 
     def _share(self) -> dict[str, Any]:
@@ -458,10 +458,7 @@ def _worst_step(rows: Sequence[Row]) -> str:
             "; one that stands in full from the stage's start comes on within its first step, "
             "however short: let it grow over the stage (a table over time)"
         )
-    return (
-        f"; {100.0 * grown[at] / errors[-1]:.0f} % of it is from the step to time "
-        f"{time_text(row.time, row.dt)}, stage {row.stage}: {where}"
-    )
+    return f"; {100.0 * grown[at] / errors[-1]:.0f} % of it is from the step to {row.when}: {where}"
 
 
 # -- The tables of a run: a row for each converged step, and each pair, surface, body, tool at it

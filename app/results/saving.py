@@ -115,11 +115,7 @@ class Reserve:
     """A file that keeps room on the disk for the last rows and the summary; for one rank."""
 
     def __init__(self, directory: Path) -> None:
-        """Make it.
-
-        Raises:
-            OSError: there is no room.
-        """
+        """Make it; OSError if there is no room."""
         self._path = directory / RESERVE
         descriptor = open_own(self._path, os.O_WRONLY | os.O_CREAT, 0o644)
         try:

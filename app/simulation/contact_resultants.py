@@ -244,9 +244,7 @@ def resultants(
 
 def _summed(comm: MPI.Comm, mine: dict[str, Floats]) -> dict[str, Floats]:
     """The same vectors, summed over all ranks."""
-    sums = np.array(list(mine.values()), dtype=np.float64)
-    total = np.empty_like(sums)
-    comm.Allreduce(sums, total, op=MPI.SUM)
+    total = comm.allreduce(np.array(list(mine.values()), dtype=np.float64))
     return dict(zip(mine, total, strict=True))
 
 
@@ -285,8 +283,7 @@ def _twist(vectors: dict[str, Floats], normal: Floats) -> float:
 def _moments(arm: Floats, force: Floats) -> Floats:
     """Moments (q, i) of forces (q, i); in the plane that across it beside a 0."""
     if arm.shape[1] == 3:
-        out: Floats = np.cross(arm, force).astype(np.float64)
-        return out
+        return np.cross(arm, force).astype(np.float64)
     turning = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
     return np.stack([turning, np.zeros_like(turning)], axis=1)
 
@@ -302,8 +299,7 @@ def _on_tool(vectors: dict[str, Floats], axisymmetric: bool) -> tuple[float, ...
 
 
 def _dot(u: Floats, v: Floats) -> Floats:
-    out: Floats = np.einsum("qi,qi->q", u, v)
-    return out
+    return np.einsum("qi,qi->q", u, v)
 
 
 def _over(value: float, total: float) -> float:

@@ -21,7 +21,7 @@ vertices is summed over all.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,9 +29,9 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_text
-from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import (
     BENT,
@@ -132,12 +132,10 @@ class PairProbe:
 
     def _by_facet(self, values: Any) -> Floats:
         """Point values (q, …) as (f, p, …), p being the points of a facet."""
-        out: Floats = values[self._order].reshape(*self._shape, *values.shape[1:])
-        return out
+        return values[self._order].reshape(*self._shape, *values.shape[1:])
 
     def _total(self, *values: float) -> Floats:
-        out: Floats = self._comm.allreduce(np.array(values))
-        return out
+        return self._comm.allreduce(np.array(values))
 
     def measure(self, trial: ContactTrial) -> PairState:
         """The contact at a converged state; collective."""
@@ -207,11 +205,9 @@ class PairProbe:
         """Points (q,) of the facets that press: all their vertices do, or any of their points."""
         vertices, nodal = self.surface.vertices, trial.nodal_pressure
         if nodal is not None:
-            every: Bools = np.min(nodal[vertices.of_point], axis=1) > 0.0
-            return every
+            return np.min(nodal[vertices.of_point], axis=1) > 0.0
         count = np.bincount(self.surface.slave.facet, trial.pressure > 0.0)
-        some: Bools = np.greater(count, 0)[self.surface.slave.facet]
-        return some
+        return np.greater(count, 0)[self.surface.slave.facet]
 
     def _waves(self, trial: ContactTrial, inside: Bools) -> tuple[float, float]:
         """Waves of the vertices' pressure over its mean, and how far corners are apart; collective.
@@ -233,14 +229,12 @@ class PairProbe:
     def _inside(self, patch: Bools) -> Bools:
         """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
         vertices = self.surface.vertices
-        inside: Bools = patch & self._whole(patch)[vertices.of_point].all(axis=1)
-        return inside
+        return patch & self._whole(patch)[vertices.of_point].all(axis=1)
 
     def _whole(self, patch: Bools) -> Bools:
         """Vertices (v,) all of whose facets are in a patch (q,); collective."""
         vertices = self.surface.vertices
-        whole: Bools = vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
-        return whole
+        return vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
 
     def _rim(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
         """Half-width, m, length of the facets at its rim, m, their share of the area; collective.
@@ -300,7 +294,7 @@ class PairProbe:
         return _over(sums[0], sums[1]), _over(sums[2], sums[3]), _over(sums[4], sums[5])
 
 
-class ContactWarnings:
+class ContactWarnings(Remembers):
     """Keeps of every pair what the warnings at the end of a run are about.
 
     Attributes:
@@ -309,6 +303,15 @@ class ContactWarnings:
             of a tie the same ratio by energies, stored in it over those of the bodies, where it
             stores most.
     """
+
+    over_facet: Kept[list[float]]
+    over_approach: Kept[list[float]]
+    _by_force: Kept[list[bool]]
+    _deepest: Kept[list[tuple[float, float, str]]]
+    _strongest: Kept[list[PairState | None]]
+    _widest: Kept[list[PairState | None]]
+    _stored: Kept[list[float]]
+    _sunk: Kept[list[tuple[Sunk, str]]]
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready; collective.
@@ -323,13 +326,12 @@ class ContactWarnings:
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
-        self._deepest = [(0.0, 0.0, "", 0.0)] * count
-        self._strongest: list[PairState | None] = [None] * count
-        self._widest: list[PairState | None] = [None] * count
+        self._deepest = [(0.0, 0.0, "")] * count
+        self._strongest, self._widest = [None] * count, [None] * count
         self._stored = [0.0] * count
-        self._sunk: list[tuple[Sunk, float, str, float]] = [(Sunk(), 0.0, "", 0.0)] * count
+        self._sunk = [(Sunk(), "")] * count
         if resumed is not None:
-            self._restore(resumed)
+            self.restore(resumed)
             return
         # Not in the middle of a run: another stage may hold the bodies otherwise, and the search
         # for facets, done at the start, would be done anew at the next step.
@@ -349,7 +351,7 @@ class ContactWarnings:
         spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
         approach = spent / force if force > 0.0 else 0.0
         for index, state in enumerate(states):
-            here = (state.deepest, row.time, row.stage, row.dt)
+            here = (state.deepest, row.time, row.when)
             self._deepest[index] = max(self._deepest[index], here)
             self.over_facet[index] = max(self.over_facet[index], state.over_facet)
             strongest, widest = self._strongest[index], self._widest[index]
@@ -371,7 +373,7 @@ class ContactWarnings:
                 continue
             sunk = probe.deepest(term.surface.gather(x), state.deepest, term.offset)
             if sunk.share > self._sunk[index][0].share:
-                self._sunk[index] = (sunk, row.time, row.stage, row.dt)
+                self._sunk[index] = (sunk, row.when)
 
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
@@ -394,32 +396,6 @@ class ContactWarnings:
             if stored > self._stored[index]:
                 self._stored[index] = stored
                 self.over_approach[index] = _over(2.0 * stored, spent)
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {
-            "by_force": self._by_force,
-            "over": [self.over_facet, self.over_approach],
-            "deepest": [list(one) for one in self._deepest],
-            "stored": self._stored,
-            "sunk": [[asdict(one[0]), *one[1:]] for one in self._sunk],
-            "strongest": [None if one is None else asdict(one) for one in self._strongest],
-            "widest": [None if one is None else asdict(one) for one in self._widest],
-        }
-
-    def _restore(self, kept: Snapshot) -> None:
-        self._by_force = list(kept["by_force"])
-        self.over_facet, self.over_approach = map(list, kept["over"])
-        self._stored = list(kept["stored"])
-        self._deepest = [(one[0], one[1], one[2], one[3]) for one in kept["deepest"]]
-        self._sunk = [
-            (Sunk(one[0]["share"], one[0]["depth"], tuple(one[0]["place"])), *one[1:])
-            for one in kept["sunk"]
-        ]
-        self._strongest, self._widest = (
-            [None if one is None else PairState(**one) for one in kept[name]]
-            for name in ("strongest", "widest")
-        )
 
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""
@@ -455,10 +431,10 @@ class ContactWarnings:
 
     def _of_tie(self, index: int) -> Iterator[str]:
         if self.over_facet[index] > PENETRATION:
-            depth, time, stage, dt = self._deepest[index]
+            depth, _, when = self._deepest[index]
             yield (
-                f"contact.{index}: what is tied moves apart by up to {depth:.3g} m (time "
-                f"{time_text(time, dt)}, stage {stage}), {self.over_facet[index]:.2g} of the local "
+                f"contact.{index}: what is tied moves apart by up to {depth:.3g} m ({when}), "
+                f"{self.over_facet[index]:.2g} of the local "
                 "slave facet's length; raise the penalty (penalty_factor)"
             )
         share = self.over_approach[index]
@@ -471,10 +447,10 @@ class ContactWarnings:
             )
 
     def _edge(self, index: int) -> str:
-        sunk, time, stage, dt = self._sunk[index]
+        sunk, when = self._sunk[index]
         return (
             f"contact.{index}: a vertex of the master, at {place_text(sunk.place)}, sinks up to "
-            f"{sunk.depth:.3g} m into a slave facet (time {time_text(time, dt)}, stage {stage}), "
+            f"{sunk.depth:.3g} m into a slave facet ({when}), "
             f"{sunk.share:.2g} of its length more than the penetration: the mean gap, which the "
             "pressure answers to and max_penetration tells of, does not see an edge between the "
             "slave's vertices; round the edge, make the other surface the slave, or refine the "
@@ -503,7 +479,7 @@ class ContactWarnings:
         )
 
     def _soft(self, index: int, comb: bool) -> str:
-        depth, time, stage, dt = self._deepest[index]
+        depth, _, when = self._deepest[index]
         share = self.over_approach[index]
         cost = (
             "the bodies come that much too close under the given force"
@@ -516,8 +492,8 @@ class ContactWarnings:
             else "raise the penalty (penalty_factor) or refine the surface"
         )
         return (
-            f"contact.{index}: penetration up to {depth:.3g} m (time {time_text(time, dt)}, stage "
-            f"{stage}), up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
+            f"contact.{index}: penetration up to {depth:.3g} m ({when}), "
+            f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
             f"on average {share:.2g} of the approach of the bodies: {cost}; {cure}"
         )
 

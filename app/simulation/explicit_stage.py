@@ -217,16 +217,7 @@ class ExplicitStage:
         Raises:
             SolutionError: an element is turned inside out, or the energy runs away.
         """
-        state, stage, at = self.state, load_step.stage, self.state.position
-        steady: bool | None = None
-        while at.count < (load_step.steps or stage.max_steps):
-            self._interval(load_step, observer)
-            if load_step.steps is None:
-                enough = at.count >= stage.min_steps and at.count * load_step.dt >= stage.ramp
-                steady = enough and state.is_steady(load_step, at.row)
-                if steady:
-                    break
-        observer.load_step(state, load_step, state.rows[-1], steady)
+        self.state.run(load_step, observer, self._interval)
 
     def _interval(self, load_step: LoadStep, observer: Observer) -> None:
         """The steps up to the next row of the load step, and that row."""
@@ -447,8 +438,7 @@ class IntervalAverages:
         taken = (self.stepper.work, self.stepper.damped)
         local = np.subtract(taken, self._taken)
         self._taken = taken
-        total = np.empty_like(local)
-        comm.Allreduce(local, total, op=MPI.SUM)
+        total = comm.allreduce(local)
         flow = EnergyFlow(
             work=float(total[0]),
             damping=float(total[1]) + self.removed,
@@ -486,8 +476,7 @@ def _over_interval(
     """Resultants at the end, with mean forces and the interval's dissipation; collective."""
     mine = np.array([*tally.vectors.values(), np.zeros(term.surface.dim)])
     mine[-1, :2] = tally.dissipated, tally.numerical
-    total = np.empty_like(mine)
-    comm.Allreduce(mine, total, op=MPI.SUM)
+    total = comm.allreduce(mine)
     means: dict[str, Floats] = dict(zip(tally.vectors, total[:-1] / tally.time, strict=True))
     least, worst = min(comm.allgather((tally.least, tally.worst)))
     return replace(

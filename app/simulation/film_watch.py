@@ -18,8 +18,8 @@ import numpy as np
 import scipy.sparse
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.simulation.history import Row, time_text
+from tribox.app.equilibrium.snapshot import Kept, Remembers
+from tribox.app.simulation.history import Row
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication
@@ -82,39 +82,39 @@ class Look:
     @property
     def loaded(self) -> Bools:
         """Vertices (v,) that bear a load."""
-        loaded: Bools = self.carried > LOADED * self.carried.max(initial=0.0)
-        return loaded
+        return self.carried > LOADED * self.carried.max(initial=0.0)
 
     @property
     def pressed(self) -> Bools:
         """Faces (f,) between vertices that count to the width of the contact."""
-        pressed: Bools = (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
-        return pressed
+        return (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
 
 
 Found = Iterator[tuple[str, float, str]]
 """What is wrong with a film: a word for it, how bad it is, and what is said of it."""
 
 
-class FilmWatch:
+class FilmWatch(Remembers):
     """The worst of each pair whose film is found."""
+
+    _found: Kept[dict[str, tuple[float, str]]]  # how bad, and what is said of it
+    # Of each pair, where its load was at first and how far it has slid since, which vertices were
+    # loaded in the step before, and which have come out.
+    _first: Kept[dict[int, Floats]]
+    _slid: Kept[dict[int, float]]
+    _was: Kept[dict[int, Bools]]
+    _left: Kept[dict[int, Bools]]
 
     def __init__(self, problem: Equilibrium) -> None:
         self._problem = problem
         pairs = enumerate(problem.contacts)
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
         self._depths = {i: cell_depths(term, problem.space) for i, term in self._terms}
-        self._found: dict[str, list[float | str]] = {}  # how bad, and what is said of it
-        # Of each pair, where its load was at first and how far it has slid since, which vertices
-        # were loaded in the step before, and which have come out.
-        self._first: dict[int, Floats] = {}
-        self._slid: dict[int, float] = {}
-        self._was: dict[int, Bools] = {}
-        self._left: dict[int, Bools] = {}
+        self._found, self._first, self._slid, self._was, self._left = {}, {}, {}, {}, {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step."""
-        when = f"worst at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        when = f"worst at {row.when}"
         for index, term in self._terms:
             trial, history = self._problem.committed[index], term.state.film
             film = trial.normal_contact.lubrication
@@ -143,8 +143,8 @@ class FilmWatch:
                 found += [one for check in CHECKS for one in check(look)]
             for word, bad, said in found:
                 name = f"{word} {look.place}"
-                if name not in self._found or float(self._found[name][0]) < bad:
-                    self._found[name] = [bad, f"{look.place}: {said}"]
+                if name not in self._found or self._found[name][0] < bad:
+                    self._found[name] = (bad, f"{look.place}: {said}")
 
     def _motion(self, index: int, look: Look, dt: float) -> Found:
         """See where the contact goes on the slave, and whether it was there before."""
@@ -182,25 +182,7 @@ class FilmWatch:
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair and reason."""
-        yield from (str(said) for _, said in self._found.values())
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {
-            "found": [[word, *found] for word, found in self._found.items()],
-            "first": [[pair, at.tolist()] for pair, at in self._first.items()],
-            "slid": [[pair, way] for pair, way in self._slid.items()],
-            "was": [[pair, on.tolist()] for pair, on in self._was.items()],
-            "left": [[pair, on.tolist()] for pair, on in self._left.items()],
-        }
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._found = {word: [bad, said] for word, bad, said in kept["found"]}
-        self._first = {int(pair): np.array(at) for pair, at in kept["first"]}
-        self._slid = {int(pair): float(way) for pair, way in kept["slid"]}
-        self._was = {int(pair): np.array(on, dtype=bool) for pair, on in kept["was"]}
-        self._left = {int(pair): np.array(on, dtype=bool) for pair, on in kept["left"]}
+        yield from (said for _, said in self._found.values())
 
 
 # -- What is looked at, film by film ---------------------------------------------------------------

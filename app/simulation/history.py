@@ -98,6 +98,11 @@ class Row:
     friction_z: float = column("friction_z", "N", difference=True, default=0.0)
     twist_moment: float = column("twisting moment", "N m", difference=True, default=0.0)
 
+    @property
+    def when(self) -> str:
+        """Time and stage in words."""
+        return f"time {time_text(self.time, self.dt)}, stage {self.stage}"
+
 
 COLUMNS = tuple(f.name for f in fields(Row))
 DECLARED: dict[str, Column] = {f.name: f.metadata["column"] for f in fields(Row)}

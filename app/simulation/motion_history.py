@@ -52,8 +52,7 @@ def held_dofs(problem: Equilibrium) -> Ints:
     """Owned unknowns that supports or platens act on, sorted."""
     parts = [part.dofs for part in problem.prescribed]
     parts += [platen.dofs for platen in problem.platens]
-    out: Ints = np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
-    return out
+    return np.unique(np.concatenate([*parts, np.empty(0, dtype=np.int32)]))
 
 
 class OutsideMean:
@@ -199,8 +198,7 @@ class MotionHistory:
         here = self._means.of(*motion)
         there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
-        total = np.empty_like(local)
-        self._model.problem.comm.Allreduce(local, total, op=MPI.SUM)
+        total = self._model.problem.comm.allreduce(local)
         means = total[: here.size].reshape(here.shape)
         forces = total[here.size :].reshape(there.shape) * self._model.thickness
         self._add_surfaces(key, means[: len(self._on)], forces)

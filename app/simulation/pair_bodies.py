@@ -177,6 +177,5 @@ def _dry_share(term: ContactTerm, state: FrictionState) -> Floats:
     """How much of mu p the asperities of each point carry, (q,): 1 - alpha beside a film."""
     law = term.law.law if isinstance(term.law, FactoredLaw) else term.law
     if isinstance(law, FrictionMap) and law.parameters.flow_rule == "weighted":
-        share: Floats = 1.0 - state.alpha
-        return share
+        return 1.0 - state.alpha
     return np.ones(len(term.surface.slave.weight))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from tribox.app.build.model import Model
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
 from tribox.app.case.stage import LoadStep
-from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import (
@@ -63,7 +63,7 @@ class Moved:
     outside: OutsideForces
 
 
-class RunState:
+class RunState(Remembers):
     """History, energies and loads of a run so far.
 
     Attributes:
@@ -80,6 +80,18 @@ class RunState:
         position: where the loops over load steps and steps stand.
     """
 
+    # How far the run has come, without the rows, which are in its tables.
+    time: Kept[float]
+    driven: Kept[float]
+    step: Kept[int]
+    resultants: Kept[list[ContactResultants]]
+    inertia: Kept[list[Inertia]]
+    way: Kept[SlidWay]
+    steadiness: Kept[Steadiness]
+    position: Kept[Position]
+    energy_balance: Kept[EnergyBalance]
+    _last: Kept[tuple[float, float]]
+
     stepper: ImplicitStepper | ExplicitStepper
 
     def __init__(self, model: Model) -> None:
@@ -93,8 +105,8 @@ class RunState:
         self._columns = (*PAIR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
         self.pair_columns = (*KEYS, "pair", *self._columns, *FILM_COLUMNS)
         self.pair_rows: list[tuple[int | float | str, ...]] = []
-        self.resultants: list[ContactResultants] = []
-        self.inertia: list[Inertia] = []
+        self.resultants = []
+        self.inertia = []
         self._last = (0.0, 0.0)
         self.way = SlidWay(term.law for term in model.problem.contacts)
         self.steadiness = NOT_SLID
@@ -192,44 +204,23 @@ class RunState:
         along = along_force(self._loose_resultants()) * self.model.thickness
         self.way.add(row.driven_displacement, along, unsettled, presliding)
 
-    def is_steady(self, load_step: LoadStep, first: int) -> bool:
-        """Whether the tangential force has come to where it tends at the present velocity."""
-        self.steadiness = self.way.judge(first, load_step.stage.steady_tolerance)
-        return self.steadiness.steady
+    def run(
+        self, load_step: LoadStep, observer: Observer, advance: Callable[[LoadStep, Observer], None]
+    ) -> None:
+        """Make rows by ``advance`` to the end of a load step, or until it is steady; collective.
 
-    # -- restart ------------------------------------------------------------------------------
-
-    def snapshot(self) -> Snapshot:
-        """How far the run has come, without the rows, which are in its tables."""
-        return {
-            "time": self.time,
-            "driven": self.driven,
-            "step": self.step,
-            "last": list(self._last),
-            "position": asdict(self.position),
-            "resultants": [asdict(one) for one in self.resultants],
-            "inertia": [asdict(one) for one in self.inertia],
-            "steadiness": asdict(self.steadiness),
-            "way": self.way.snapshot(),
-            "energies": self.energy_balance.snapshot(),
-        }
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen; the rows are put in by the caller."""
-        self.time, self.driven, self.step = kept["time"], kept["driven"], kept["step"]
-        self._last = (kept["last"][0], kept["last"][1])
-        self.position = Position(**kept["position"])
-        self.resultants = [_resultants(one) for one in kept["resultants"]]
-        self.inertia = [Inertia(**one) for one in kept["inertia"]]
-        self.steadiness = Steadiness(**kept["steadiness"])
-        self.way.restore(kept["way"])
-        self.energy_balance.restore(kept["energies"])
-
-
-def _resultants(kept: Snapshot) -> ContactResultants:
-    """The resultants of a pair; what was a tuple was read as a list."""
-    parts: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in kept.items()}
-    return ContactResultants(**parts)
+        It is where the tangential force has come to where it tends at the present velocity.
+        """
+        stage, at = load_step.stage, self.position
+        steady: bool | None = None
+        while not steady and at.count < (load_step.steps or stage.max_steps):
+            advance(load_step, observer)
+            if load_step.steps is None:
+                enough = at.count >= stage.min_steps and at.count * load_step.dt >= stage.ramp
+                if enough:
+                    self.steadiness = self.way.judge(at.row, stage.steady_tolerance)
+                steady = enough and self.steadiness.steady
+        observer.load_step(self, load_step, self.rows[-1], steady)
 
 
 # -- Where a run stands between two steps: what its loops need to go on from there -----------------
@@ -401,9 +392,7 @@ class ToolHistory:
                 if dof in given:
                     drive = outside.held[np.searchsorted(self._held, dof)]
                 out[number, :, slot] = motion[0][dof], motion[1][dof], drive
-        total = np.empty_like(out)
-        self._model.problem.comm.Allreduce(out, total)
-        return total
+        return self._model.problem.comm.allreduce(out)
 
     def _pressed(self, pairs: Sequence[ContactResultants]) -> tuple[Floats, Floats]:
         """Force (i,), N, and moment (1 or 3,), N m, of the bodies on a tool."""

@@ -43,11 +43,7 @@ class ImplicitStage:
     """
 
     def __init__(self, state: RunState) -> None:
-        """Make ready to start; collective.
-
-        Raises:
-            InputError: PETSc refuses an option of the case.
-        """
+        """Make ready to start; collective; InputError if PETSc refuses an option of the case."""
         self.state, self.model = state, state.model
         solver = state.model.case.solver
         options = ImplicitOptions(
@@ -74,17 +70,7 @@ class ImplicitStage:
         Raises:
             SolutionError: a step failed however short it was made.
         """
-        state, at = self.state, self.state.position
-        steady: bool | None = None
-        while at.count < (load_step.steps or load_step.stage.max_steps):
-            self._advance(load_step, observer)
-            at.count, at.done = at.count + 1, 0.0
-            if load_step.steps is None:
-                enough = at.count >= load_step.stage.min_steps
-                steady = enough and state.is_steady(load_step, at.row)
-                if steady:
-                    break
-        observer.load_step(state, load_step, state.rows[-1], steady)
+        self.state.run(load_step, observer, self._advance)
 
     def snapshot(self) -> Snapshot:
         """See :class:`tribox.app.simulation.simulation.StageRunner`."""
@@ -131,6 +117,7 @@ class ImplicitStage:
             at.done, at.failures, at.wasted = end, 0, 0
             if easy:
                 at.piece = 2.0 * at.piece
+        at.count, at.done = at.count + 1, 0.0
 
     def _take_resultants(self, load_step: LoadStep, held: bool) -> None:
         """Contact resultants of a solved step, before it is committed; collective."""
@@ -292,7 +279,7 @@ class Simulation:
         runner = self.explicit or self.implicit
         assert runner is not None
         return {
-            "factorisations": self._factorisations(),
+            "factorisations": self.implicit.stepper.solver.assembled if self.implicit else 0,
             "force": self.model.problem.reference_force,
             "solver": "implicit" if runner is self.implicit else "explicit",
             "model": self.model.snapshot(),
@@ -315,6 +302,3 @@ class Simulation:
                 self.implicit.stepper.solver.assembled = kept["factorisations"]
         self.model.problem.reference_force = kept["force"]  # of the last implicit evaluation
         self.state.restore(kept["state"])
-
-    def _factorisations(self) -> int:
-        return self.implicit.stepper.solver.assembled if self.implicit else 0

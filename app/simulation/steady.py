@@ -96,8 +96,7 @@ def measure_settling(
             load @ presliding_length(term.law, state, pressure),
             load.sum(),
         )
-    total = np.empty_like(sums)
-    comm.Allreduce(sums, total, op=MPI.SUM)
+    total = comm.allreduce(sums)
     return float(total[0]), float(total[1] / total[2]) if total[2] > 0.0 else 0.0
 
 

@@ -8,7 +8,7 @@ master, s their sides.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -16,11 +16,11 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.case.contact import Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.contact_resultants import penetration_of
-from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.history import Row
 from tribox.app.simulation.surface_faults import SAME, Findings, names_of
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.shared_slave import covered_by_others
@@ -156,8 +156,7 @@ class SmoothEnds:
         """Vertices (v,) of the facets of some points (q,) of all ranks; collective."""
         vertices = self._surface.vertices
         mine = np.bincount(vertices.of_point[points].reshape(-1), minlength=vertices.count)
-        touched: Bools = vertices.total(mine.astype(np.float64)) > 0.0
-        return touched
+        return vertices.total(mine.astype(np.float64)) > 0.0
 
     def _past(self, trial: ContactTrial) -> Bools:
         """Points (q,) past the master's ends, within what would be its body."""
@@ -178,8 +177,7 @@ class SmoothEnds:
 
 def _largest(values: Floats, among: Bools) -> Bools:
     """Which (v,) of some values are nearly as large as the largest of them."""
-    largest: Bools = among & (values >= MOST * np.max(values, where=among, initial=0.0))
-    return largest
+    return among & (values >= MOST * np.max(values, where=among, initial=0.0))
 
 
 def _pressed_end(pressures: Floats, mean: float, where: str) -> PressedEnd:
@@ -227,8 +225,11 @@ def smooth_ends(problem: Equilibrium) -> list[SmoothEnds]:
     return out
 
 
-class PressedEnds:
+class PressedEnds(Remembers):
     """Watches for contact that reaches the end of a surface where the body goes on."""
+
+    # By pair, and 0 for the slave or 1 for the master: the most pressed end, and since when.
+    _found: Kept[dict[tuple[int, int], tuple[PressedEnd, str]]]
 
     def __init__(self, model: Model) -> None:
         """Find the ends; collective."""
@@ -236,14 +237,13 @@ class PressedEnds:
         self._ends = smooth_ends(model.problem)
         pairs = range(len(model.problem.contacts))
         self._tools = {pair for pair in pairs if _is_tool(model.problem, pair)}
-        # By pair, and 0 for the slave or 1 for the master: the most pressed end, and since when.
-        self._found: dict[tuple[int, int], tuple[PressedEnd, str]] = {}
+        self._found = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
         for index, _, trial in self._problem.sliding(self._problem.committed):
             for side, end in enumerate(self._ends[index].pressed(trial)):
-                now = f", from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
+                now = f", from {row.when}, on"
                 most, since = self._found.get((index, side), (PressedEnd(), now))
                 if end.share > most.share:
                     self._found[index, side] = end, since
@@ -253,15 +253,6 @@ class PressedEnds:
         """Pairs whose contact has reached the end of the slave."""
         return {index for index, side in self._found if side == 0}
 
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        found = self._found.items()
-        return {"found": [[*key, asdict(end), since] for key, (end, since) in found]}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._found = {(i, k): (PressedEnd(**end), since) for i, k, end, since in kept["found"]}
-
     def warnings(self) -> Iterator[str]:
         """One line for each end that was reached."""
         for (index, side), (end, since) in sorted(self._found.items(), key=lambda one: one[0]):
@@ -270,16 +261,18 @@ class PressedEnds:
             yield f"{end.text(index, name, of_tool, since)}; let {name} reach further"
 
 
-class OneSidedEnds:
+class OneSidedEnds(Remembers):
     """Watches for contact at the ends of smooth masters that no plane of symmetry continues.
 
     A patch there has its last tangent from one side, and hands 3/8 of a facet's load to its last
     node instead of a half, 7/6 to the next.
     """
 
+    _found: Kept[dict[int, str]]  # since when, by pair
+
     def __init__(self, model: Model) -> None:
         self._problem, self._contacts = model.problem, model.case.contact
-        self._found: dict[int, str] = {}
+        self._found = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
@@ -290,16 +283,8 @@ class OneSidedEnds:
             pressed = (trial.pressure > 0.0) & at.on_surface
             there = bool(target.is_smooth_end(at.facet[pressed]).any())
             if self._problem.comm.allreduce(there, op=MPI.LOR):
-                when = f"from time {time_text(row.time, row.dt)}, stage {row.stage}, on"
+                when = f"from {row.when}, on"
                 self._found[index] = when
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {"found": list(self._found.items())}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._found = {int(pair): when for pair, when in kept["found"]}
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair."""
@@ -368,7 +353,7 @@ def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
         )
 
 
-class LeftMaster:
+class LeftMaster(Remembers):
     """Watches the points that were above the master at some row of the history.
 
     Those that were beside it from the start, as where a slave is simply the longer one, do not
@@ -376,10 +361,13 @@ class LeftMaster:
     pressed slave spreads.
     """
 
+    _above: KeptAtPoints[list[Bools]]
+    _found: Kept[dict[int, str]]  # where and when, by pair
+
     def __init__(self, model: Model) -> None:
         self._problem, self._contacts = model.problem, model.case.contact
         self._above = [np.isfinite(term.state.gap) for term in self._problem.contacts]
-        self._found: dict[int, str] = {}
+        self._found = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
@@ -395,22 +383,12 @@ class LeftMaster:
             # What another master has below it now has not run off.
             others = covered_by_others(term.neighbours, term.surface.vertices.count)
             lost[index] = np.maximum(sums(weight * left) - others, 0.0).sum()
-        when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        when = f"first at {row.when}"
         for index in map(int, np.nonzero(lost > FEW * whole)[0]):
             if index not in self._found:
                 surface, at = self._problem.contacts[index].surface, self._problem.committed[index]
                 where = ends_text(surface, at.projection, gone[index])
                 self._found[index] = f"at {where}, undeformed: no contact there ({when})"
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        above = [AtPoints(pair, points) for pair, points in enumerate(self._above)]
-        return {"above": above, "found": list(self._found.items())}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._above = list(kept["above"])
-        self._found = {int(pair): where for pair, where in kept["found"]}
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair that has lost points."""
@@ -506,14 +484,16 @@ class _Beside:
         self._outside = np.zeros_like(self._outside)
 
 
-class FoldedSides:
+class FoldedSides(Remembers):
     """Watches for sides of bodies that fold over the end of a slave into its master."""
+
+    _found: Kept[dict[int, Fold]]  # the deepest, by pair
 
     def __init__(self, model: Model) -> None:
         """Find the nodes of each slave's body; collective."""
         self._problem, self._contacts = model.problem, model.case.contact
         self._beside = _all_beside(model)
-        self._found: dict[int, Fold] = {}
+        self._found = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
@@ -523,17 +503,12 @@ class FoldedSides:
                 continue
             fold, before = beside.deepest(), self._found.get(index, Fold())
             if fold.depth > before.depth:
-                now = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+                now = f"first at {row.when}"
                 self._found[index] = replace(fold, since=before.since or now)
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {"found": [[index, asdict(fold)] for index, fold in self._found.items()]}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        for index, fold in kept["found"]:
-            self._found[int(index)] = Fold(**{**fold, "place": tuple(fold["place"])})
+        super().restore(kept)
         for beside in self._beside.values():
             beside.forget()  # what is in front of the master is seen at the next step
 

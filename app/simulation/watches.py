@@ -8,7 +8,7 @@ long; steps in which metal flowed far, or that were long for a branch that relax
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import AtPoints, Snapshot
+from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
 from tribox.app.implicit.factor import Effort
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.film_watch import FilmWatch
-from tribox.app.simulation.history import Row, time_text
+from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Interval
 from tribox.app.simulation.surface_ends import FoldedSides, LeftMaster, OneSidedEnds, PressedEnds
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
@@ -50,7 +50,7 @@ class AtRoundOff:
     carried: bool
 
 
-class RoundOffWatch:
+class RoundOffWatch(Remembers):
     """Compares what Newton's method ended with, step by step, with what was asked for.
 
     A residual counts against the largest force of its load step: of bodies that carry nothing yet
@@ -60,8 +60,13 @@ class RoundOffWatch:
         worst: the load step with the largest share so far; None while all reached the tolerance.
     """
 
+    worst: Kept[AtRoundOff | None]
+    _residual: Kept[float]
+    _force: Kept[float]
+    _loaded: Kept[bool]
+
     def __init__(self, problem: Equilibrium, tolerance: float) -> None:
-        self.worst: AtRoundOff | None = None
+        self.worst = None
         self._problem, self._tolerance = problem, tolerance
         lengths = [term.surface.facet_length for term in problem.contacts]
         self._touching = TOUCHING * min(lengths, default=0.0)
@@ -90,18 +95,6 @@ class RoundOffWatch:
         if self._loaded and share > self._tolerance and worse:
             self.worst = AtRoundOff(share, label, *self._noisiest())
         self._begin()
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {
-            "worst": None if self.worst is None else asdict(self.worst),
-            "load_step": [self._residual, self._force, self._loaded],
-        }
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self.worst = None if kept["worst"] is None else AtRoundOff(**kept["worst"])
-        self._residual, self._force, self._loaded = kept["load_step"]
 
     def _noisiest(self) -> tuple[str, bool]:
         """The body whose rounding leaves most, and whether by its motion; collective."""
@@ -151,33 +144,27 @@ class Floating:
     holding: float = 0.0
 
 
-class FloatingWatch:
+class FloatingWatch(Remembers):
     """Keeps which bodies floated, and what held them.
 
     Attributes:
         found: by name of the body.
     """
 
+    found: Kept[dict[str, Floating]]
+
     def __init__(self) -> None:
-        self.found: dict[str, Floating] = {}
+        self.found = {}
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step."""
         if isinstance(result, Interval):
             return
         for body in result.floating:
-            when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+            when = f"first at {row.when}"
             one = self.found.setdefault(body, Floating(when))
             one.steps += 1
             one.holding = max(one.holding, result.holding)
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {name: asdict(one) for name, one in self.found.items()}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self.found = {name: Floating(**one) for name, one in kept.items()}
 
     def warnings(self) -> Iterator[str]:
         """A line for each body that floated."""
@@ -207,7 +194,7 @@ class LinearWatch:
         self._effort = result.effort
         for name, when in self._when.items():
             if getattr(self._effort, name) and not when:
-                self._when[name] = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+                self._when[name] = row.when
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""
@@ -241,8 +228,11 @@ SHARE = 0.1  # of a branch's relaxation time from which on a step is long
 COUNTS = 0.01  # of what a body stores and loses from which on a branch matters
 
 
-class FlowWatch:
+class FlowWatch(Remembers):
     """Largest equivalent plastic strains of each body that flows."""
+
+    _found: Kept[dict[str, str]]  # warnings, by a word for each and its body
+    _creep: Kept[_CreepWatch]
 
     def __init__(self, problem: Equilibrium) -> None:
         self._comm = problem.comm
@@ -252,7 +242,7 @@ class FlowWatch:
             if isinstance(body, MemorySolid) and isinstance(body.material, ElastoPlastic)
         ]
         self._creep = _CreepWatch(problem)
-        self._found: dict[str, str] = {}  # warnings, by a word for each and its body
+        self._found = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
@@ -262,7 +252,7 @@ class FlowWatch:
         local = np.array([body.largest_flow() for body, _ in self._bodies])
         largest = np.empty_like(local)
         self._comm.Allreduce(local, largest, op=MPI.MAX)
-        when = f"first at time {time_text(row.time, row.dt)}, stage {row.stage}"
+        when = f"first at {row.when}"
         for (body, end), (strain, growth) in zip(self._bodies, largest, strict=True):
             if strain > end:
                 self._found.setdefault(
@@ -283,18 +273,14 @@ class FlowWatch:
         yield from self._found.values()
         yield from self._creep.warnings()
 
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        return {"found": list(self._found.items()), "creep": self._creep.snapshot()}
 
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._found = {word: said for word, said in kept["found"]}
-        self._creep.restore(kept["creep"])
-
-
-class _CreepWatch:
+class _CreepWatch(Remembers):
     """What branches dissipate in steps that are long for them, over what their body stores."""
+
+    _lost: Kept[Floats]
+    _in_long: Kept[Floats]
+    _longest: Kept[Floats]
+    _stored: Kept[Floats]
 
     def __init__(self, problem: Equilibrium) -> None:
         self._problem = problem
@@ -304,9 +290,8 @@ class _CreepWatch:
             if isinstance(body, MemorySolid) and isinstance(body.material, Viscoelastic)
         ]
         self._times = np.array([b.time for _, _, branches in self._bodies for b in branches])
-        self._lost: Floats = np.zeros(len(self._times))
-        self._in_long, self._longest = np.zeros((2, len(self._times)))
-        self._stored: Floats = np.zeros(len(self._bodies))
+        self._lost, self._in_long, self._longest = np.zeros((3, len(self._times)))
+        self._stored = np.zeros(len(self._bodies))
 
     def step(self, row: Row) -> None:
         """Look at a converged step; collective."""
@@ -317,8 +302,7 @@ class _CreepWatch:
         energies = self._problem.bodies.strain_energies()
         own = [energies[n] for n, _, _ in self._bodies]
         local = np.concatenate([own, *(b.dissipated_by_part for _, b, _ in self._bodies)])
-        both = np.empty_like(local)
-        self._problem.comm.Allreduce(local, both, op=MPI.SUM)
+        both = self._problem.comm.allreduce(local)
         stored, lost = np.split(both, [len(self._bodies)])
         self._in_long += np.where(long, lost - self._lost, 0.0)
         self._longest = np.maximum(self._longest, np.where(long, row.dt, 0.0))
@@ -341,21 +325,11 @@ class _CreepWatch:
                         f"{SHARE * branch.time:.2g} s"
                     )
 
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        sums = (self._lost, self._in_long, self._longest)
-        return {"sums": [one.tolist() for one in sums], "stored": self._stored.tolist()}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._lost, self._in_long, self._longest = map(np.array, kept["sums"])
-        self._stored = np.zeros(len(self._bodies)) + kept["stored"]
-
 
 # -- What watches over a run and has its say at the end of it --------------------------------------
 
 
-class LateFilm:
+class LateFilm(Remembers):
     """Watches for steps so long that the film of points that come under pressure counts too little.
 
     The law takes the slip of a step for its speed, and such a point has slipped under pressure, or
@@ -363,11 +337,14 @@ class LateFilm:
     much together, by the slip's change along the contact, so what is told is a lower bound.
     """
 
+    _pressed: KeptAtPoints[list[Bools]]
+    # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.
+    _found: Kept[dict[int, tuple[float, float, float, str]]]
+
     def __init__(self, model: Model) -> None:
         self._problem = model.problem
         self._pressed = [term.state.friction.closed for term in self._problem.contacts]
-        # By pair: share that lacks, facets of slip in the step, length of a facet (m), when.
-        self._found: dict[int, tuple[float, float, float, str]] = {}
+        self._found = {}
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
@@ -377,7 +354,7 @@ class LateFilm:
             return
         sums = np.array([self._sums(index, before[index]) for index in range(len(trials))])
         self._problem.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-        when = f"time {time_text(row.time, row.dt)}, stage {row.stage}"
+        when = row.when
         for index, (area, slip, length, friction, *deficit) in enumerate(sums):
             if not (area > 0.0 and friction > 0.0 and slip > length):
                 continue
@@ -405,16 +382,6 @@ class LateFilm:
             float(weight @ per_slip),
             float(weight @ (per_slip * slip)),
         )
-
-    def snapshot(self) -> Snapshot:
-        """What has been seen so far."""
-        pressed = [AtPoints(pair, points) for pair, points in enumerate(self._pressed)]
-        return {"pressed": pressed, "found": [[pair, *one] for pair, one in self._found.items()]}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen."""
-        self._pressed = list(kept["pressed"])
-        self._found = {int(pair): tuple(one) for pair, *one in kept["found"]}
 
     def warnings(self) -> Iterator[str]:
         """One line for each pair whose film was late."""
@@ -461,8 +428,7 @@ class Watches:
         self.told: set[str] = set() if kept is None else set(kept["told"])
         if kept is not None:
             for name, watch in self._named.items():
-                if name in kept:  # else an older checkpoint knows nothing of it
-                    watch.restore(kept[name])
+                watch.restore(kept[name])
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""

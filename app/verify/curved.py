@@ -405,14 +405,12 @@ class Extent:
 
 def beyond_line(rho: Floats) -> Floats:
     """Hertz's gap (n,) beyond a line contact over a²/2R, at x/a = rho (n,) >= 1."""
-    out: Floats = rho * np.sqrt(rho**2 - 1.0) - np.arccosh(rho)
-    return out
+    return rho * np.sqrt(rho**2 - 1.0) - np.arccosh(rho)
 
 
 def beyond_point(rho: Floats) -> Floats:
     """Hertz's gap (n,) beyond a point contact times πR/a², at r/a = rho (n,) >= 1."""
-    out: Floats = np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)
-    return out
+    return np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)
 
 
 def extent(rubber: Floats, tool: Floats, undeformed: Floats, radius: float) -> Extent:

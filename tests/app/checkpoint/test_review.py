@@ -145,7 +145,7 @@ WRONG = [
     ("simulation.runner.x", lambda array: np.array(1.0), "rows instead of 96"),
     ("simulation.state.way.force", lambda array: array[:, None], r"float64, \(1,\) in"),
     ("simulation.state.way.driven", lambda array: array[:0], "samples of unlike number"),
-    ("simulation.state.energies.force", lambda array: array.astype(str), "<U32 of shape"),
+    ("simulation.state.energy_balance.force", lambda array: array.astype(str), "<U32 of shape"),
     ("simulation.runner.predictor.drive.loads", lambda array: np.zeros(3), "number of loads"),
     ("recorder.watches.left.above.0", lambda array: array[:, None], r"bool of shape \(25, 1\)"),
 ]

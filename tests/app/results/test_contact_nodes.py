@@ -13,7 +13,7 @@ from tribox.app.build.model import Model
 from tribox.app.results import vtu
 from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
 from tribox.app.results.output_files import ContactSeries
-from tribox.app.results.vtu import Cells, Grid, UnknownVtuError, read_vtu, write_vtu
+from tribox.app.results.vtu import Cells, write_vtu
 from tribox.app.simulation.simulation import Simulation
 
 SPACE = """
@@ -210,50 +210,3 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path, arrays):
     with pytest.raises(KeyError):
         write(tmp_path / "a.vtu", arrays)
     assert (tmp_path / "a.vtu").read_bytes() == before
-
-
-def test_own_reader_finds_what_meshio_finds(tmp_path, arrays):
-    path = tmp_path / "a.vtu"
-    write(path, arrays)
-    check_same(read_vtu(path), meshio.read(path))
-
-
-@pytest.mark.parametrize("kinds", [("quad", "triangle", "quad"), ("hexahedron27",), ("tetra10",)])
-def test_own_reader_takes_blocks_of_kinds_that_follow_each_other(tmp_path, kinds):
-    sizes = {"quad": 4, "triangle": 3, "hexahedron27": 27, "tetra10": 10}
-    rng = np.random.default_rng(2)
-    blocks = [(kind, rng.integers(0, 40, (3, sizes[kind]))) for kind in kinds]
-    data = {"body": [rng.random(3) for _ in kinds], "tensor": [rng.random((3, 9)) for _ in kinds]}
-    mesh = meshio.Mesh(rng.random((40, 3)), blocks, {"p": rng.random(40)}, data)
-    mesh.write(tmp_path / "b.vtu")
-    check_same(read_vtu(tmp_path / "b.vtu"), meshio.read(tmp_path / "b.vtu"))
-
-
-def check_same(ours: Grid, theirs: meshio.Mesh) -> None:
-    np.testing.assert_array_equal(ours.points, theirs.points)
-    assert [block.type for block in ours.cells] == [block.type for block in theirs.cells]
-    for mine, other in zip(ours.cells, theirs.cells, strict=True):
-        np.testing.assert_array_equal(mine.data, other.data)
-    assert ours.point_data.keys() == theirs.point_data.keys()
-    for name, values in ours.point_data.items():
-        np.testing.assert_array_equal(values, theirs.point_data[name])
-    assert ours.cell_data.keys() == theirs.cell_data.keys()
-    for name, blocks in ours.cell_data.items():
-        for mine, other in zip(blocks, theirs.cell_data[name], strict=True):
-            np.testing.assert_array_equal(mine, other)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        ("vtkZLibDataCompressor", "vtkLZ4DataCompressor"),
-        ('format="binary"', 'format="appended"'),
-        ("Piece", "Part"),
-    ],
-)
-def test_own_reader_leaves_other_files_to_others(tmp_path, arrays, change):
-    path = tmp_path / "a.vtu"
-    write(path, arrays)
-    path.write_text(path.read_text().replace(*change))
-    with pytest.raises(UnknownVtuError):
-        read_vtu(path)

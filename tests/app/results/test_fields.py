@@ -14,7 +14,7 @@ from tests.contact_boxes import Scene
 from tests.flowing import soft_block
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.results.fields import StressField, strain_in_plane, strain_in_space
+from tribox.app.results.fields import StressField
 from tribox.app.results.output_files import BpWriter, FieldSeries
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
@@ -131,24 +131,6 @@ def test_contact_pressure_at_the_nodes_of_the_slave(shape: str, tmp_path: Path) 
     assert on.sum() == len(nodes)
     assert written[on] == pytest.approx(1.0 + where[on] @ slope, rel=1e-12)
     assert not written[~on].any()
-
-
-# -- Strain in the plane in closed form ------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-13, 1e-6, 1e-2, 0.3])
-def test_closed_form_is_the_spectral_decomposition(size):
-    rng = np.random.default_rng(3)
-    F = np.tile(np.eye(3), (400, 1, 1))
-    F[:, :2, :2] += size * rng.uniform(-1.0, 1.0, (400, 2, 2))
-    F[:, 2, 2] += size * rng.uniform(-1.0, 1.0, 400)
-    turn = rng.uniform(0.0, 2.0 * np.pi, 400)
-    c, s = np.cos(turn), np.sin(turn)
-    F[:, :2, :2] = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], 1) @ F[:, :2, :2]
-    ours, theirs = strain_in_plane(F), strain_in_space(F)
-    np.testing.assert_allclose(ours.J, theirs.J, rtol=1e-14)
-    np.testing.assert_allclose(ours.max_stretch, theirs.max_stretch, rtol=1e-14)
-    np.testing.assert_allclose(ours.log_strain, theirs.log_strain, atol=2e-14)
 
 
 # -- What is written of bodies that flow: against values by hand and the forces on the body --------

@@ -72,7 +72,7 @@ def look(watch, problem):
     open_ = SimpleNamespace(closed=np.zeros(1, dtype=bool), gap=np.ones(1))
     trial = SimpleNamespace(normal_contact=SimpleNamespace(gap=None), kinematics=open_)
     problem.committed = [trial for _ in problem.contacts]
-    watch.step(SimpleNamespace(time=1.0, dt=0.1, stage="upset"))
+    watch.step(SimpleNamespace(when="time 1 s, stage upset"))
 
 
 @pytest.mark.parametrize(

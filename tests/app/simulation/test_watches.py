@@ -48,7 +48,7 @@ def test_it_is_said_once(tmp_path, end, steps, said):
     watch.restore(watch.snapshot() | {"found": [["table aluminium", "known"]]})
     watch.step(simulation.rows[-1])
     assert list(watch.warnings())[:1] == ["known"]
-    assert watch.snapshot()["found"][0] == ("table aluminium", "known")
+    assert watch.snapshot()["found"][0] == ["table aluminium", "known"]
 
 
 def test_full_integration_of_a_metal_is_said_to_lock():
