@@ -191,7 +191,8 @@ class ContactBuilder:
                 "not rate_dependent"
             )
         try:
-            return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus)
+            held = self.loads.held() if self.loads is not None else ()
+            return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
         except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
 

@@ -21,6 +21,7 @@ evaluation, from the last w; their derivatives join the tangent
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,8 +50,9 @@ from tribox.forms.film.reynolds import (
 )
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
 from tribox.geometry.surfaces.projection import Projection
+from tribox.geometry.surfaces.smoothing import planes_of_symmetry
 from tribox.geometry.surfaces.surface import ContactSurface
 
 _LOADED = 1e-3  # of the largest pressure: less counts as no contact in results
@@ -74,6 +76,7 @@ class LubricatedTerm(ContactTerm):
         law: FrictionLaw,
         model: FilmModel,
         modulus: float | None = None,
+        held: Sequence[Longs] = (),
     ) -> None:
         """Set up the undeformed contact.
 
@@ -82,6 +85,8 @@ class LubricatedTerm(ContactTerm):
             law: friction of the asperities, or a map.
             model: of the film.
             modulus: Pa, E* of both bodies together.
+            held: by axis, global nodes that stay where they are along it: where the slave ends in a
+                plane of symmetry nothing flows.
 
         Raises:
             ValueError: the pair is in space, or on more than one rank.
@@ -101,14 +106,24 @@ class LubricatedTerm(ContactTerm):
         ends = surface.vertices.position[self.faces]
         self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         self._own = self._parts(np.ones(len(self._face)))
-        self._axis = np.zeros(self.places.count, dtype=bool)
-        if surface.axisymmetric:
-            radius = surface.vertices.position[:, 0]
-            self._axis[: len(radius)] = radius < 1e-9 * self._length.max()
+        self._closed = np.zeros(self.places.count, dtype=bool)
+        self._closed[: surface.vertices.count] = self._unfed_ends(held)
         self._guess: Floats | None = None
         self._known: tuple[FilmHistory | None, list[tuple[FilmPart, FilmCells, Floats]]] = None, []
         self.state.film = self._initial()
         self._start_below()
+
+    def _unfed_ends(self, held: Sequence[Longs]) -> Bools:
+        """Vertices (v,) on the axis of revolution or at planes of symmetry, where nothing flows."""
+        vertices, found = self.surface.vertices, np.zeros(self.surface.vertices.count, dtype=bool)
+        if self.surface.axisymmetric:
+            found |= vertices.position[:, 0] < 1e-9 * self._length.max()
+        if held:
+            here = np.stack([np.isin(vertices.nodes, nodes) for nodes in held], axis=1)
+            line = facet_shape("interval", 1), self.faces.astype(np.int32), vertices.position
+            for _, on in planes_of_symmetry(*line, here):
+                found |= on
+        return found
 
     def _start_below(self) -> None:
         """Let the next slip begin at the place below, pressed or not: films feel it in open gaps.
@@ -270,7 +285,7 @@ class LubricatedTerm(ContactTerm):
         length = history.length[part.inside]
         thickness, by_gap = model.rough.film(part.gaps(normal.gap, length))
         fixed = cells.last() & self._fed
-        fixed[: part.count] &= ~self._axis[part.here]
+        fixed[: part.count] &= ~self._closed[part.here]
         unfed = np.bincount(part.ring, fixed) == 0
         if model.steady and unfed.any():  # nothing else says how much oil a ring has
             fixed |= part.widest(thickness, unfed)

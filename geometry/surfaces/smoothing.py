@@ -196,7 +196,7 @@ def images_beyond(
         smoothing_angle: rad, from which on an angle is sharp.
         is_open: (f, s) sides at which the surface ends; None: those of one facet alone.
     """
-    planes = _planes(shape, facets, nodes, held, smoothing_angle, is_open)
+    planes = planes_of_symmetry(shape, facets, nodes, held, smoothing_angle, is_open)
     of: Longs = np.arange(len(nodes))
     across: Longs = np.repeat(of[:, None], nodes.shape[1], axis=1)
     every, place, signs = facets, nodes, np.ones_like(nodes)
@@ -236,15 +236,18 @@ def _reflected(facets: Ints, on: Bools) -> tuple[Longs, Longs, Ints]:
     return sources, plane_of[sources], twin[touching][:, turned]
 
 
-def _planes(
+def planes_of_symmetry(
     shape: FacetShape,
     facets: Ints,
     nodes: Floats,
     held: Bools,
-    smoothing_angle: float,
-    is_open: Bools | None,
+    smoothing_angle: float = np.pi,
+    is_open: Bools | None = None,
 ) -> list[tuple[int, Bools]]:
-    """Axes across which there are planes of symmetry, each with the nodes (n,) that are on it."""
+    """Axes across which there are planes of symmetry, each with the nodes (n,) that are on it.
+
+    Arguments as for :func:`images_beyond`.
+    """
     sides = np.stack([facets[:, list(side.nodes)] for side in shape.sides], axis=1)
     if is_open is None:
         ends = np.sort(sides.reshape(-1, sides.shape[2]), axis=1)

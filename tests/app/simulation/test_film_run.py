@@ -369,6 +369,23 @@ def test_a_plate_that_ends_within_a_facet_sinks_as_one_on_a_pad_of_its_size(
     assert abs(float(last["energy_error"])) < 1e-3 * float(last["external_work"])
 
 
+def test_half_a_film_is_half_of_the_whole(tmp_path):
+    """Nothing flows across a plane of symmetry, whatever floods the film at its ends."""
+    data, found = tomllib.loads(Path("cases/film/squeeze.toml").read_text()), []
+    data["stage"], data["output"] = data["stage"][:2], {"figures": False}
+    for half in (False, True):
+        if half:
+            data["geometry"]["blocks"]["pad"] |= {"x": ["5 mm", "10 mm"], "elements": [20, 1]}
+            data["tools"]["plate"]["force"]["y"][1][1] = "-15 kN"
+            data["boundary"].append({"surface": "pad_left", "symmetry": True})
+        run_case(case_of(data), tmp_path / str(half), quiet=True)
+        surface = read(tmp_path / str(half)).contact()
+        order = np.argsort(surface.points[:, 0])[-21:]
+        found.append([surface.point_data[f"film_{n}"][order] for n in ("thickness", "pressure")])
+    for mine, whole in zip(*found, strict=True):
+        np.testing.assert_allclose(mine, whole, rtol=0.0, atol=1e-7 * whole.max())
+
+
 def sinks(directory):
     """See whether a plate of 10 mm sinks through its film in the time of the closed form."""
     film, time = column(directory, "film_thickness"), column(directory, "time")
