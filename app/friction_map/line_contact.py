@@ -37,6 +37,7 @@ from tribox.app.figures.style import (
     thin_log_ticks,
     titled,
 )
+from tribox.app.friction_map.setup import mapped
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.film.places import FilmCells
 from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
@@ -281,18 +282,19 @@ class Curve:
 
 
 def film_map(case: Case) -> FilmMap:
-    """The line contact of a case's first pair; InputError if the pair is none."""
-    pair = case.contact[0]
+    """The line contact of a case's first pair with a film that is found; InputError: it is none."""
+    index = mapped(case) or 0
+    pair = case.contact[index]
     film, tool = pair.film, case.tools.get(pair.master)
     assert film is not None and film.sigma is not None
-    where = "tribox map of a film that is found"
+    place, where = f"contact.{index}", "tribox map of a film that is found"
     if not isinstance(tool, CircleTool) or tool.inside:
-        raise InputError(f'contact.0.master = "{pair.master}": {where} takes a circle as tool')
+        raise InputError(f'{place}.master = "{pair.master}": {where} takes a circle as tool')
     if film.share != "contact" or film.sigma == 0.0:
-        raise InputError(f'contact.0.film: {where} takes share = "contact" and sigma > 0')
+        raise InputError(f'{place}.film: {where} takes share = "contact" and sigma > 0')
     if pair.friction.law not in ("coulomb", "frictionless"):
         raise InputError(
-            f'contact.0.friction.law = "{pair.friction.law}": {where} takes "coulomb", of the '
+            f'{place}.friction.law = "{pair.friction.law}": {where} takes "coulomb", of the '
             'asperities, or "frictionless"'
         )
     load = _load(case, tool) / case.geometry.slab
@@ -357,7 +359,7 @@ def _body_of(case: Case, slave: str) -> str:
     names = [name for name in case.bodies if slave.startswith(name)] or list(case.bodies)
     if len(names) > 1 and len(case.bodies) == len(names):
         known = ", ".join(names)
-        raise InputError(f"contact.0.slave = {slave}: tribox map cannot tell its body; of {known}")
+        raise InputError(f"slave = {slave}: tribox map cannot tell its body; of {known}")
     return max(names, key=len)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tribox.app.errors import InputError, tell
 from tribox.app.friction_map.material_tests import compute_map, summary, write_map
-from tribox.app.friction_map.setup import law_notes, map_setup
+from tribox.app.friction_map.setup import law_notes, map_setup, mapped
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import default_directory
 
@@ -58,13 +58,14 @@ def run_map(
 
 
 def _with_film(case_file: Path | None, overrides: Sequence[str]) -> Case | None:
-    """The case, where its first contact has a film that is found; None: another, or none."""
+    """The case, where what is mapped of it is a film that is found; None: a law, or none."""
     if case_file is None:
         return None
     from tribox.app.case.reading import load_case
 
     case = load_case(case_file, overrides)
-    film = case.contact[0].film if case.contact else None
+    index = mapped(case)
+    film = None if index is None else case.contact[index].film
     return case if film is not None and film.is_unknown else None
 
 

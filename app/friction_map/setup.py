@@ -103,20 +103,36 @@ def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup
     from tribox.app.case.reading import load_case
 
     case = load_case(case_file, overrides)
-    contact = case.contact[0]
-    if contact.map is None or contact.given_film is None:
+    index = mapped(case)
+    if index is None:
+        laws = ", ".join(f'contact.{k} "{one.friction.law}"' for k, one in enumerate(case.contact))
         raise InputError(
-            f'{case_file}: contact.0.friction.law is "{contact.friction.law}"; tribox map draws '
-            'the law "friction-map"'
+            f'{case_file}: tribox map draws the law "friction-map" and films that are found; '
+            f"here is {laws or 'no contact'}"
         )
-    assert isinstance(contact.friction, LawTable)
+    contact = case.contact[index]
+    assert isinstance(contact.friction, LawTable) and contact.given_film is not None
     tables = [boundary.pressure for boundary in case.boundary]
     tables += [boundary.platen.pressure for boundary in case.boundary if boundary.platen]
     values = [value for table in tables if table is not None for value in table.values]
     pressure = max(values, default=0.0) or None
     note = "" if pressure else f"the case gives no pressure: {PRESSURE / 1e6:g} MPa assumed"
-    title, swept = case.title or case_file.stem, _swept_films(case, pressure or PRESSURE)
+    swept = _swept_films(case, index, pressure or PRESSURE)
+    title = case.title or case_file.stem
     return _setup(title, contact.friction, contact.given_film, swept, pressure, note)
+
+
+def mapped(case: Case) -> int | None:
+    """Number of the first contact that can be mapped: by the law, or by a film that is found."""
+    return next(
+        (
+            index
+            for index, one in enumerate(case.contact)
+            if (one.film is not None and one.film.is_unknown)
+            or (one.map is not None and one.given_film is not None)
+        ),
+        None,
+    )
 
 
 def _setup(
@@ -171,10 +187,10 @@ def _films(parameters: FrictionMapParameters, own: float) -> tuple[float, ...]:
     return tuple(sorted({*apart, own}))
 
 
-def _swept_films(case: Case, pressure: float) -> tuple[float, ...]:
-    if case.sweep is None or case.sweep.key != "contact.0.film.thickness":
+def _swept_films(case: Case, index: int, pressure: float) -> tuple[float, ...]:
+    if case.sweep is None or case.sweep.key != f"contact.{index}.film.thickness":
         return ()
-    films = [part.contact[0].film for _, part in case.sweep_cases()]
+    films = [part.contact[index].film for _, part in case.sweep_cases()]
     return tuple(sorted(_thickness(film, pressure) for film in films if film is not None))
 
 

@@ -339,6 +339,22 @@ def test_a_map_is_drawn_though_no_state_is_found_with_the_least_oil(soft, tmp_pa
     assert (tmp_path / "map.png").stat().st_size > 0
 
 
+def test_a_contact_behind_others_is_mapped(tmp_path):
+    """Of a case whose first contact has no map, and of one without a contact."""
+    text = (CASES / "sfa.toml").read_text()
+    other = (
+        '[[contact]]\nslave = "elastomer_left"\nmaster = "aluminium_right"\n'
+        'friction = { law = "frictionless" }\n\n'
+    )
+    start = text.index("[[contact]]")
+    path = tmp_path / "second.toml"
+    second = text[:start] + other + text[start:]
+    path.write_text(second.replace('"contact.0.film.thickness"', '"contact.1.film.thickness"'))
+    assert map_setup(path).films == map_setup(CASES / "sfa.toml").films
+    with pytest.raises(InputError, match=r'here is contact.0 "frictionless"'):
+        map_setup(CASES / "block-compression.toml")
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
