@@ -93,7 +93,8 @@ def _opened(problem: Equilibrium) -> int:
     """Vertices or points that were closed at the last step and are not now; collective."""
     count = 0
     for now, before in zip(problem.trials, problem.committed, strict=False):
-        closed = [one.normal_contact.touching for one in (now, before)]
+        found = [one.normal_contact for one in (now, before)]
+        closed = [one.closed if one.active is None else one.active for one in found]
         count += int(np.count_nonzero(closed[1] & ~closed[0]))
     return int(problem.comm.allreduce(count))
 

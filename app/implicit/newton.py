@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -26,7 +25,6 @@ from tribox.app.implicit.linear_solver import (
     sets_solver,
 )
 from tribox.app.implicit.options import ImplicitOptions
-from tribox.geometry.surfaces.facets import Bools
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -60,8 +58,6 @@ class NewtonPhase:
         starts_over: whether the residuals of the phase before are forgotten.
         ends_stalled: whether the phase ends where the residual has stopped to fall.
         ends_wavering: whether it ends where it is near, and gains less than an iteration should.
-        ends_settled: whether it ends where the residual rises though no point opens or closes.
-        if_settled: whether it is for where the phase before has ended so.
     """
 
     name: str
@@ -72,8 +68,6 @@ class NewtonPhase:
     starts_over: bool = False
     ends_stalled: bool = False
     ends_wavering: bool = False
-    ends_settled: bool = False
-    if_settled: bool = False
 
 
 NEWTON_PHASES = (
@@ -87,15 +81,6 @@ NEWTON_PHASES = (
     # a few whole steps decide which side each point is on. The stiffness of contacts that only
     # touch is no derivative: with it they would come nearer by a few per cent in an iteration.
     NewtonPhase("whole steps", within=STALLED, line_search="basic", only_pressed=True),
-)
-
-# Where contacts grow on elastic bodies, a step along which points meet the other body raises the
-# residual by far, and the next one undoes that: a line search stops before each new point instead.
-# Metal would yield on the way. Where the same points stay closed, friction needs the line search.
-ELASTIC_PHASES = (
-    replace(NEWTON_PHASES[0], name="growing", line_search="basic", ends_settled=True),
-    replace(NEWTON_PHASES[0], if_settled=True),
-    *NEWTON_PHASES[1:],
 )
 
 
@@ -119,31 +104,6 @@ class Inside:
 
     last: bool = False
     opening: int = 0
-
-
-@dataclass(slots=True)
-class Settling:
-    """Whether what touches stays as it is.
-
-    Attributes:
-        touching: vertices or points of each pair that touched at the last iteration.
-        norm: N (N/m), of its residual.
-        done: whether the residual has risen since, and nothing has opened or closed.
-    """
-
-    touching: list[Bools] = field(default_factory=list)
-    norm: float = np.inf
-    done: bool = False
-
-    def see(self, problem: Equilibrium, norm: float) -> bool:
-        """Take note of an iteration; returns whether it is done; collective."""
-        touching = [trial.normal_contact.touching for trial in problem.trials]
-        pairs = zip(self.touching, touching, strict=False)
-        changed = any(not np.array_equal(*pair) for pair in pairs)
-        changed = problem.comm.allreduce(changed, op=MPI.LOR)
-        self.done = not changed and not norm < self.norm
-        self.touching, self.norm = touching, norm
-        return self.done
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +150,6 @@ class Newton:
         self.on_path, self.inside = False, Inside()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
         self._patience = Patience()
-        self._settling = Settling()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -266,22 +225,15 @@ class Newton:
         if self.is_bounded and not patient:
             self._patience = Patience(eager=eager)
             return self._run(BOUNDED_STEPS, step)
-        for phase in self._phases:
+        for phase in NEWTON_PHASES:
             within = phase.within if phase.within is None or not hasty else KINKED
-            far = within is not None and not self.is_near(within)
-            if far or (phase.if_settled and not self._settling.done):
+            if within is not None and not self.is_near(within):
                 continue
             more, reason = self._run(phase, step)
             iterations += more
             if reason > 0:
                 break
         return iterations, reason
-
-    @property
-    def _phases(self) -> tuple[NewtonPhase, ...]:
-        """What is gone through."""
-        touching = any(term.active and not term.tied for term in self.problem.contacts)
-        return ELASTIC_PHASES if touching and not self.problem.flows else NEWTON_PHASES
 
     @property
     def is_bounded(self) -> bool:
@@ -427,7 +379,6 @@ class Newton:
         problem = self.problem
         if phase.starts_over:
             self.residuals = []
-        self._settling = Settling()
         self._phase, self._step = phase, step
         if phase.freezes_facets:
             self._step = step.frozen(problem.contacts, problem.trials)
@@ -514,8 +465,6 @@ class Newton:
         if self._patience.hasty and iteration >= HASTY and self._is_slow():
             return reasons.DIVERGED_LINE_SEARCH
         if self._patience.eager and iteration and self._gains_little():
-            return reasons.DIVERGED_LINE_SEARCH
-        if self._phase.ends_settled and self._settling.see(self.problem, norm):
             return reasons.DIVERGED_LINE_SEARCH
         if self._phase.ends_wavering and self._wavers():
             return reasons.DIVERGED_LINE_SEARCH

@@ -225,11 +225,6 @@ class NormalContact:
             nothing, none, none.copy(), self.gap, nodal, active, stiffness=nodal.copy()
         )
 
-    @property
-    def touching(self) -> Bools:
-        """Vertices (v,), or points (q,), that carry pressure or touch."""
-        return self.closed if self.active is None else self.active
-
     def needs(self) -> Bools:
         """Vertices (v,) whose gaps the tractions depend on."""
         assert self.active is not None
