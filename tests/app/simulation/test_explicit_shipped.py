@@ -51,7 +51,7 @@ def test_impact(tmp_path):
 
 @pytest.mark.long
 def test_stick_slip(tmp_path):
-    """A lighter platen on a stiffer spring and a thinner layer, which slips in a third of the time."""
+    """A lighter platen on a stiffer spring and a thinner layer: it slips in a third of the time."""
     quick = "boundary.1.spring.stiffness=80 N/mm", "boundary.1.spring.mass=0.25 g"
     thin = "geometry.upper.height=0.05 mm", "geometry.upper.elements=[16, 1]"
     more = "solver.damping=6000 1/s", "stage.1.velocity=4 mm/s", "stage.1.duration=3 ms"
