@@ -106,9 +106,9 @@ def test_friction_of_an_oiled_strip_falls_with_the_oil_and_the_speed(tmp_path):
             geometry__blocks__strip__elements="[110, 2]",
             contact__0__film__oil=f'"{oil}"',
             stage__2__duration='"0.02 s"',
-            stage__2__steps="12",
+            stage__2__steps="8",
             stage__3__duration='"0.003 s"',
-            stage__3__steps="18",
+            stage__3__steps="10",
         )
         assert all(row.attempts == 1 for row in done.rows)
         assert np.mean([row.newton_iterations for row in done.rows]) <= 10.0

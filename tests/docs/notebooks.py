@@ -15,7 +15,7 @@ from nbformat import NotebookNode
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
-MOST_SECONDS = 120
+MOST_SECONDS = 500  # that only a hang takes, however busy the machine is
 
 
 def execute(path: Path, directory: Path) -> NotebookNode:

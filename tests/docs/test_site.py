@@ -12,6 +12,7 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
+from tests.ranks import LIMIT
 from tribox.app.case import json_schema
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +73,7 @@ def build(docs: Path, out: Path) -> tuple[int, list[str]]:
         [sys.executable, "-m", "sphinx", "-b", "html", *strict, str(docs), str(out)],
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
-        timeout=300,
+        timeout=LIMIT,
     )
     return done.returncode, said.read_text(encoding="utf-8").splitlines()
 
