@@ -3,8 +3,8 @@
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
 method try one set of them after another, while a soft one lets it find the region. Bodies that a
-load presses on each other are held by springs meanwhile (:class:`HeldApproach`); others that touch
-nowhere find each other by contacts that pull as well.
+load presses on each other are held by springs meanwhile (:class:`HeldApproach`). Metal that snaps
+is relaxed last (:mod:`tribox.app.implicit.relaxation`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.predictor import Attempt, Phase
+from tribox.app.implicit.relaxation import Relaxation
 from tribox.geometry.surfaces.facets import Floats
 
 
@@ -179,46 +180,18 @@ class ThinnedOil:
 
 
 @dataclass(frozen=True, slots=True)
-class Softness:
-    """Changes of the contacts that ease a solution.
-
-    Attributes:
-        penalty_scale: factor of the penalties.
-        adhesive_facets: gap up to which contacts pull, in lengths of a slave facet.
-    """
-
-    penalty_scale: float
-    adhesive_facets: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class SoftContact:
-    """Newton's method with soft contacts first, and from there with the contacts as they are.
-
-    Attributes:
-        stages: the soft contacts, one after the other.
-        from_last_state: whether it starts from the last converged state with the prescribed
-            values put in, and not from the prediction.
-    """
-
-    stages: tuple[Softness, ...]
-    from_last_state: bool = False
+    """Newton's method with soft contacts first, and from there with the contacts as they are."""
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
-        problem = attempt.newton.problem
+        newton, contacts = attempt.newton, attempt.newton.problem.contacts
         attempt.return_to_start()
-        if self.from_last_state:
-            attempt.trial.array[:] = problem.constrained_values(attempt.x)
-        iterations, reason = 0, 0
-        for stage in (*self.stages, Softness(1.0)):
-            soft = attempt.step.with_penalty_scale(
-                problem.contacts, stage.penalty_scale, stage.adhesive_facets
-            )
-            more, reason = attempt.newton.solve(soft, patient=True)
+        soft = attempt.step.with_penalty_scale(contacts, SOFT)
+        iterations, reason = newton.solve(soft, patient=True)
+        if reason > 0:
+            more, reason = newton.solve(attempt.step, patient=True)
             iterations += more
-            if reason <= 0:
-                break
         return iterations, reason
 
 
@@ -231,11 +204,7 @@ RIM = 0.05  # relative residual of a prediction up to which it errs only at the 
 SOLVED = 1e-3  # the same from which on so much is opened that holding saves iterations
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
-
-APPROACH = SoftContact((Softness(0.03),))
-SEARCH = SoftContact(
-    (Softness(1e-3, adhesive_facets=2.0), Softness(1e-3), Softness(0.03)), from_last_state=True
-)
+FIRST_CUTS = (1, 2)  # failures from a state after which shorter steps may fail alike
 
 
 def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
@@ -244,7 +213,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
     elastic bodies rub, a shorter step is better if the iteration came near, and softer contacts are
     tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
-    would only hold back metal that tools bend.
+    would only hold back metal that tools bend. Metal is not helped by soft contacts either: where
+    a shorter step has failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -254,18 +224,20 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     floats = attempt.step.holding is not None
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
+    soft = () if flows else (SoftContact(),)
+    relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
     if near:
-        return () if floats or rubs else (inside,)
+        return () if floats or rubs else (inside, *relaxed)
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (*held, APPROACH)
+        return (*held, *soft)
     if rubs and is_moved(attempt):
-        return (*held, APPROACH, inside)
+        return (*held, *soft, inside)
     if attempt.pressed:
-        return (inside, APPROACH, *held)
+        return (inside, *soft, *held, *relaxed)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
-    return (*found, APPROACH, SEARCH)
+    return (*found, *soft, *relaxed)
 
 
 def is_moved(attempt: Attempt) -> bool:
@@ -326,7 +298,7 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
 # next FURTHER times as far; after one that failed by a BACK-th, and then by CAREFUL times as much.
 FIRST, FURTHER, BACK, CAREFUL = 0.03, 5.0, 4.0, 2.0
 STRAYS = 1.0  # way of a body, in lengths of a slave facet, that a linear step is not believed
-SOFT, HARDER = 0.03, 6.0  # penalty scale of the stages; its growth where the last one misled
+SOFT, HARDER = 0.03, 6.0  # penalty scale of soft contacts; its growth where the last one misled
 COARSE = 0.2  # relative residual of a stage
 CARRIED = 0.2  # share of the load that the springs may carry in the end
 STAGES, FAILURES = 16, 6  # most stages, and most of them that fail

@@ -441,6 +441,7 @@ class Attempt:
         step: duration and contact modes, as they are committed.
         pressed: whether anything pressed at the last converged state.
         bodies: those that contact alone holds.
+        failures: attempts that have failed from the same state.
         start: (n,), m, the predicted start of the owned unknowns.
         continued: whether that continues the path of the last steps.
     """
@@ -451,6 +452,7 @@ class Attempt:
     step: StepMode
     pressed: bool
     bodies: LooseBodies
+    failures: int = 0
     start: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False
 

@@ -94,6 +94,7 @@ class ImplicitStepper:
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
         self._find_loose_bodies()
+        self._failures = 0  # attempts since then
         self._pressed = False  # whether anything pressed at the last converged state
         self._floating: tuple[str, ...] = ()  # bodies that nothing held there
         self._trial_floating: tuple[str, ...] = ()
@@ -121,6 +122,7 @@ class ImplicitStepper:
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         films = [trial.normal_contact.lubrication for trial in self.problem.trials]
+        self._failures += 1  # until it is committed
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -187,7 +189,11 @@ class ImplicitStepper:
         return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
     def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:
-        return solve(Attempt(self.newton, self.predictor, self.x, step, pressed, self._bodies))
+        return solve(
+            Attempt(
+                self.newton, self.predictor, self.x, step, pressed, self._bodies, self._failures
+            )
+        )
 
     def advance(self, dt: float) -> StepResult:
         """Make a step of ``dt`` (s) under the loads that are set, and commit it; collective.
@@ -208,6 +214,7 @@ class ImplicitStepper:
         """Accept the last attempt: unknowns, contact history and predictor."""
         self.predictor.commit(self.x, self.trial)
         pressed = any(bool(trial.pressure.any()) for trial in self.problem.trials)
+        self._failures = 0
         self._pressed = self.problem.comm.allreduce(pressed, op=MPI.LOR)
         self._floating = self._trial_floating
         self._mode = self.problem.evaluated

@@ -265,6 +265,8 @@ def explain(
     trials = [what for _, what in findings]
     if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
+        if problem.flows and problem.contacts and not findings:
+            trials.append(f"where metal may have snapped, {DYNAMICS}")
     problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
 

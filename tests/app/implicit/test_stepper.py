@@ -15,7 +15,7 @@ from tribox.app.case.case import Case
 from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit import stepper as stepper_module
-from tribox.app.implicit.globalisation import APPROACH, SEARCH, PredictedStart
+from tribox.app.implicit.globalisation import SOFT, PredictedStart
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.failure_diagnosis import reason_of
@@ -104,7 +104,7 @@ def test_a_softened_step_leaves_no_trace_even_when_it_fails(monkeypatch):
         fail_predicted_starts(patch)
         patch.setattr(ContactTerm, "evaluate", fails_softened)
         assert not stepper.attempt(0.5).converged
-    assert set(seen) == {soft.stages[0].penalty_scale for soft in (APPROACH, SEARCH)}
+    assert set(seen) == {SOFT}
     np.testing.assert_array_equal(term.penalty, stiff)
     assert stepper.attempt(0.5).converged
     whole = term.evaluate(stepper.trial, 0.5)
