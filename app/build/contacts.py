@@ -41,6 +41,7 @@ from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import Friction, OwnLaw
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
+from tribox.app.equilibrium.constraints import component_dofs
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
@@ -55,7 +56,7 @@ from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.smoothing import corner_spacing
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
@@ -191,10 +192,28 @@ class ContactBuilder:
                 "not rate_dependent"
             )
         try:
-            held = self.loads.held() if self.loads is not None else ()
+            held = self._held_with(table.master)
             return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
         except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
+
+    def _held_with(self, master: str) -> list[Longs]:
+        """By axis, nodes that stay where they are, along axes in which the master rests there too.
+
+        A film ends at a plane of symmetry of both of its sides, not where one is merely held.
+        """
+        if self.loads is None:
+            return []
+        held, tool = self.loads.held(), self.case.tools.get(master)
+        for axis in range(len(held)):
+            if tool is not None:
+                rests = tool.rests(COMPONENTS[axis])
+            else:
+                dofs = component_dofs(self.space, self.named.facets(master), axis)
+                rests = bool(np.isin(dofs // len(held), held[axis]).any())
+            if not rests:
+                held[axis] = held[axis][:0]
+        return held
 
     def _tie(
         self, index: int, asked: Contact, surface: ContactSurface, softer: Material

@@ -145,18 +145,16 @@ class Model:
         start = [getattr(part, name) for part, name in self._given()]
         self._run_programs(time, driven)
         for (part, name), at_once in zip(self._given(), start, strict=True):
-            if at_once is not None:
-                setattr(part, name, getattr(part, name) - (1.0 - share) * at_once)
+            setattr(part, name, getattr(part, name) - (1.0 - share) * at_once)
 
     def _run_programs(self, time: float, driven: float) -> None:
         for program in self.programs:
             program(time, driven)
 
     def _given(self) -> Iterator[tuple[object, str]]:
-        """What displacements, forces and loads are given as; springs all over are supports."""
+        """What loads are given as. Displacements at the very start are places, springs supports."""
         problem = self.problem
-        yield from ((part, "value") for part in problem.constraints.prescribed)
-        for name in ("force", "end", "displacement"):
+        for name in ("force", "end"):
             yield from ((platen, name) for platen in problem.constraints.platens)
         yield from ((load, "factor") for load in problem.nodal_loads)
         yield from ((load, "amount") for load in problem.loads if not isinstance(load, Foundation))

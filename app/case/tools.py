@@ -230,6 +230,13 @@ class Tool(Model):
         loaded = "force" in keys or component in self.hold_force
         return bool(self.displacement_stages) and moved and loaded
 
+    def rests(self, component: str) -> bool:
+        """Whether nothing moves it along an axis, nor turns it."""
+        moved = getattr(self.displacement, component, None)
+        still = moved is None or (isinstance(moved, TimeTable) and not any(moved.values))
+        others = {key for name, key in self.components() if name == component} - {"displacement"}
+        return still and not others and self.rotation is None
+
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""
         return () if self.displacement is None else self.displacement.driven_components()

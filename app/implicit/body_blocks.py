@@ -442,8 +442,10 @@ class BodyByBody:
         before.destroy()
         factor = Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         self._stiff = factor
+        if not factor.make():
+            return None
         self.factorised = K.size[0]
-        return factor if factor.make() else None
+        return factor
 
     def make(self, matrix: PETSc.Mat, widened: bool) -> bool:
         """Factorise the other bodies' block of the tangent; collective.

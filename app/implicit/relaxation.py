@@ -44,6 +44,8 @@ class Relaxation:
         attempt.return_to_start()
         if not np.isfinite(newton.residual_of(attempt.step)):
             trial.array[:] = newton.problem.constrained_values(attempt.x)
+        if not np.isfinite(newton.residual_of(attempt.step)):
+            return 0, failed
         pace = Pace(start_stiffness(attempt))
         shares, place = spring_shares(attempt), trial.array_r.copy()
         iterations, near = 0, NEAR
@@ -66,6 +68,7 @@ class Relaxation:
             iterations += more
             if reason > 0:
                 return iterations, reason
+            pace.failures += 1
             near = NEARER * carried
         return iterations, failed
 

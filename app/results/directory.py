@@ -371,7 +371,6 @@ class GrowingTable:
 
     Attributes:
         written: number of rows so far.
-        columns: their names, as the file has them.
     """
 
     def __init__(
@@ -386,10 +385,9 @@ class GrowingTable:
         """
         self.written = 0
         if after is None or not has_rows(path):
-            self._file, self.columns = GrowingFile(path, _lines([columns])), tuple(columns)
+            self._file = GrowingFile(path, _lines([columns]))
             return
         header, *rows = path.read_bytes().splitlines(keepends=True)
-        self.columns = tuple(next(csv.reader([header.decode()])))
         whole = [(int(row.split(b",", 1)[0]), row) for row in rows if row.endswith(b"\n")]
         kept = [row for step, row in whole if step <= after]
         kept += [row for step, row in whole if step == after + 1][:more]
@@ -409,6 +407,14 @@ class GrowingTable:
         if rows:
             self._file.append(_lines(map(_digits, rows)))
             self.written += len(rows)
+
+
+def header_of(path: Path) -> tuple[str, ...]:
+    """The columns of a table that is there and has begun; else none."""
+    if not has_rows(path):
+        return ()
+    with path.open(encoding="utf-8", newline="") as lines:
+        return tuple(next(csv.reader(lines), ()))
 
 
 def has_rows(path: Path) -> bool:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.errors import InputError
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows
+from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, header_of
 from tribox.app.results.fields import strain_of
 from tribox.app.results.point_probes import (
     AXES,
@@ -26,7 +26,7 @@ from tribox.app.results.point_probes import (
     reduced_rows,
 )
 from tribox.app.results.reading import read_table
-from tribox.app.results.saving import Saving
+from tribox.app.results.saving import Saving, on_first
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.motion_history import KEYS
 from tribox.app.simulation.run_state import Interval, Observer, RunState
@@ -63,17 +63,37 @@ class ProbeRecorder(Observer):
         """Make the tables that the case has probes for; collective.
 
         ``after``: step that a run goes on after; rows of later ones are dropped.
+
+        Raises:
+            InputError: a table that is to be gone on with has other columns; nothing is changed.
         """
         self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
         self._waiting: dict[Path, list[tuple[object, ...]]] = {}
+        if after is not None:
+            self._refuse_other_columns()
         if after is not None and self._problem.comm.rank == 0:
             with self._saving:
                 for path in self._tables:
                     if has_rows(path):
                         self._files[path] = GrowingTable(path, (), after)
+
+    def _refuse_other_columns(self) -> None:
+        """See that tables which are there have the columns of this version; collective."""
+
+        def look() -> None:
+            for path, table in self._tables.items():
+                there, columns = header_of(path), (*KEYS, *table.columns)
+                if there and there != columns:
+                    new = ", ".join(sorted(set(columns) ^ set(there))) or "their order"
+                    raise InputError(
+                        f"{path}: does not have the columns of this version ({new}); the run "
+                        "cannot go on there: begin it anew, or go on with the version that began it"
+                    )
+
+        on_first(self._problem.comm, look)
 
     def sync(self) -> None:
         """See that the rows written so far are on the disk; for the first rank."""
@@ -106,12 +126,6 @@ class ProbeRecorder(Observer):
         columns = (*KEYS, *self._tables[path].columns)
         if path not in self._files:
             self._files[path] = GrowingTable(path, columns, self._after)
-        if self._files[path].columns != columns:
-            new = ", ".join(set(columns) ^ set(self._files[path].columns)) or "their order"
-            raise InputError(
-                f"{path}: does not have the columns of this version ({new}); the run cannot go on "
-                "there: begin it anew, or go on with the version that began it"
-            )
         self._files[path].extend(rows)
         rows.clear()
 

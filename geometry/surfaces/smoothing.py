@@ -246,6 +246,8 @@ def planes_of_symmetry(
 ) -> list[tuple[int, Bools]]:
     """Axes across which there are planes of symmetry, each with the nodes (n,) that are on it.
 
+    Nodes there are free to move in the plane, and all facets round them are on one side of it.
+
     Arguments as for :func:`images_beyond`.
     """
     sides = np.stack([facets[:, list(side.nodes)] for side in shape.sides], axis=1)
@@ -259,17 +261,21 @@ def planes_of_symmetry(
     most = min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
     found: list[tuple[int, Bools]] = []
     within = ON_PLANE * float(np.ptp(nodes, axis=0).max())
+    clamped = held[sides].all(axis=3).any(axis=2)
     for axis in range(nodes.shape[1]):
         level = nodes[sides, axis]
         flat = np.ptp(level, axis=2) <= within
-        ends_here = is_open & held[sides, axis].all(axis=2) & flat
+        ends_here = is_open & held[sides, axis].all(axis=2) & flat & ~clamped
         ends_here &= (np.abs(unit_normals(tangents)[:, axis]) < most)[:, None]
         rows, levels = sides[ends_here], level[ends_here].mean(axis=1)
         while len(rows):
             mine = np.abs(levels - levels[0]) <= within
-            on = np.zeros(len(nodes), dtype=bool)
+            on, above, below = np.zeros((3, len(nodes)), dtype=bool)
             on[rows[mine]] = True
-            found.append((axis, on))
+            beside = nodes[facets, axis] - levels[0]
+            above[facets[(beside > within).any(axis=1)]] = True
+            below[facets[(beside < -within).any(axis=1)]] = True
+            found.append((axis, on & ~(above & below)))
             rows, levels = rows[~mine], levels[~mine]
     return found
 

@@ -386,6 +386,19 @@ def test_half_a_film_is_half_of_the_whole(tmp_path):
         np.testing.assert_allclose(mine, whole, rtol=0.0, atol=1e-7 * whole.max())
 
 
+@pytest.mark.parametrize("slides", [True, False])
+def test_a_slave_that_is_held_at_its_end_is_fed_there_where_the_tool_slides(tmp_path, slides):
+    data = tomllib.loads(Path("cases/film/squeeze.toml").read_text())
+    data["stage"], data["output"] = data["stage"][:1], {"figures": False}
+    data["boundary"].append({"surface": "pad_left", "displacement": {"x": 0}})
+    if slides:
+        data["tools"]["plate"]["displacement"] = {"x": [[0.0, 0.0], [1.0, 1e-3]]}
+    run_case(case_of(data), tmp_path / "out", quiet=True)
+    surface = read(tmp_path / "out").contact()
+    pressure = surface.point_data["film_pressure"][np.argsort(surface.points[:, 0])]
+    assert (pressure[0] < 0.1 * pressure.max()) == slides
+
+
 def sinks(directory):
     """See whether a plate of 10 mm sinks through its film in the time of the closed form."""
     film, time = column(directory, "film_thickness"), column(directory, "time")

@@ -255,7 +255,7 @@ def test_a_first_step_that_is_cut_ramps_what_stands_in_full_from_the_start(monke
     np.testing.assert_allclose(columns[1], 3e4 * share + 2e4 * times)
     for body in (2, 3):
         np.testing.assert_allclose(columns[body], -9.81 * share)
-    np.testing.assert_allclose(columns[4], -1e-5 * share - 2e-5 * times)
+    np.testing.assert_allclose(columns[4], -1e-5 - 2e-5 * times)  # where it begins is a place
     assert whole.rows[-1].time == 1.0
 
 

@@ -415,5 +415,6 @@ def test_a_smooth_master_on_the_axis_of_revolution(tmp_path, elements):
     run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     surface = read(tmp_path / "out").contact()
     pressure = surface.point_data["pressure"][np.argsort(surface.points[:, 0])] / 1e6 - 1.0
-    assert np.abs(pressure[:10]).max() < 0.01
+    assert np.abs(pressure).max() < 0.01
+    assert elements != 20 or np.abs(pressure[7:]).max() < 3e-3
     assert "smoothing hands on too little" not in read_log(tmp_path / "out").replace("\n", " ")

@@ -10,6 +10,7 @@ from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.smoothing import (
     corner_spacing,
     images_beyond,
+    planes_of_symmetry,
     smooth_patches,
     towards_axis,
 )
@@ -282,7 +283,7 @@ def test_half_a_line_with_its_image_is_half_of_the_whole(axis, flipped):
     turn = slice(None, None, -1 if flipped else 1)
     facets, own = chain[:, turn], chain[:count, turn]
     held = np.zeros(half.shape, dtype=bool)
-    held[0] = True
+    held[0, axis] = True
     images = images_beyond(facet_shape("interval", 1), own, half, held, SMOOTHING_ANGLE)
     every = np.concatenate([half, images.position])
     np.testing.assert_allclose(images.position, whole[[5]], atol=1e-15)
@@ -306,6 +307,26 @@ def test_no_image_where_line_and_image_meet_sharply(slope, count):
         len(images_beyond(facet_shape("interval", 1), chain, nodes, held, SMOOTHING_ANGLE).of)
         == count
     )
+
+
+def test_no_image_of_a_clamped_end_nor_at_a_corner_that_points_inwards():
+    """Neither is a plane of symmetry; images there would lie on facets of the surface."""
+    nodes, chain = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0, 1]], dtype=np.int32)
+    clamped = np.array([[True, True], [False, False]])
+    line = facet_shape("interval", 1), chain, nodes
+    assert not len(images_beyond(*line, clamped, SMOOTHING_ANGLE).of)
+    # An L of three squares: x = 1 ends one of them only, at a corner of all three.
+    at = np.stack(np.meshgrid(*[np.arange(3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    nodes = np.column_stack([at, np.zeros(9)])
+    squares = np.array([[a, a + 3, a + 1, a + 4] for a in (0, 1, 3)], dtype=np.int32)
+    planes = planes_of_symmetry(
+        facet_shape("quadrilateral", 1), squares, nodes, np.eye(3, dtype=bool)[[0] * 9]
+    )
+    assert [(axis, nodes[on, :2].tolist()) for axis, on in planes] == [
+        (0, [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]]),
+        (0, [[1.0, 2.0]]),
+        (0, [[2.0, 0.0], [2.0, 1.0]]),
+    ]
 
 
 # -- Rings ----------------------------------------------------------------------------------------
