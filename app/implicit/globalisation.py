@@ -213,8 +213,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
     elastic bodies rub, a shorter step is better if the iteration came near, and softer contacts are
     tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
-    would only hold back metal that tools bend. Metal is not helped by soft contacts either: where
-    a shorter step has failed as the longer one did, it is relaxed.
+    would only hold back metal that tools bend. Where a shorter step of metal has failed as the
+    longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -224,20 +224,19 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     floats = attempt.step.holding is not None
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
-    soft = () if flows else (SoftContact(),)
     relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
     if near:
         return () if floats or rubs else (inside, *relaxed)
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (*held, *soft)
+        return (*held, SoftContact())
     if rubs and is_moved(attempt):
-        return (*held, *soft, inside)
+        return (*held, SoftContact(), inside)
     if attempt.pressed:
-        return (inside, *soft, *held, *relaxed)
+        return (inside, SoftContact(), *held, *relaxed)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)
-    return (*found, *soft, *relaxed)
+    return (*found, SoftContact(), *relaxed)
 
 
 def is_moved(attempt: Attempt) -> bool:
