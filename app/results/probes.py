@@ -63,17 +63,13 @@ class ProbeRecorder(Observer):
         """Make the tables that the case has probes for; collective.
 
         ``after``: step that a run goes on after; rows of later ones are dropped.
-
-        Raises:
-            InputError: a table that is to be gone on with has other columns; nothing is changed.
         """
         self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
         self._waiting: dict[Path, list[tuple[object, ...]]] = {}
-        if after is not None:
-            self._refuse_other_columns()
+        self._compared = after is None
         if after is not None and self._problem.comm.rank == 0:
             with self._saving:
                 for path in self._tables:
@@ -81,7 +77,7 @@ class ProbeRecorder(Observer):
                         self._files[path] = GrowingTable(path, (), after)
 
     def _refuse_other_columns(self) -> None:
-        """See that tables which are there have the columns of this version; collective."""
+        """See that tables which are gone on with have the columns of this version; collective."""
 
         def look() -> None:
             for path, table in self._tables.items():
@@ -101,7 +97,11 @@ class ProbeRecorder(Observer):
             file.sync()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Append the rows of a step."""
+        """Append the rows of a step; collective.
+
+        Raises:
+            InputError: a table that the run goes on with has other columns; nothing was appended.
+        """
         if not self._tables:
             return
         with self._problem.timer("output"):
@@ -109,6 +109,10 @@ class ProbeRecorder(Observer):
             for path, table in self._tables.items():
                 rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
                 self._waiting.setdefault(path, []).extend(rows)
+            if not self._compared:  # some tables know their columns with their first rows
+                self._refuse_other_columns()
+                self._compared = True
+            for path in self._tables:
                 with self._saving:
                     self._write(path)
 

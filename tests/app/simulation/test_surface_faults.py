@@ -110,5 +110,5 @@ def test_depth_of_a_sunk_vertex_counts_by_its_piece_whichever_corner_comes_first
     corners = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     inside, down = np.array([[2.0, 0.3, -0.1]]), np.array([[0.0, 0.0, -1.0]])
     for first in range(3):
-        found = _deepest(np.roll(corners, first, axis=0)[None], inside, down, inside, 0.0)
+        found = _deepest(np.roll(corners, first, axis=0)[None], inside, down, inside, 0.0, 0.0)
         assert found.share == pytest.approx(0.1)
