@@ -106,13 +106,15 @@ class ProbeRecorder(Observer):
             return
         with self._problem.timer("output"):
             self._problem.spread(state.stepper.x)
-            for path, table in self._tables.items():
-                rows = [(row.step, row.time, row.stage, *values) for values in table.rows()]
-                self._waiting.setdefault(path, []).extend(rows)
+            new = {
+                path: [(row.step, row.time, row.stage, *values) for values in table.rows()]
+                for path, table in self._tables.items()
+            }
             if not self._compared:  # some tables know their columns with their first rows
                 self._refuse_other_columns()
                 self._compared = True
-            for path in self._tables:
+            for path, rows in new.items():
+                self._waiting.setdefault(path, []).extend(rows)
                 with self._saving:
                     self._write(path)
 

@@ -261,7 +261,7 @@ def planes_of_symmetry(
     most = min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
     found: list[tuple[int, Bools]] = []
     within = ON_PLANE * float(np.ptp(nodes, axis=0).max())
-    clamped = held[sides].all(axis=3).any(axis=2)
+    clamped: Bools = np.any(np.all(held, axis=1)[sides], axis=2)
     for axis in range(nodes.shape[1]):
         level = nodes[sides, axis]
         flat = np.ptp(level, axis=2) <= within
