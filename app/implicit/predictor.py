@@ -444,6 +444,7 @@ class Attempt:
         failures: attempts that have failed from the same state.
         start: (n,), m, the predicted start of the owned unknowns.
         continued: whether that continues the path of the last steps.
+        relaxed: whether the solution was found by springs that give way.
     """
 
     newton: Newton
@@ -455,6 +456,7 @@ class Attempt:
     failures: int = 0
     start: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False
+    relaxed: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:

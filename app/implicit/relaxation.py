@@ -67,6 +67,7 @@ class Relaxation:
             more, reason = newton.search(attempt.step, newton.options.tolerance, LIMIT)
             iterations += more
             if reason > 0:
+                attempt.relaxed = True
                 return iterations, reason
             pace.failures += 1
             near = NEARER * carried

@@ -60,6 +60,7 @@ class StepResult:
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
         unbalanced: contacts whose film had no solution at the state evaluated last.
         effort: of linear solves by iterations so far.
+        relaxed: whether metal was relaxed (:mod:`tribox.app.implicit.relaxation`).
     """
 
     converged: bool
@@ -73,6 +74,7 @@ class StepResult:
     too_long: bool = False
     unbalanced: tuple[int, ...] = ()
     effort: Effort = NO_EFFORT
+    relaxed: bool = False
 
 
 class ImplicitStepper:
@@ -95,6 +97,7 @@ class ImplicitStepper:
         self.predictor = Predictor(problem, self.solver)
         self._find_loose_bodies()
         self._failures = 0  # attempts since then
+        self._relaxed = False  # whether springs that give way found the last solution
         self._pressed = False  # whether anything pressed at the last converged state
         self._floating: tuple[str, ...] = ()  # bodies that nothing held there
         self._trial_floating: tuple[str, ...] = ()
@@ -141,6 +144,7 @@ class ImplicitStepper:
                 i for i, film in enumerate(films) if film is not None and film.is_unsolved
             ),
             effort=self.solver.effort,
+            relaxed=self._relaxed,
         )
 
     def _is_too_long(self) -> bool:
@@ -189,11 +193,11 @@ class ImplicitStepper:
         return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
     def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:
-        return solve(
-            Attempt(
-                self.newton, self.predictor, self.x, step, pressed, self._bodies, self._failures
-            )
-        )
+        parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
+        attempt = Attempt(*parts, self._failures)
+        found = solve(attempt)
+        self._relaxed = attempt.relaxed
+        return found
 
     def advance(self, dt: float) -> StepResult:
         """Make a step of ``dt`` (s) under the loads that are set, and commit it; collective.

@@ -176,6 +176,31 @@ class FloatingWatch(Remembers):
             )
 
 
+class RelaxationWatch(Remembers):
+    """Keeps in which steps metal was relaxed."""
+
+    _steps: Kept[int]
+    _when: Kept[str]
+
+    def __init__(self) -> None:
+        self._steps, self._when = 0, ""
+
+    def step(self, row: Row, result: StepResult | Interval) -> None:
+        """Look at a converged step."""
+        if isinstance(result, StepResult) and result.relaxed:
+            self._steps += 1
+            self._when = self._when or row.when
+
+    def warnings(self) -> Iterator[str]:
+        """A line if there was such a step."""
+        if self._steps:
+            yield (
+                f"metal was relaxed by springs in {self._steps} steps (first at {self._when}): no "
+                "path of equilibria was found there, as where it snaps; there may be others than "
+                "the one that was found: compare with shorter steps, or a stage of dynamics"
+            )
+
+
 # -- Linear solves by iterations that take longer than factorisations would ------------------------
 
 DIRECT = 'solver.linear = "direct"'
@@ -422,6 +447,7 @@ class Watches:
         self._of_results: dict[str, Any] = {
             "late": LateFilm(model),
             "floating": FloatingWatch(),
+            "relaxation": RelaxationWatch(),
             "linear": LinearWatch(),
         }
         self._named = {**self._of_rows, **self._of_results, "roundoff": self.roundoff}

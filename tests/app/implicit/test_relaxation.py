@@ -1,5 +1,7 @@
 """Bodies that follow springs, which give way, to an equilibrium."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from tests.app.implicit.test_interior_point import FRICTIONLESS, bending, strip
@@ -8,6 +10,8 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.globalisation import PredictedStart
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.relaxation import Pace
+from tribox.app.implicit.stepper import StepResult
+from tribox.app.simulation.watches import RelaxationWatch
 
 METAL = {"material": "AA1050-O"}
 
@@ -37,7 +41,8 @@ def test_metal_is_relaxed_to_the_exact_equilibrium_where_a_cut_has_not_helped(mo
             monkeypatch.setattr(PredictedStart, "run", lost)
             monkeypatch.setattr(FromInside, "run", lost)
             assert not stepper.attempt(0.25).converged
-        assert stepper.attempt(0.25).converged
+        result = stepper.attempt(0.25)
+        assert result.converged and result.relaxed == fails
         expected.append(forces(stepper))
     assert expected[1] == pytest.approx(expected[0], rel=1e-5) and min(expected[0]) > 0.0
     exact = StepMode.of_stage(0.25, stepper.problem.contacts, False)
@@ -58,3 +63,14 @@ def test_springs_follow_the_forces_that_they_carry():
     assert pace.stiffness == pytest.approx(4.0 * before) and pace.waits == 1
     pace.follow(0.002)
     assert pace.stiffness == pytest.approx(4.0 * before / 3.0)
+
+
+def test_relaxed_steps_are_warned_of_once_and_after_a_restart():
+    watch, again = RelaxationWatch(), RelaxationWatch()
+    for number, relaxed in enumerate([False, True, True]):
+        row = SimpleNamespace(when=f"time {number} s, stage press")
+        watch.step(row, StepResult(True, 1, 1, 2, [1e-9], relaxed=relaxed))
+    again.restore(watch.snapshot())
+    [line] = again.warnings()
+    assert "relaxed by springs in 2 steps (first at time 1 s, stage press)" in line
+    assert not list(RelaxationWatch().warnings())
