@@ -51,8 +51,8 @@ from tribox.forms.film.reynolds import (
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.images import planes_of_symmetry
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.smoothing import planes_of_symmetry
 from tribox.geometry.surfaces.surface import ContactSurface
 
 _LOADED = 1e-3  # of the largest pressure: less counts as no contact in results

@@ -34,8 +34,9 @@ from petsc4py import PETSc
 
 from tribox.geometry.surfaces.body_facets import outward_facets, owned_facets, require_facets
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, order_by_place
+from tribox.geometry.surfaces.images import Images, images_beyond
 from tribox.geometry.surfaces.projection import FacetSurface, SurfacePart
-from tribox.geometry.surfaces.smoothing import Images, images_beyond, on_axis
+from tribox.geometry.surfaces.smoothing import on_axis
 
 BOXES = 32  # round the slave points of a rank, at most
 REACH = 1.5  # way before facets are looked for again, over the length of a facet

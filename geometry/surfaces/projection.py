@@ -26,8 +26,9 @@ from tribox.geometry.surfaces.facets import (
     facet_shape,
     unit_normals,
 )
+from tribox.geometry.surfaces.images import Images
 from tribox.geometry.surfaces.slave_points import PointNormals
-from tribox.geometry.surfaces.smoothing import Images, Patches, smooth_patches
+from tribox.geometry.surfaces.smoothing import Patches, smooth_patches
 from tribox.geometry.surfaces.target import Projection, fade_at_ends
 
 __all__ = ["FacetSurface", "Projection"]

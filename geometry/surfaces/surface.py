@@ -28,6 +28,7 @@ from tribox.geometry.surfaces.facets import (
     measure,
     unit_normals,
 )
+from tribox.geometry.surfaces.images import Images
 from tribox.geometry.surfaces.master import (
     FacetRows,
     MasterFacets,
@@ -47,7 +48,6 @@ from tribox.geometry.surfaces.slave_points import (
     slave_points,
     slave_vertices,
 )
-from tribox.geometry.surfaces.smoothing import Images
 
 # Default degree of the quadrature on slave facets, by the dimension of space.
 QUADRATURE_DEGREE = {2: 9, 3: 5}

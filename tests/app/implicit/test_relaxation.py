@@ -23,30 +23,37 @@ def lost(_phase, attempt):
     return 0, -1
 
 
-def forces(stepper):
-    pairs = zip(stepper.problem.contacts, stepper.problem.trials, strict=True)
-    return [term.surface.slave.weight @ trial.pressure for term, trial in pairs]
-
-
-def test_metal_is_relaxed_to_the_exact_equilibrium_where_a_cut_has_not_helped(monkeypatch):
-    """Nothing of the springs is left in what is committed."""
-    case = strip([40, 2], 0.06, bending(6e-4), 4, FRICTIONLESS, METAL)
-    expected = []
+def found(comm, directory):
+    """Forces of both contacts, solved as usual and by relaxation, and what is said of these."""
+    case, out = strip([40, 2], 0.06, bending(6e-4), 4, FRICTIONLESS, METAL), []
     for fails in (False, True):
-        simulation = built(case)
-        stepper = simulation.stepper
+        simulation = built(case, comm)
+        stepper, problem = simulation.stepper, simulation.model.problem
         stepper.rate_dependent = False
         simulation.model.set_loads(0.25, 0.0)
-        if fails:
-            monkeypatch.setattr(PredictedStart, "run", lost)
-            monkeypatch.setattr(FromInside, "run", lost)
-            assert not stepper.attempt(0.25).converged
-        result = stepper.attempt(0.25)
-        assert result.converged and result.relaxed == fails
-        expected.append(forces(stepper))
-    assert expected[1] == pytest.approx(expected[0], rel=1e-5) and min(expected[0]) > 0.0
-    exact = StepMode.of_stage(0.25, stepper.problem.contacts, False)
-    assert exact.holding is None and stepper.newton.residual_of(exact) <= 1e-8
+        with pytest.MonkeyPatch.context() as patch:
+            if fails:
+                patch.setattr(PredictedStart, "run", lost)
+                patch.setattr(FromInside, "run", lost)
+                assert not stepper.attempt(0.25).converged
+            result = stepper.attempt(0.25)
+        pairs = zip(problem.contacts, problem.trials, strict=True)
+        forces = [term.surface.slave.weight @ trial.pressure for term, trial in pairs]
+        exact = StepMode.of_stage(0.25, problem.contacts, False)
+        assert result.converged and exact.holding is None
+        assert stepper.newton.residual_of(exact) <= 1e-8
+        out.append([result.relaxed, *(comm.allreduce(float(force)) for force in forces)])
+    return out
+
+
+@pytest.mark.mpi(found, 2)
+def test_metal_is_relaxed_to_the_exact_equilibrium_where_a_cut_has_not_helped(on_ranks):
+    """Nothing of the springs is left in what is committed, on one rank or two."""
+    (usual, *expected), (relaxed, *forces) = on_ranks(found, 1)
+    assert (usual, relaxed) == (False, True)
+    assert forces == pytest.approx(expected, rel=1e-5) and min(expected) > 0.0
+    for mine, other in zip(on_ranks(found, 2), on_ranks(found, 1), strict=True):
+        assert mine == pytest.approx(other, rel=1e-6)
 
 
 def test_springs_follow_the_forces_that_they_carry():
