@@ -189,6 +189,7 @@ def split_quantity(value: object) -> tuple[float, str]:
 
 def format_quantity(value: float, unit: str) -> str | float:
     """Text that `parse_quantity` reads back to the same float; a plain number without unit."""
+    value = float(value)  # numpy's own would be written with the name of its type
     return f"{value!r} {unit}" if unit else value
 
 

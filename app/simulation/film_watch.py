@@ -390,12 +390,16 @@ def oil(look: Look) -> Found:
 
 def steady_flow(look: Look) -> Found:
     """See whether a steady film lets as much out as it takes in."""
-    cells = look.term.places.per_facet
-    flow = look.solution.flux[: cells * len(look.faces)]
+    cells, part = look.term.places.per_facet, look.film.part
+    ring = part.ring[part.ends[: cells * len(look.faces), 0]]
+    flow = look.solution.flux[: len(ring)] * np.repeat(part.sense, cells)
     passing = np.abs(flow[np.repeat(look.loaded[look.faces].all(axis=1), cells)])
     if np.isfinite(look.step.dt) or not len(passing) or passing.max() == 0.0:
         return
-    uneven = float(np.ptp(flow) / passing.max())
+    most, least = np.full((2, ring.max() + 1), -np.inf)
+    np.maximum.at(most, ring, flow)
+    np.maximum.at(least, ring, -flow)
+    uneven = float(np.max(most + least) / passing.max())
     if uneven > UNEVEN:
         yield (
             "flow",

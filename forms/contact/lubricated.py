@@ -290,12 +290,12 @@ class LubricatedTerm(ContactTerm):
         if model.steady and unfed.any():  # nothing else says how much oil a ring has
             fixed |= part.widest(thickness, unfed)
         before, volume = (None,) * 2 if model.steady else self._at_start(part, thickness, cells)
-        number, share = felt_speeds(model.steady, part, self._weight)
+        number, share, sense = felt_speeds(model.steady, part, self._weight)
         moved = self.speeds(film.along, kinematics.slip, dt)
         speed: Floats = np.bincount(number, share * moved[part.inside]).astype(np.float64)
         step = FilmStep(
             film=thickness,
-            speed=speed[number[part.feels]],
+            speed=(sense * speed[number])[part.feels],
             fixed=fixed,
             content=np.full(len(thickness), model.oil),
             dt=np.inf if model.steady else dt,

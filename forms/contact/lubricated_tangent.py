@@ -139,8 +139,8 @@ class LubricatedTangent(PairTangent):
         by_gap = part.gap_slopes(gap, length)
         assert film.step.by_gap is not None
         by_gap.data *= np.repeat(film.step.by_gap, np.diff(by_gap.indptr))
-        number = felt_speeds(not np.isfinite(film.step.dt), part, self._areas)[0]
-        by_speed = slopes.by_speed(number[part.feels], speeds)
+        number, _, sense = felt_speeds(not np.isfinite(film.step.dt), part, self._areas)
+        by_speed = slopes.by_speed(number[part.feels], sense[part.feels], speeds)
         balance = np.concatenate([(slopes.by_film @ by_gap).toarray(), by_speed], axis=1)
         d_unknown = slopes.unknown(balance)
         whole = np.where(film.members, part.sums(area, np.ones(len(area))), 1.0)
@@ -226,7 +226,7 @@ class LubricatedTangent(PairTangent):
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
         face, total = self.rule.facet_of, self._areas
         inside = film.part.inside
-        number, share = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
+        number, share, _ = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
         facet = (np.cumsum(inside) - 1)[face[take]]
         v = self.varied(trial, take)
         rows, places = self.generalised_rows(state, trial, take)
@@ -238,11 +238,12 @@ class LubricatedTangent(PairTangent):
         return self._of_facets(number[facet], places, values, int(number.max(initial=-1)) + 1)
 
 
-def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Floats]:
-    """To which speed (f′,) that a film feels a facet inside adds, and by which share.
+def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Floats, Floats]:
+    """To which speed (f′,) that a film feels a facet inside adds, by which share, and its sense.
 
     In a steady state facets inside that hang together have one speed, their mean: where a part of
-    them sticks there is no steady state.
+    them sticks there is no steady state. It runs as the facets do whose sense is 1; of the others
+    shares are negative.
 
     Args:
         steady: whether all of them feel their mean.
@@ -250,9 +251,10 @@ def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Fl
         weight: (f,), m², of the facets.
     """
     if not steady:
-        return np.arange(len(part.facets)), np.ones(len(part.facets))
+        own: Floats = np.ones(len(part.facets))
+        return np.arange(len(part.facets)), own, own
     number, own = part.ring[part.ends[: len(part.faces) : part.per_facet, 0]], weight[part.inside]
-    return number, own / np.bincount(number, own)[number]
+    return number, part.sense * own / np.bincount(number, own)[number], part.sense
 
 
 def stacked(parts: Sequence[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:

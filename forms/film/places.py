@@ -104,6 +104,8 @@ class FilmPart:
         ring: (m,) numbers of the parts that hang together, from 0 on.
         beside: (f', 2) the facet that follows beyond either end, itself where there is none, and
             turned: whether it runs the same way (1) or not (-1).
+        sense: (f',) 1 or -1, so that times it the facets of a ring all run the same way. A mesh
+            numbers the ends of its facets as it likes.
     """
 
     members: Bools
@@ -119,6 +121,7 @@ class FilmPart:
     ring: Longs
     beside: Longs
     turned: Floats
+    sense: Floats
 
     @property
     def count(self) -> int:
@@ -310,6 +313,20 @@ def _together(ends: Longs, count: int) -> Longs:
     return connected_components(pattern, directed=False)[1].astype(np.int64)
 
 
+def _senses(beside: Longs, turned: Floats) -> Floats:
+    """Signs (f,) by which facets that follow each other run the same way.
+
+    Of each facet there are two, one that runs as it is and one that is turned round. Those that
+    hang together make two chains for each line, of which one is taken.
+    """
+    count = len(beside)
+    own, ends = np.arange(2 * count), np.concatenate([beside, beside + count])
+    other = np.where(np.concatenate([turned, turned]) > 0.0, ends, (ends + count) % (2 * count))
+    pairs = np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1)
+    chain = _together(pairs, 2 * count)
+    return np.where(chain[:count] < chain[count:], 1.0, -1.0)
+
+
 def _beside(facets: Longs) -> tuple[Longs, Floats]:
     """Which facet (f, 2) follows beyond either end, itself without any, and whether as directed."""
     count = len(facets)
@@ -387,7 +404,9 @@ class FilmPlaces:
         shared = scipy.sparse.vstack([shared, shared[last]]).T.tocsr()
         band = Band(ends, count + len(edges))
         given = members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet
-        part = FilmPart(*given, edges, _together(ends, len(band.number)), *_beside(facets))
+        beside, turned = _beside(facets)
+        ring, sense = _together(ends, len(band.number)), _senses(beside, turned)
+        part = FilmPart(*given, edges, ring, beside, turned, sense)
         self._parts[asked] = part
         if len(self._parts) > _KEPT:
             del self._parts[next(iter(self._parts))]

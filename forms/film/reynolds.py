@@ -150,11 +150,15 @@ class FilmSlopes:
         self._loops.assemble()
         return self._loops.solved(-balance)
 
-    def by_speed(self, felt: Longs, count: int) -> Floats:
-        """Derivatives (n, s) of the balance for ``count`` speeds, of which faces feel ``felt``."""
+    def by_speed(self, felt: Longs, sense: Floats, count: int) -> Floats:
+        """Derivatives (n, s) of the balance for ``count`` speeds.
+
+        Of these, faces feel ``felt`` (f,), those of ``sense`` (f,) -1 the other way round.
+        """
         place = (self._ends * count + felt[:, None]).reshape(-1)
         size = len(self.by_pressure), count
-        summed = np.bincount(place, self._by_speed.reshape(-1), size[0] * count)
+        by_speed = (self._by_speed * sense[:, None]).reshape(-1)
+        summed = np.bincount(place, by_speed, size[0] * count)
         out: Floats = summed.astype(np.float64).reshape(size)
         return out
 

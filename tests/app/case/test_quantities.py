@@ -6,6 +6,7 @@ import subprocess
 import sys
 from decimal import Decimal
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -100,6 +101,7 @@ def test_common_units_do_not_start_the_unit_library():
 @given(FINITE, st.sampled_from([*COMMON_UNITS]))
 def test_written_quantities_read_back_exactly(value, unit):
     assert parse_quantity(format_quantity(value, unit), unit) == value
+    assert format_quantity(np.float64(value), unit) == format_quantity(value, unit)
 
 
 @pytest.mark.parametrize(

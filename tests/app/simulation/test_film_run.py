@@ -5,6 +5,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -275,6 +276,31 @@ def test_a_slider_carries_and_drags_as_reynolds_says(slider):
     assert column(slider, "asperity_force") == pytest.approx(0.0)
     # The pad ends where its film does: that it does not reach further is as it should be.
     assert warnings_of(slider) == []
+
+
+def test_a_mesh_may_number_the_ends_of_its_facets_as_it_likes(slider, tmp_path):
+    """A steady film has one speed along all of them."""
+    n = 41
+    points = np.array([[1e-2 * i / (n - 1), y] for y in (0.0, -1e-4) for i in range(n)])
+    quads = [np.roll([i + n, i + n + 1, i + 1, i], i * i // 3) for i in range(n - 1)]
+    lines = np.array([[i, i + 1] for row in (0, n) for i in range(row, row + n - 1)])
+    parts = np.repeat([2, 3], n - 1), np.ones(n - 1, dtype=int)
+    tags = {f"gmsh:{kind}": list(parts) for kind in ("physical", "geometrical")}
+    named = {"pad": [1, 2], "pad_top": [2, 1], "pad_bottom": [3, 1]}
+    mesh = meshio.Mesh(
+        np.column_stack([points, np.zeros(2 * n)]),
+        [("line", lines), ("quad", np.array(quads))],
+        cell_data=tags,
+        field_data={name: np.array(of) for name, of in named.items()},
+    )
+    mesh.write(tmp_path / "pad.msh", "gmsh22", binary=False)
+    data = tomllib.loads((FILMS / "slider.toml").read_text())
+    data["geometry"] = {"mesh": str(tmp_path / "pad.msh"), "thickness": "1 m"}
+    data["stage"][0]["steps"], data["output"] = 1, {"figures": False}
+    run_case(case_of(data), tmp_path / "out", quiet=True)
+    for name in ("normal_force", "friction_force"):
+        assert column(tmp_path / "out", name) == pytest.approx(column(slider, name), rel=1e-9)
+    assert warnings_of(tmp_path / "out") == []
 
 
 def test_a_film_that_ends_with_its_runner_does_not_begin_too_close(tmp_path):

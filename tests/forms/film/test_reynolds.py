@@ -294,7 +294,9 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
             return film.solve(moved, found.unknown)
 
         plus, minus = at(e), at(-e)
-        d_w = slopes.unknown(slopes.by_film @ dh + slopes.by_speed(np.arange(59), 59) @ du)
+        d_w = slopes.unknown(
+            slopes.by_film @ dh + slopes.by_speed(np.arange(59), np.ones(59), 59) @ du
+        )
         d_p, d_filled = slopes.by_pressure * d_w, slopes.by_filled * d_w
         for exact, low, high in (
             (d_p, minus.pressure, plus.pressure),
@@ -431,25 +433,29 @@ def test_facets_in_any_order_give_the_film_of_a_line(closed, cells):
     facets = np.array([[i, (i + 1) % count] for i in range(count if closed else count - 1)])
     h = 1.0 + 0.5 * np.sin(2 * np.pi * np.arange(count) / count)
 
-    def pressures(name, order):
-        places = FilmPlaces(name[facets][order], count, cells)
+    def pressures(name, order, way):
+        ends = np.where(way[:, None] > 0.0, facets, facets[:, ::-1])
+        places = FilmPlaces(name[ends][order], count, cells)
         part = places.part(np.ones(count, dtype=bool))
+        # Of both senses of the whole the one in which the first facet runs.
+        sense = part.sense * (part.sense * way[order])[np.argsort(order)[0]]
         size = np.ones(len(facets))
         line = part.of(places.cells(size, np.full((len(facets), 2), 0.5)))
         assert line.area.sum() == pytest.approx(len(facets), rel=1e-13)
         film = ReynoldsFilm(line, FilmRheology(eta_b=1.0), SMOOTH, 1.0)
         place = np.empty(count)
         place[name] = h
-        speed = np.full(len(line.ends), 0.1)
+        speed = 0.1 * sense[part.feels]
         fixed = np.zeros(len(line.area), dtype=bool)
         fixed[name[[0, count // 2]]] = True
         step = FilmStep(part.gaps(place, size), speed, fixed, np.full(len(fixed), np.inf))
         found = film.solve(step, np.full(len(fixed), 0.01))
         pulled = part.pulls(wedge_film(step.film[line.ends])[0], found.pressure, size)
-        return found.pressure[name], pulled[np.argsort(order)]
+        return found.pressure[name], (way[order] * pulled)[np.argsort(order)]
 
-    plain = pressures(np.arange(count), np.arange(len(facets)))
-    mixed = pressures(rng.permutation(count), rng.permutation(len(facets)))
+    plain = pressures(np.arange(count), np.arange(len(facets)), np.ones(len(facets)))
+    way = np.where(rng.random(len(facets)) < 0.5, -1.0, 1.0)
+    mixed = pressures(rng.permutation(count), rng.permutation(len(facets)), way)
     for one, other in zip(plain, mixed, strict=True):
         assert other == pytest.approx(one, rel=1e-10, abs=1e-13)
     assert plain[0].max() > 0.1
