@@ -259,7 +259,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)
-    if reason <= 0:
+    if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")
         rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
         attempt.return_to_start()
@@ -275,7 +275,7 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         more, reason = phase.run(attempt)
         iterations += more
         attempt.newton.inside.last = reason > 0 and isinstance(phase, FromInside)
-        if reason > 0:
+        if reason > 0 or attempt.adrift:
             break
     return iterations, reason
 
@@ -403,7 +403,9 @@ class HeldApproach:
                         return iterations, reason
                     pace.misled()
             way = pace.next(reason > 0)
-            if pace.failures > FAILURES or way > size:  # the load moves the bodies apart
+            if reason > 0 and way > size:
+                attempt.adrift = attempt.bodies.unpressed(carried > CARRIED * loads.max())
+            if pace.failures > FAILURES or way > size:
                 break
         return iterations, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
 

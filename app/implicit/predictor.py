@@ -445,6 +445,7 @@ class Attempt:
         start: (n,), m, the predicted start of the owned unknowns.
         continued: whether that continues the path of the last steps.
         relaxed: whether the solution was found by springs that give way.
+        adrift: bodies that the load moves away from all that they could touch.
     """
 
     newton: Newton
@@ -457,6 +458,7 @@ class Attempt:
     start: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False
     relaxed: bool = False
+    adrift: tuple[str, ...] = ()
 
     @property
     def trial(self) -> PETSc.Vec:
