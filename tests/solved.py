@@ -11,10 +11,14 @@ from tribox.app.simulation.simulation import Simulation
 
 
 class Cuts(Observer):
-    """Keeps the lengths of the steps that were cut."""
+    """Keeps the lengths of the steps that were cut, and counts the iterations of all."""
 
     def __init__(self) -> None:
         self.lengths: list[float] = []
+        self.iterations = 0
+
+    def attempt(self, state, load_step, dt, result) -> None:
+        self.iterations += result.iterations
 
     def cut(self, state, dt, result) -> None:
         self.lengths.append(dt)

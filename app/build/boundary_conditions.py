@@ -231,6 +231,7 @@ class Loads:
         """Take off forces at unknowns of a surface evenly over a stage."""
         assert stage.duration is not None
         load = self._at_nodes(surface, dofs, np.zeros(len(dofs)))
+        load.takes_over = True
         released = Released(load, stage.name, stage.duration, given_up)
         self.remembering.append(released)
 

@@ -323,3 +323,59 @@ class LoadsWithForms:
         self.loads.append(load)
         self.surfaces.append(surface)
         self.bodies.append(body)
+
+
+# -- Loads that change at once where a stage begins ------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Onset:
+    """The loads that balanced the state with which a stage begins.
+
+    Attributes:
+        time: s, when it begins; driven: m, displacement of the driven boundaries then.
+        before: value of each of the loads :func:`given`.
+    """
+
+    time: float = 0.0
+    driven: float = 0.0
+    before: Sequence[float | Floats] = ()
+
+
+def given(problem: Equilibrium) -> Iterator[tuple[object, str]]:
+    """What loads are given as. Displacements at the very start are places, springs supports."""
+    for name in ("force", "end"):
+        yield from ((platen, name) for platen in problem.platens)
+    yield from ((load, "factor") for load in problem.nodal_loads if not load.takes_over)
+    yield from ((load, "amount") for load in problem.loads if not isinstance(load, Foundation))
+
+
+def balancing(problem: Equilibrium) -> Iterator[float | Floats]:
+    """Values of the loads :func:`given` under which the last state stays as it is; collective.
+
+    Where a force or a spring takes the place of a displacement it begins with the force that this
+    has led to; a spring that did not act draws from where its surface is.
+    """
+    held = np.zeros(len(problem.unbalanced))
+    held[problem.constrained_dofs()] = problem.unbalanced[problem.constrained_dofs()]
+    for part, name in given(problem):
+        value = getattr(part, name)
+        if isinstance(part, NodalLoad):
+            value += _over(problem, held[part.dofs].sum(), part.shares * np.ones(len(part.dofs)))
+        elif isinstance(part, Platen) and part.displacement is not None:
+            value = problem.reaction(part) if name == "force" else value
+        elif isinstance(part, Platen) and not part.acts:
+            force = problem.comm.allreduce(part.total(held))
+            if name == "force":
+                value = 0.0 if part.stiffness else force
+            elif part.stiffness:
+                nodes = np.ones(len(np.unique(part.dofs // problem.dim)))
+                place = _over(problem, part.total(problem.u.x.array), nodes)
+                value = place + force / part.stiffness
+        yield value
+
+
+def _over(problem: Equilibrium, total: float, shares: Floats) -> float:
+    """A sum over that of shares (n,), of all ranks; collective."""
+    both = problem.comm.allreduce(np.array([total, shares.sum()]))
+    return float(both[0] / both[1]) if both[0] else 0.0

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import notes_on
 from tribox.app.build.contacts import BuiltContact, ContactBuilder
+from tribox.app.build.load_programs import Onset, balancing, given
 from tribox.app.build.mesh import make_mesh, of_case
 from tribox.app.build.mesh_notes import (
     bonded_bodies,
@@ -39,7 +40,6 @@ from tribox.app.errors import InputError, TriboxError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.implicit.linear_solver import Linear, chosen_solver
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Solid
@@ -70,6 +70,7 @@ class Model:
         probes: places of the probes that are points or lines; lines: those of surfaces.
         loaded: s, m and –, time, driven displacement and share of the loads that are set (see
             :meth:`set_loads`); loaded_in: the stage that they were set in.
+        onset: the state of the loads when the present stage began.
     """
 
     case: Case
@@ -86,6 +87,7 @@ class Model:
     lines: list[SurfaceLine] = field(default_factory=list)
     loaded: tuple[float, float, float] = (0.0, 0.0, 1.0)
     loaded_in: str = ""
+    onset: Onset = field(default_factory=Onset)
 
     @property
     def film_onset(self) -> list[float]:
@@ -97,8 +99,10 @@ class Model:
 
         The problem must be as the last step left it; collective.
         """
-        if self.loads is not None:
-            self.loads.begin_stage(name, self.loaded[0], self.problem)
+        if self.loads is not None and name != self.loads.stage:
+            time, driven, _ = self.loaded
+            self.onset = Onset(time, driven, list(balancing(self.problem)))
+            self.loads.begin_stage(name, time, self.problem)
         self._choose_contacts(name)
 
     def _choose_contacts(self, stage: str) -> None:
@@ -114,12 +118,14 @@ class Model:
             "loaded": list(self.loaded),
             "loaded_in": self.loaded_in,
             "loads": None if self.loads is None else self.loads.snapshot(),
+            "onset": [self.onset.time, self.onset.driven, self.onset.before],
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Set the loads that :meth:`snapshot` has seen."""
         if self.loads is not None:
             self.loads.restore(kept["loads"])
+            self.onset = Onset(*kept["onset"])
             # Between two stages the loads are still those of the one that they were set in.
             stage, self.loads.stage = self.loads.stage, kept["loaded_in"]
             self.set_loads(*kept["loaded"])
@@ -132,32 +138,25 @@ class Model:
         Args:
             time: s, since the start.
             driven: m, displacement of the driven boundaries so far.
-            share: of what stands in full at the very start, a constant force for instance. Where a
-                run's first step is made in pieces it grows over them: else the first piece would
-                have to bear all of it, however short.
+            share: of what changes at once where the present stage begins, a force that acts from
+                then on for instance. Where a stage's first step is made in pieces it grows over
+                them: else the first piece would have to bear all of it, however short.
         """
         self.loaded = (time, driven, share)
         self.loaded_in = "" if self.loads is None else self.loads.stage
         if share == 1.0:
             self._run_programs(time, driven)
             return
-        self._run_programs(0.0, 0.0)
-        start = [getattr(part, name) for part, name in self._given()]
+        self._run_programs(self.onset.time, self.onset.driven)
+        start = [getattr(part, name) for part, name in given(self.problem)]
         self._run_programs(time, driven)
-        for (part, name), at_once in zip(self._given(), start, strict=True):
-            setattr(part, name, getattr(part, name) - (1.0 - share) * at_once)
+        changed = zip(given(self.problem), start, self.onset.before, strict=True)
+        for (part, name), at_once, before in changed:
+            setattr(part, name, getattr(part, name) - (1.0 - share) * (at_once - before))
 
     def _run_programs(self, time: float, driven: float) -> None:
         for program in self.programs:
             program(time, driven)
-
-    def _given(self) -> Iterator[tuple[object, str]]:
-        """What loads are given as. Displacements at the very start are places, springs supports."""
-        problem = self.problem
-        for name in ("force", "end"):
-            yield from ((platen, name) for platen in problem.constraints.platens)
-        yield from ((load, "factor") for load in problem.nodal_loads)
-        yield from ((load, "amount") for load in problem.loads if not isinstance(load, Foundation))
 
 
 @contextmanager

@@ -110,11 +110,13 @@ class NodalLoad:
         shares: (c,) or one for all, N (in plane strain per unit thickness) for a factor of one,
             along the coordinate axes.
         factor: the present factor; set it before assembling.
+        takes_over: whether they begin as what has balanced the bodies so far.
     """
 
     dofs: Ints
     shares: Floats | float = 1.0
     factor: float = 0.0
+    takes_over: bool = False
 
     def add_to(self, forces: Floats) -> None:
         """Add the forces to those of the owned unknowns, ghosts after them or not."""

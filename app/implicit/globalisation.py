@@ -41,7 +41,9 @@ class PredictedStart:
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
+        started = attempt.predictor.predict(
+            attempt.x, attempt.trial, attempt.step, only_near=self.if_near
+        )
         attempt.newton.on_path = attempt.continued = started == 0
         attempt.start = attempt.trial.array_r.copy()
         failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -204,6 +206,7 @@ RIM = 0.05  # relative residual of a prediction up to which it errs only at the 
 SOLVED = 1e-3  # the same from which on so much is opened that holding saves iterations
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
+STANDS = 1e-9  # way of a support, in lengths of a slave facet, that is rounding
 FIRST_CUTS = (1, 2)  # failures from a state after which shorter steps may fail alike
 
 
@@ -242,7 +245,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
 def is_moved(attempt: Attempt) -> bool:
     """Whether a prescribed displacement changes in the step: not forces alone drive; collective."""
     problem = attempt.newton.problem
-    moved = not np.array_equal(problem.constrained_values(attempt.x), attempt.x.array_r)
+    given = np.abs(problem.constrained_values(attempt.x) - attempt.x.array_r)
+    moved = bool(given.max(initial=0.0) > STANDS * facet_length(problem))
     return bool(problem.comm.allreduce(moved, op=MPI.LOR))
 
 
@@ -259,7 +263,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)
-    if reason <= 0:
+    if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")
         rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
         attempt.return_to_start()
@@ -275,7 +279,7 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         more, reason = phase.run(attempt)
         iterations += more
         attempt.newton.inside.last = reason > 0 and isinstance(phase, FromInside)
-        if reason > 0:
+        if reason > 0 or attempt.adrift:
             break
     return iterations, reason
 
@@ -403,7 +407,9 @@ class HeldApproach:
                         return iterations, reason
                     pace.misled()
             way = pace.next(reason > 0)
-            if pace.failures > FAILURES or way > size:  # the load moves the bodies apart
+            if reason > 0 and way > size:
+                attempt.adrift = attempt.bodies.unpressed(carried > CARRIED * loads.max())
+            if pace.failures > FAILURES or way > size:
                 break
         return iterations, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
 

@@ -79,6 +79,22 @@ class LooseBodies:
         total = problem.comm.allreduce(sums)
         return total[:, 0] < ALONG * total[:, 1]
 
+    def unpressed(self, among: Bools) -> tuple[str, ...]:
+        """Bodies loose in directions ``among`` (d,) that nothing pressed last; collective."""
+        problem = self.problem
+        pairs = list(zip(problem.contacts, problem.trials, strict=True))
+        local = [bool(trial.pressure.any()) for _, trial in pairs]
+        pressed = problem.comm.allreduce(np.array(local), op=MPI.LOR)
+        ends = [bodies_of(problem, term) for term, _ in pairs]
+        touched = {
+            name
+            for one, presses in zip(ends, pressed, strict=True)
+            for name in (one.slave.name, one.master.name)
+            if presses
+        }
+        loose = [one for one, wanted in zip(self.directions, among, strict=True) if wanted]
+        return tuple(sorted({one.body for one in loose if touched.isdisjoint(one.bodies)}))
+
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m; collective."""
         at = self.problem.space.tabulate_dof_coordinates()[: self.problem.owned // self.problem.dim]

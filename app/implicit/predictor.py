@@ -68,6 +68,7 @@ class Predictor:
         self.solver = solver
         self._drive: Drive | None = None
         self._loads: Floats = np.empty(0)
+        self._force = 0.0  # N (N/m), that residuals were compared with at the last state
         # Converged states along the path: (parameter, owned unknowns), the latest last.
         self._path: list[tuple[float, Floats]] = []
         self._residual = problem.new_vector()
@@ -75,11 +76,17 @@ class Predictor:
         self._increment = problem.new_vector()
         self._flows = steady_flows(problem)
 
-    def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
+    def predict(
+        self,
+        x: PETSc.Vec,
+        trial: PETSc.Vec,
+        step: StepMode = DEFAULT_STEP,
+        only_near: bool = False,
+    ) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
-        The path is not continued where contacts forget it. Returns the number of factorisations it
-        took.
+        The path is not continued where contacts forget it, or where it leads far from a solution,
+        unless only a near start is of use. Returns the number of factorisations it took.
         """
         x.copy(trial)
         drive = self._driving(x)
@@ -94,22 +101,24 @@ class Predictor:
             trial.array[:] = self.problem.constrained_values(trial)
         elif ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
-            if self._is_torn_off(trial, step):
+            if not only_near and self._is_torn_off(trial, step):
                 x.copy(trial)
                 self._carry(x, drive.constrained, trial, step)
                 return 1
         return 0
 
     def _is_torn_off(self, trial: PETSc.Vec, step: StepMode) -> bool:
-        """Whether the path leads far from a solution where nothing rubs; collective.
+        """Whether the path leads far from a solution; collective.
 
         Contacts that grow under load are closed by far less than the path moves them, so that its
-        continuation opens many of them. The linear step holds them together; that its residual is
-        as large says little, for it is the volume's, not the contact's. Where contacts slide, the
-        path is the better guide all the same.
+        continuation opens many of them, or presses others by many times the force of the solution:
+        what is left is therefore compared with the force of the last one. The linear step holds
+        them together; that its residual is as large says little, for it is the volume's, not the
+        contact's. Where metal slides, the path is the better guide all the same.
         """
         left = self._residual_norm(trial, step)
-        return not left <= FAR_OFF * self.problem.reference_force and not self.rubbing()
+        near = left <= FAR_OFF * max(self._force, self.problem.roundoff)
+        return not near and not (self.problem.flows and self.rubbing())
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
@@ -230,6 +239,7 @@ class Predictor:
             states = self._path[-HIGHEST_ORDER:]
             self._path = [*states, (self._ahead(ratio), trial.array_r.copy())]
         self._drive, self._loads = drive, drive.total
+        self._force = self.problem.reference_force
 
     def snapshot(self) -> Snapshot:
         """The path so far."""
@@ -245,6 +255,7 @@ class Predictor:
             "at": [at for at, _ in self._path],
             "path": [Nodal(values) for _, values in self._path],
             "loads": self._loads,
+            "force": self._force,
             "drive": kept,
         }
 
@@ -257,7 +268,7 @@ class Predictor:
         if kept["loads"].shape not in ((0,), count) or any(one.shape != count for one in driven):
             raise ValueError("another number of loads")
         self._path = list(zip(kept["at"], kept["path"], strict=True))
-        self._loads, self._drive = kept["loads"], None
+        self._loads, self._force, self._drive = kept["loads"], kept["force"], None
         if drive is not None:
             held = drive["prescribed"].copy()
             held[problem.unknowns.padding] = 1.0  # no rank keeps those
@@ -445,6 +456,7 @@ class Attempt:
         start: (n,), m, the predicted start of the owned unknowns.
         continued: whether that continues the path of the last steps.
         relaxed: whether the solution was found by springs that give way.
+        adrift: bodies that the load moves away from all that they could touch.
     """
 
     newton: Newton
@@ -457,6 +469,7 @@ class Attempt:
     start: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False
     relaxed: bool = False
+    adrift: tuple[str, ...] = ()
 
     @property
     def trial(self) -> PETSc.Vec:

@@ -61,6 +61,7 @@ class StepResult:
         unbalanced: contacts whose film had no solution at the state evaluated last.
         effort: of linear solves by iterations so far.
         relaxed: whether metal was relaxed (:mod:`tribox.app.implicit.relaxation`).
+        adrift: whether a load moves the floating bodies away, as it would in a shorter step.
     """
 
     converged: bool
@@ -75,6 +76,7 @@ class StepResult:
     unbalanced: tuple[int, ...] = ()
     effort: Effort = NO_EFFORT
     relaxed: bool = False
+    adrift: bool = False
 
 
 class ImplicitStepper:
@@ -98,6 +100,7 @@ class ImplicitStepper:
         self._find_loose_bodies()
         self._failures = 0  # attempts since then
         self._relaxed = False  # whether springs that give way found the last solution
+        self._adrift: tuple[str, ...] = ()  # bodies that the load of the last attempt moves away
         self._pressed = False  # whether anything pressed at the last converged state
         self._floating: tuple[str, ...] = ()  # bodies that nothing held there
         self._trial_floating: tuple[str, ...] = ()
@@ -126,6 +129,8 @@ class ImplicitStepper:
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         films = [trial.normal_contact.lubrication for trial in self.problem.trials]
         self._failures += 1  # until it is committed
+        left = newton.residuals[-1] if newton.residuals else np.inf
+        adrift = bool(self._adrift) or (bool(self._trial_floating) and holding > max(SHARE, left))
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -136,7 +141,7 @@ class ImplicitStepper:
             factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=newton.residuals,
-            floating=self._trial_floating,
+            floating=self._adrift or self._trial_floating,
             holding=holding,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
@@ -145,6 +150,7 @@ class ImplicitStepper:
             ),
             effort=self.solver.effort,
             relaxed=self._relaxed,
+            adrift=adrift,
         )
 
     def _is_too_long(self) -> bool:
@@ -196,7 +202,7 @@ class ImplicitStepper:
         parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
         attempt = Attempt(*parts, self._failures)
         found = solve(attempt)
-        self._relaxed = attempt.relaxed
+        self._relaxed, self._adrift = attempt.relaxed, attempt.adrift
         return found
 
     def advance(self, dt: float) -> StepResult:

@@ -100,7 +100,7 @@ class Reporter(Observer):
             if self._pace.is_due():
                 self._explicit_line(state, row, result)
             return
-        residual = f"residual {result.residuals[-1]:.1e}"
+        residual = residual_text(result, state.model.case.solver.tolerance)
         linear = f", linear {row.linear_iterations}" if row.linear_iterations else ""
         self.say(
             f"step {row.step:4d}  {row.stage:<10s} t {time_text(row.time, row.dt)}  "
@@ -220,6 +220,12 @@ def _viscosity(value: float) -> str:
 
 def _cuts(stage: StageProgress) -> str:
     return f"{stage.cuts} cut{'' if stage.cuts == 1 else 's'}"
+
+
+def residual_text(result: StepResult, tolerance: float) -> str:
+    """How well a solved step is balanced; what presses nowhere has no force but rounding."""
+    last = result.residuals[-1]
+    return f"residual {last:.1e}" if last <= tolerance else "residual at round-off"
 
 
 class _Pace:

@@ -252,7 +252,8 @@ def explain(
     )
     loose = list(loose)
     adrift = any(_of_supports(problem, loose, result.strayed))  # its rounding explains nothing
-    gross = [] if adrift else list(_of_rounding(problem, result))
+    gross = list(_of_pull(problem, loose, result, thickness))
+    gross = gross or ([] if adrift else list(_of_rounding(problem, result)))
     gross = gross or list(_of_gross_slip(problem, loose, thickness))
     gross = gross or list(_of_limit_load(problem, thickness) if spent() else ())
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
@@ -290,6 +291,20 @@ def _of_state(
     found = found or list(_of_firm_penalties(problem)) or caught or list(_of_films(problem))
     yield from found or _of_weakening(problem)
     yield from reached
+
+
+def _of_pull(
+    problem: Equilibrium, loose: Iterable[Loose], result: StepResult, thickness: float
+) -> Findings:
+    """Loads that move bodies away from all that they could touch."""
+    for one in (one for one in loose if result.adrift and one.body in result.floating):
+        load = 0.0 if one.turns else load_on(problem, one)
+        if abs(load) > problem.roundoff:
+            force = f"{load * thickness:.4g} N in {one.direction}"
+            yield (
+                f"{one.text}, no contact presses on it, and a load of {force} moves it away",
+                SUPPORT,
+            )
 
 
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:

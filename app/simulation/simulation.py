@@ -32,6 +32,7 @@ from tribox.forms.contact.law_faults import law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
+ADRIFT = 2  # cuts after which a body that a load moves away is not sought any longer
 SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have it cut
 
 
@@ -90,8 +91,8 @@ class ImplicitStage:
                 observer.ready(state)
             end = min(1.0, at.done + at.piece)
             moved = driven + load_step.travel(since + end * load_step.dt) - load_step.travel(since)
-            # Parts of the run's first step carry their share of what stands in full from the start.
-            share = end if at.load_step == at.count == 0 else 1.0
+            # Parts of a stage's first step carry their share of what changes at once there.
+            share = end if at.count == 0 and start == self.model.onset.time else 1.0
             self.model.set_loads(start + end * load_step.dt, moved, share)
             dt = (end - at.done) * load_step.dt
             result = self.stepper.attempt(dt)
@@ -105,7 +106,8 @@ class ImplicitStage:
                 at.failures += 1
                 at.wasted += result.iterations
                 at.piece = half
-                if at.piece < self.model.case.solver.min_step_fraction:
+                hopeless = result.adrift and at.failures > ADRIFT
+                if hopeless or at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
                 observer.cut(state, dt, result)
                 continue

@@ -273,9 +273,16 @@ _OBLIQUE = [
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
     "cut": block(
+        {
+            "surface": "top",
+            "displacement": {
+                "x": [["1 s", "0 mm"], ["2 s", "0.2 mm"]],
+                "y": [["0 s", "0 mm"], ["1 s", "-0.05 mm"]],
+            },
+        },
+        {"surface": "elastomer_right", "pressure": "5 kPa", "stages": ["slide"]},
         stage=[STAGES[0], STAGES[1] | {"steps": 2}],
         solver={"max_iterations": 2},
-        boundary__1__displacement__x=[["1 s", "0 mm"], ["2 s", "0.2 mm"]],
     ),
     "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
     "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),

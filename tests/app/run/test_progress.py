@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,7 +39,9 @@ def tell(case, log, stream) -> str:
     """Let a reporter tell of two steps, one cut, an interval and the end of the load step."""
     console = Console(file=stream, width=200, highlight=False, soft_wrap=True)
     reporter = Reporter(log, case, Saving(log.parent), console=console)
-    state = SimpleNamespace(time=0.1, step=1, speed=0.0, last_of_pairs=lambda: [])
+    state = SimpleNamespace(
+        time=0.1, step=1, speed=0.0, last_of_pairs=lambda: [], model=SimpleNamespace(case=case)
+    )
     [load_step] = load_steps_of(case.stage[0])
     solved = StepResult(True, 3, 2, 2, [1.0, 1e-9])
     reporter.say("note: step 1 is not a step")
@@ -46,7 +49,7 @@ def tell(case, log, stream) -> str:
     reporter.cut(state, 1e-9, StepResult(False, 25, 25, -5, [1.0]))
     reporter.cut(state, 1e-9, StepResult(False, 5, 5, 2, [1.0], too_long=True))
     state.speed = 0.25
-    reporter.step(state, row(2, 0.1 + 5e-10, 5e-10), solved)
+    reporter.step(state, row(2, 0.1 + 5e-10, 5e-10), replace(solved, residuals=[3.1]))
     reporter._pace._last = -10.0
     reporter.step(state, row(3, 0.2, 1e-3), Interval(100, 1e-3, 2e-3, 300, 1e-4))
     reporter._pace._last = -10.0
@@ -72,6 +75,10 @@ def told(case_file, block, tmp_path, monkeypatch):
 def test_without_a_terminal_all_lines_are_plain_and_in_the_log(told):
     log, plain = told(io.StringIO())
     assert plain == log and "\x1b" not in plain
+    assert re.findall(r"\((residual.*?)\)", unfolded(log)) == [
+        "residual 1.0e-09",
+        "residual at round-off",
+    ]
 
 
 NOTE = "note: contact.{}: corners {} m apart, with a peak each; smooth the master, or shorten its "

@@ -8,7 +8,7 @@ import tribox.app.implicit.globalisation
 from tests.solved import Cuts, solved
 from tribox.app.build.mesh import make_mesh
 from tribox.app.case.case import Case
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, SolutionError
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -120,6 +120,20 @@ def test_a_pressure_finds_the_contact_too(apart):
     assert run.rows[0].force_y == pytest.approx(SHAPES["pad"][1], rel=0.02)
 
 
+@pytest.mark.parametrize("forces", [[0.0, -1.0, -2.0], [0.0, 1.0, -1.0]])
+def test_a_force_that_pulls_bodies_apart_is_named_after_two_cuts(forces):
+    """From the start, where each attempt takes eight iterations, or once they have pressed."""
+    data, unit = pressed("cylinders", 0.45, 2), SHAPES["cylinders"][1]
+    data["boundary"][1]["platen"]["force"] = [[0.5 * n, f * unit] for n, f in enumerate(forces)]
+    cuts = Cuts()
+    said = r"no contact presses on it, and a load of .* N in y moves it away; try a support"
+    with pytest.raises(SolutionError, match=said):
+        solved(data, observer=cuts)
+    pressed_first = forces[1] > 0.0
+    assert cuts.count == 2 + pressed_first
+    assert pressed_first or cuts.iterations <= 24
+
+
 # -- a platen's displacement first, its force afterwards -------------------------------------------
 
 DEPTH = 3e-6
@@ -220,23 +234,30 @@ def test_explicit_stages_refuse_a_displacement():
         Case.model_validate(data)
 
 
-def test_a_first_step_that_is_cut_ramps_what_stands_in_full_from_the_start(monkeypatch):
-    """Half of it with half the step; what begins at nothing, and later steps, follow the time."""
+def deny(monkeypatch, *numbers: int) -> list[float]:
+    """Have attempts of these numbers solved and then denied; the lengths of all, as they go."""
     attempt, calls = ImplicitStepper.attempt, []
 
     def fail(stepper, dt):
-        """Solve and then deny it, at the first attempt at either step."""
         result = attempt(stepper, dt)
         calls.append(dt)
-        if len(calls) in (1, 4):
+        if len(calls) in numbers:
             result.converged = False
         return result
 
     monkeypatch.setattr(ImplicitStepper, "attempt", fail)
-    data = pressed("pad", 0.3, 2, {"pressure": [[0.0, 3e4], [1.0, 5e4]]})
+    return calls
+
+
+def test_first_steps_of_stages_that_are_cut_ramp_what_changes_at_once(monkeypatch):
+    """Half of it with half the step; what begins at nothing, and later steps, follow the time."""
+    data = pressed("pad", 0.3, 2, {"pressure": [[0.0, 3e4], [1.0, 5e4], [2.0, 6e4]]})
     data["boundary"][1]["displacement"]["y"] = [[0.0, -1e-5], [1.0, -3e-5]]
-    data["gravity"] = {"y": -9.81}
+    pulled = {"surface": "top", "traction": {"y": [[1.0, 2e4], [2.0, 1e4]]}, "stages": ["hold"]}
+    data["boundary"].append(pulled)
+    data["gravity"] = {"y": -9.81, "stages": ["press"]}
     data["bodies"] = {name: body | {"density": 1e3} for name, body in data["bodies"].items()}
+    data["stage"].append({"name": "hold", "duration": 1.0, "steps": 2})
     whole, seen = solved(data), []
 
     class Loads(Observer):
@@ -246,17 +267,36 @@ def test_a_first_step_that_is_cut_ramps_what_stands_in_full_from_the_start(monke
             amounts = [float(load.amount.reshape(-1)[-1]) for load in problem.loads]
             seen.append((row.time, *amounts, moved))
 
-    calls.clear()
+    deny(monkeypatch, 1, 4, 7, 10)
     solved(data, observer=Loads())
-    times = np.array([0.25, 0.5, 0.75, 1.0])
-    share = np.minimum(times / 0.5, 1.0)
+    times = np.arange(0.25, 2.1, 0.25)
+    share, then = np.minimum(times / 0.5, 1.0), np.clip((times - 1.0) / 0.5, 0.0, 1.0)
     columns = dict(enumerate(np.array(seen).T))
     np.testing.assert_allclose(columns[0], times)
-    np.testing.assert_allclose(columns[1], 3e4 * share + 2e4 * times)
-    for body in (2, 3):
-        np.testing.assert_allclose(columns[body], -9.81 * share)
-    np.testing.assert_allclose(columns[4], -1e-5 - 2e-5 * times)  # where it begins is a place
-    assert whole.rows[-1].time == 1.0
+    np.testing.assert_allclose(columns[1], 3e4 * share + 2e4 * times - 1e4 * (times - 1).clip(0.0))
+    np.testing.assert_allclose(columns[2], (times > 1.0) * (2e4 * then - 1e4 * (times - 1.0)))
+    for body in (3, 4):
+        np.testing.assert_allclose(columns[body], -9.81 * share * (1.0 - then), atol=1e-12)
+    place = -1e-5 - 2e-5 * np.minimum(times, 1.0)
+    np.testing.assert_allclose(columns[5], place)  # where it begins is a place
+    assert whole.rows[-1].time == 2.0
+
+
+@pytest.mark.parametrize("spring", [False, True])
+def test_a_force_or_spring_takes_over_from_what_a_displacement_has_led_to(monkeypatch, spring):
+    """By half with half of the step: the first touch is not lost in between."""
+    data, force = switched(), SHAPES["sphere"][1]
+    if spring:
+        held = {"surface": "top", "displacement": {"x": 0, "y": -DEPTH}, "stages": ["press"]}
+        drawn = {"direction": "y", "stiffness": 1e4, "end": -2.0 * DEPTH}
+        data["boundary"][1:] = [held, {"surface": "top", "spring": drawn, "stages": ["load"]}]
+    deny(monkeypatch, 3)
+    pieces = solved(data).rows[1:]
+    got = [row.normal_resultant for row in pieces]
+    assert got[2] == pytest.approx(got[3], rel=1e-6)
+    assert got[1] == pytest.approx(0.5 * (got[0] + got[2]), rel=0.02 if spring else 1e-6)
+    assert got[0] < 0.9 * got[2] and (spring or got[2] == pytest.approx(force, rel=1e-6))
+    assert abs(pieces[-1].energy_error) < 0.02 * pieces[-1].external_work
 
 
 def test_pieces_of_a_first_step_bear_their_share_of_a_force():
