@@ -207,7 +207,8 @@ def with_more_nodes(space: dolfinx.fem.FunctionSpace, more: int) -> dolfinx.fem.
         return space
     owners = np.asarray(index.owners, dtype=np.int32)
     ghosts = np.asarray(index.ghosts, dtype=np.int64) + (np.cumsum(counts) - counts)[owners]
-    wider = dolfinx.cpp.common.IndexMap(comm, index.size_local + more, ghosts, owners)
+    tag = [0] if hasattr(dolfinx.mesh, "EntityMap") else []  # of the messages, asked for from 0.10
+    wider = dolfinx.cpp.common.IndexMap(comm, index.size_local + more, ghosts, owners, *tag)
     nodes = np.asarray(dofmap.list)
     nodes = np.where(nodes >= index.size_local, nodes + more, nodes).astype(np.int32)
     table = dolfinx.cpp.graph.AdjacencyList_int32(nodes)
