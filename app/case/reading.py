@@ -72,4 +72,5 @@ def _read_toml(path: Path) -> dict[str, Any]:
         return parse_toml(text)
     except TomlError as error:
         line = "" if error.line is None else f":{error.line}"
-        raise InputError(f"{path}{line}: {error}") from None
+        cure = "" if path.suffix == ".toml" else "; a case file, ending in .toml, is asked for"
+        raise InputError(f"{path}{line}: {error}{cure}") from None

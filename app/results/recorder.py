@@ -33,6 +33,7 @@ from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.watches import Watches
 from tribox.forms.contact.penalty import ContactTerm, ContactTrial
 from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.projection import FacetSurface
 
 TINY = 1e-30  # J/m², below any dissipation
 UNBALANCED = 0.01  # energy error over the work from which a run is warned of
@@ -417,9 +418,16 @@ def _unbalanced(simulation: Simulation, balance: float | None) -> Iterator[str]:
         yield (
             f"energy is balanced only to {gap:.2g} of the work: the steps are too long for what "
             "happens in them, or for the trapezoidal rule under forces that rise steeply (smaller "
-            "steps), or facets of a curved master catch (a finer master, or smoothing_angle)"
-            f"{_cornered(simulation)}{_worst_step(simulation.rows)}"
+            f"steps){_faceted(simulation)}{_cornered(simulation)}{_worst_step(simulation.rows)}"
         )
+
+
+def _faceted(simulation: Simulation) -> str:
+    """Words on masters of facets."""
+    masters = [term.surface.target for term in simulation.model.problem.contacts]
+    if not any(isinstance(m, FacetSurface) and m.extraction is None for m in masters):
+        return ""
+    return ", or facets of a curved master catch (a finer master, or smoothing_angle)"
 
 
 def _cornered(simulation: Simulation) -> str:
