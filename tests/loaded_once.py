@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import basix.ufl
 import ffcx.codegeneration.jit
+import ufl
 
 from tribox.geometry.meshes import mesh
 
@@ -45,5 +47,8 @@ def _read_once(ask: Callable[..., bytes]) -> Callable[..., bytes]:
 
 ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
 mesh.ask = _read_once(mesh.ask)
+# An element makes its cell anew, with all its parts, whenever it is asked of what shape it is.
+cell_of = functools.cache(ufl.Cell)
+basix.ufl._ElementBase.cell = property(lambda element: cell_of(element._cellname))
 # Setuptools, which calls the compiler, reads those of all that is installed three times for a form.
 importlib.metadata.entry_points = functools.cache(importlib.metadata.entry_points)
