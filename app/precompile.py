@@ -111,7 +111,7 @@ def _compile(group: _Group) -> Iterator[str]:
     for material in _materials():
         for formulation in group.formulations:
             solid = make_solid("sample", u, cells, material, formulation, section=group.section)
-            mass_form(space, solid)
+            _ = solid.carried, mass_form(space, solid)
             body_weights(space, cells, group.section)
             yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
     mesh.topology.create_connectivity(dim - 1, dim)

@@ -159,7 +159,7 @@ class _Collector:
     """Frees PETSc's objects between tests, before others are made, at a bounded cost.
 
     A collection takes most of a tenth of a second, far more than most tests: it waits until tests
-    have run for thirty times as long as the last one took.
+    have run for a hundred times as long as the last one took.
     """
 
     def __init__(self) -> None:
@@ -167,7 +167,7 @@ class _Collector:
 
     def collect(self) -> None:
         begun = time.process_time()
-        if begun - self.ended > 30.0 * self.took:
+        if begun - self.ended > 100.0 * self.took:
             gc.collect()
             self.ended = time.process_time()
             self.took = self.ended - begun

@@ -95,7 +95,7 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
         return
     cell = named.mesh.topology.cell_name()
     for solid in solids:
-        if solid.carried is not None:
+        if solid.reduced:
             continue
         if solid.flows:
             yield (

@@ -159,7 +159,7 @@ class PointProbes:
 
 def reduced_rows(solid: Solid, space: object, cells: Ints) -> Rows | None:
     """Rows at which a body with selective reduced integration takes the volume; None for others."""
-    if solid.carried is None:
+    if not solid.reduced:
         return None
     return centre_rows(space, solid.section, cells)
 

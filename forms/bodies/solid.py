@@ -132,8 +132,7 @@ class Solid:
         remembers: whether its stress depends on what its material points remember; flows: whether
             they yield; unloading: whether tangents are to be those of points that do not flow on.
         cell: shape of the cells.
-        carried: of the volumetric part of ``q1-sri``, what another pressure changes of its tangent;
-            None in the other formulations.
+        reduced: whether the volumetric part of the strain energy is taken at the cells' centres.
     """
 
     remembers = False
@@ -185,14 +184,19 @@ class Solid:
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
         # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
-        reduced = formulation == "q1-sri" and not _vanishes(self._pressure())
-        self.carried = self._carried() if reduced else None
+        self.reduced = formulation == "q1-sri" and not _vanishes(self._pressure())
         self._start_points()
 
-    @property
-    def reduced(self) -> bool:
-        """Whether the volumetric part of the strain energy is taken at the cells' centres."""
-        return self.carried is not None
+    @cached_property
+    def carried(self) -> CarriedPressure | None:
+        """Of a reduced volumetric part, what another pressure changes of its tangent.
+
+        Compiled, or taken from the cache, when first asked for, which is collective.
+        """
+        if not self.reduced:
+            return None
+        dx = self._dx(CENTRE_DEGREE)
+        return CarriedPressure(self._u, self.cells, self.section, self._volumetric, dx)
 
     @property
     def elastic(self) -> Material | None:
@@ -249,10 +253,6 @@ class Solid:
     def _pressure(self) -> Any:
         """Its slope over J at the centre, Pa."""
         return _derivatives(self._u, self.section, self._volumetric)[1]
-
-    def _carried(self) -> CarriedPressure:
-        dx = self._dx(CENTRE_DEGREE)
-        return CarriedPressure(self._u, self.cells, self.section, self._volumetric, dx)
 
     def _compiled(
         self, k: Kinematics, energy: Callable[[Kinematics], Any], dx: Any
