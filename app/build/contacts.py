@@ -5,34 +5,22 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import highest_pressure
 from tribox.app.build.contact_notes import (
-    CHORDS,
     STIFFER,
-    Corners,
-    faces_away,
-    facing_problem,
-    note_on_corners,
-    note_on_facing,
-    note_on_fit,
+    STRAIGHT,
+    PairAtStart,
     note_on_idle_film,
-    note_on_overlap,
-    note_on_radius,
-    note_on_sliding,
     note_on_stick,
     note_on_tie,
-    note_on_waved_fit,
     notes_on_penalty,
-    notes_on_surfaces,
-    slides,
     stiffer_slave,
 )
 from tribox.app.case.boundary import COMPONENTS
@@ -58,14 +46,7 @@ from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.facets import Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
-from tribox.geometry.surfaces.smoothing import corner_spacing
-from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
-
-# Angles, rad, between neighbouring facets of a master that are a round one's: from about 5 to 20
-# degrees a surface may be drawn with corners, and more surely is.
-STRAIGHT, SHARP = 1e-3, 0.35
-GRADED = 0.9  # length of a slave's facets near the master over their mean that tells them apart
-OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
+from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,29 +105,19 @@ class ContactBuilder:
         softer = min(materials, key=contact_shear_modulus)
         if asked.tied:
             return self._tie(index, asked, surface, softer)
-        at, fit, distance = self._start(index, asked, surface)
-        lengths = lengths_near(surface, at, distance)
-        length = lengths[0]
+        start, fit = self._start(index, asked, surface)
+        length = start.lengths[0]
         table = resolved_contact(asked, softer, length, highest_pressure(self.case))
         law = self._law(index, table)
         modulus = penalty_modulus(softer, table.pressure)
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
-        ratio = modulus / oedometric_modulus(softer)
+        ratio = modulus / oedometric_modulus(softer) if self.case.is_explicit else None
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
-            *notes_on_surfaces(f"contact.{index}", asked, surface, at, lengths, distance),
-            *self._note_on_facing(index, asked, surface, at),
-            *note_on_radius(f"contact.{index}", asked, surface, at, distance),
-            *note_on_fit(f"contact.{index}", asked, surface, at),
-            *self._note_on_overlap(index, asked, surface, at),
+            *start.notes(self.case, self._is_alone(asked), self._unable_to_smooth(asked)),
             *note_on_idle_film(f"contact.{index}", asked),
-            *self._notes_on_corners(index, asked, surface, at, distance),
-            *(
-                ()
-                if _is_unknown(table)
-                else notes_on_penalty(index, factor, ratio, self.case.is_explicit, table.pressure)
-            ),
+            *(() if _is_unknown(table) else notes_on_penalty(index, factor, table.pressure, ratio)),
             *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
         )
         modulus = contact_modulus(*materials)
@@ -161,18 +132,38 @@ class ContactBuilder:
 
     def _start(
         self, index: int, asked: Contact, surface: ContactSurface
-    ) -> tuple[Projection, Callable[[float], Floats] | None, float]:
-        """Slave points on the master at time 0, the fit, and their distance, m; collective."""
-        place = f"contact.{index}"
+    ) -> tuple[PairAtStart, Callable[[float], Floats] | None]:
+        """The surfaces at time 0, and their fit; collective.
+
+        Raises:
+            InputError: they face the same way, or overlap.
+        """
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
+        start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
-        if at_once and faces_away(surface, at):
-            tool = self.case.tools.get(asked.master)
-            raise InputError(f"{place}: {facing_problem(asked.slave, asked.master, tool)}")
+        if at_once:
+            start.check_facing(self.case.tools.get(asked.master))
         fit = fit_program(self.case, asked, at)
         if fit is not None:
             at.shift(fit(0.0))
-        return at, fit, _checked_distance(place, asked, surface, at, at_once)
+        if at_once:
+            start.check_overlap()
+        return start, fit
+
+    def _is_alone(self, asked: Contact) -> bool:
+        """Whether no other surface of the slave's body meets the master."""
+        body = self.named.body_of(asked.slave)
+        slaves = [one.slave for one in self.case.contact if one.master == asked.master]
+        return sum(self.named.body_of(slave) == body for slave in slaves) == 1
+
+    def _unable_to_smooth(self, asked: Contact) -> str | None:
+        """Why the master cannot be smooth, if it cannot, whether that is asked for or not."""
+        return self._smoothing_problem(asked.model_copy(update={"smoothing_angle": STRAIGHT}))
+
+    def _smoothing_problem(self, contact: Contact) -> str | None:
+        """Why the master cannot be as smooth as the contact asks, if it cannot."""
+        degree = self.space.element.basix_element.degree
+        return contact.smoothing_problem(self.named.mesh.topology.cell_name(), degree)
 
     def _lubricated(
         self, index: int, table: Contact, surface: ContactSurface, law: FrictionLaw, modulus: float
@@ -227,10 +218,10 @@ class ContactBuilder:
         except ValueError as error:
             raise InputError(f"contact.{index}: {error} ({asked.slave}, {asked.master})") from None
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
-        ratio = modulus / oedometric_modulus(softer)
+        ratio = modulus / oedometric_modulus(softer) if self.case.is_explicit else None
         notes = (
             *note_on_tie(f"contact.{index}", asked, term.share),
-            *notes_on_penalty(index, factor, ratio, self.case.is_explicit),
+            *notes_on_penalty(index, factor, ratio=ratio),
         )
         return BuiltContact(table, term, notes)
 
@@ -256,53 +247,11 @@ class ContactBuilder:
             raise InputError(problem)
         return law
 
-    def _notes_on_corners(
-        self, index: int, asked: Contact, surface: ContactSurface, at: Projection, distance: float
-    ) -> Iterator[str]:
-        """Lines on the corners of a faceted master where the slave is near; collective."""
-        corners, place = corners_of(asked, surface, at, distance), f"contact.{index}"
-        yield from note_on_corners(place, asked, corners)
-        near = at.on_surface & (at.gap < distance + surface.facet_length)
-        normal = surface.space.mesh.comm.allreduce(at.normal[near].sum(axis=0))
-        if not slides(self.case, normal):
-            return
-        yield from note_on_waved_fit(place, asked, corners)
-        if surface.dim == 3:
-            smooth = asked.model_copy(update={"smoothing_angle": STRAIGHT})
-            degree = self.space.element.basix_element.degree
-            cell = self.named.mesh.topology.cell_name()
-            unable = smooth.smoothing_problem(cell, degree)
-            yield from note_on_sliding(place, asked, corners, unable)
-
-    def _note_on_facing(
-        self, index: int, asked: Contact, surface: ContactSurface, at: Projection
-    ) -> Iterator[str]:
-        """A line on surfaces none of whose facets face each other; collective.
-
-        A side that may fold onto the master is a contact beside that of the surface it ends at.
-        """
-        body = self.named.body_of(asked.slave)
-        others = [one.slave for one in self.case.contact if one.master == asked.master]
-        if sum(self.named.body_of(slave) == body for slave in others) == 1:
-            yield from note_on_facing(f"contact.{index}", asked, surface, at)
-
-    def _note_on_overlap(
-        self, index: int, asked: Contact, surface: ContactSurface, at: Projection
-    ) -> Iterator[str]:
-        """A line on surfaces that press before anything has moved; collective."""
-        if asked.interference is None and self.case.acts_in(asked, self.case.stage[0].name):
-            depth, place = overlap(surface, at), f"contact.{index}"
-            advice = _on_chords(asked, surface, at) if depth > 0.0 else ""
-            yield from note_on_overlap(place, asked, depth, surface.facet_length, advice)
-
     def _surface(self, index: int, contact: Contact) -> ContactSurface:
-        mesh = self.named.mesh
-        degree = self.space.element.basix_element.degree
-        reason = contact.smoothing_problem(mesh.topology.cell_name(), degree)
-        if reason is not None:
+        if (reason := self._smoothing_problem(contact)) is not None:
             raise InputError(f"contact.{index}.smoothing_angle: {reason}")
         slave, tool = self.named.facets(contact.slave), self.tools.get(contact.master)
-        quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[mesh.geometry.dim]
+        quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[self.named.mesh.geometry.dim]
         ring = self.section == "axisymmetric"
         try:
             if tool is not None:
@@ -471,109 +420,3 @@ def contact_program(
         term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program
-
-
-def corners_of(
-    contact: Contact, surface: ContactSurface, at: Projection, distance: float
-) -> Corners:
-    """Corners of a faceted master where the slave is near at the start; collective.
-
-    Angles of more than `SHARP` are edges that are meant, and those of less than `STRAIGHT` none.
-
-    Args:
-        at: the slave's points on the master.
-        distance: m, of the surfaces.
-    """
-    comm, master = surface.space.mesh.comm, surface.master
-    if isinstance(master, RigidMaster):
-        return Corners(0.0, 0.0, 0.0)
-    size = master.sizes()
-    spacing: Floats = np.zeros(len(master.facets))
-    angle = spacing
-    if contact.smoothing_angle is None:
-        spacing, angle = corner_spacing(
-            surface.shape, master.facets, master.position, STRAIGHT, SHARP
-        )
-    near = at.on_surface & (at.gap < distance + size[at.facet])
-    # A fine slave facet in the middle of a chord meets none of its corners.
-    inward = -surface.shape.excess(at.xi) * master.widths()[at.facet]
-    near &= inward < surface.slave.facet_length
-    ratio = np.where(near, spacing[at.facet] / surface.slave.facet_length, 0.0)
-    worst = int(np.argmax(ratio)) if len(ratio) else -1
-    mine = (0.0, 0.0, 0.0)
-    if worst >= 0 and ratio[worst] > 0.0:
-        facet = at.facet[worst]
-        # An arc that turns by ω over a chord c stands c ω/8 over it.
-        height = spacing[facet] * angle[facet] / 8.0
-        mine = (float(ratio[worst]), float(angle[facet]), float(height))
-    largest, turned, height = max(comm.allgather(mine))
-    return Corners(largest, float(np.degrees(turned)), height)
-
-
-def _on_chords(contact: Contact, surface: ContactSurface, at: Projection) -> str:
-    """What to say of an overlap on a master that is round and made of facets; collective.
-
-    Nothing of one that is smoothed, which takes cells of the first order.
-    """
-    if contact.smoothing_angle is not None:
-        return ""
-    return CHORDS if corners_of(contact, surface, at, 0.0).ratio > 0.0 else ""
-
-
-def lengths_near(surface: ContactSurface, at: Projection, distance: float) -> tuple[float, float]:
-    """Mean lengths of slave and master facets where they are near at the start; collective.
-
-    That of the slave is the mean of all where these are no finer, or none is near; that of a tool,
-    or of a master that is not near, is infinite.
-
-    Args:
-        at: the slave's points on the master.
-        distance: m, of the surfaces.
-    """
-    length, master = surface.slave.facet_length, surface.master
-    near = at.on_surface & (at.gap < distance + length)
-    beside = np.inf if isinstance(master, RigidMaster) else master.sizes()[at.facet]
-    sums = [np.ones(len(length)), length, near, near * length, np.where(near, beside, 0.0)]
-    count, whole, count_near, fine, other = surface.space.mesh.comm.allreduce(
-        np.array([np.sum(one) for one in sums])
-    )
-    if count_near == 0.0:
-        return surface.facet_length, np.inf
-    # All facets have as many points: means over these scale the mean over facets.
-    share = (fine / count_near) / (whole / count)
-    graded = surface.facet_length * share if share < GRADED else surface.facet_length
-    return graded, other / count_near
-
-
-def overlap(surface: ContactSurface, at: Projection) -> float:
-    """Depth, m, of the deepest of the slave's points inside the master; 0 if none is; collective.
-
-    Args:
-        at: the slave's points on the master.
-    """
-    local = float(np.max(-at.gap, where=at.on_surface, initial=0.0))
-    return float(surface.space.mesh.comm.allreduce(local, op=MPI.MAX))
-
-
-def _checked_distance(
-    place: str, contact: Contact, surface: ContactSurface, at: Projection, at_once: bool
-) -> float:
-    """Refuse surfaces that overlap before anything has moved.
-
-    Returns their distance, m; infinite if no slave point is above the master.
-    """
-    depth = overlap(surface, at)
-    if at_once and depth > OVERLAP * surface.facet_length:
-        smooth = (
-            "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap of "
-            f"{1.05 * depth:.2g} m, or lower smoothing_angle"
-        )
-        chords = _on_chords(contact, surface, at)
-        raise InputError(
-            f"{place}: {contact.slave} starts {depth:.3g} m inside {contact.master}; the bodies "
-            "may touch at the start, not overlap (but as a press fit: "
-            f'interference = "{DRAWN}")'
-            + (smooth if contact.smoothing_angle is not None else chords)
-        )
-    nearest = float(np.min(np.abs(at.gap), where=at.on_surface, initial=np.inf))
-    return float(surface.space.mesh.comm.allreduce(nearest, op=MPI.MIN))

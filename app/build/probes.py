@@ -105,7 +105,7 @@ def _within(way: Floats, piece: tuple[float, float], least: int, at: Place) -> B
     """Nodes (n,) of a piece of a line."""
     if piece[1] > BEYOND * way[-1]:
         reason = f"ends at {piece[1]:.4g} m; the line is {way[-1]:.4g} m long"
-        raise InputError(format_problem(Problem(at, reason)))
+        raise _refused(at, reason)
     slack = EQUALLY_NEAR * way[-1]
     found: Bools = (way >= piece[0] - slack) & (way <= piece[1] + slack)
     if found.sum() < least:
@@ -113,7 +113,7 @@ def _within(way: Floats, piece: tuple[float, float], least: int, at: Place) -> B
             f"{piece[0]:.4g} m to {piece[1]:.4g} m holds {found.sum()} of the nodes of the line, "
             f"which is {way[-1]:.4g} m long; {least} are needed"
         )
-        raise InputError(format_problem(Problem(at, reason)))
+        raise _refused(at, reason)
     return found
 
 
@@ -123,7 +123,7 @@ def _line_of(
     """Global nodes (n,) of a surface in the plane, one after the other, and places; collective."""
     if surface not in named.surfaces:
         known = f"no such surface; there are {', '.join(named.surfaces)}"
-        raise InputError(format_problem(Problem(at, known, surface)))
+        raise _refused(at, known, surface)
     local = _segments(space, named.facets(surface))
     comm, dim = named.mesh.comm, named.mesh.geometry.dim
     index = space.dofmap.index_map
@@ -141,7 +141,7 @@ def _line_of(
     if len(pieces) > 1 or len(np.unique(chain)) < len(chain):
         found = f"is in {len(pieces)} pieces" if len(pieces) > 1 else "closes on itself"
         reason = f"{found}; a probe follows one line with two ends"
-        raise InputError(format_problem(Problem(at, reason, surface)))
+        raise _refused(at, reason, surface)
     return nodes[order][chain], where[first][order][chain]
 
 
@@ -219,7 +219,7 @@ class _Finder:
             reason = f"{where}lies outside {self._distance(place[p], among)}"
         key = "point" if probe.point is not None else "line"
         shown = list(probe.point) if probe.point is not None else ABSENT
-        raise InputError(format_problem(Problem((*at, key), reason, shown)))
+        raise _refused((*at, key), reason, shown)
 
     def _distance(self, point: Floats, among: Sequence[str]) -> str:
         """How far a point is from the bodies, and where they are nearest; collective."""
@@ -246,7 +246,7 @@ class _Finder:
         bodies = [name for name, (distance, _) in near.items() if distance <= least + slack]
         if len(bodies) > 1:
             reason = f"nodes of {' and '.join(bodies)} are equally near; choose one with body"
-            raise InputError(format_problem(Problem((*at, "point"), reason, point.tolist())))
+            raise _refused((*at, "point"), reason, point.tolist())
         return near[bodies[0]][1][None], bodies
 
 
@@ -265,6 +265,10 @@ def _nearest(places: Floats, point: Floats, slack: float, comm: MPI.Comm) -> tup
     least = comm.allreduce(float(away.min(initial=np.inf)), op=MPI.MIN)
     equal = np.concatenate(comm.allgather(places[away <= least + slack]))
     return least, equal[order_by_place(equal)[0]]
+
+
+def _refused(at: Place, reason: str, found: object = ABSENT) -> InputError:
+    return InputError(format_problem(Problem(at, reason, found)))
 
 
 def _text(place: Floats) -> str:

@@ -187,7 +187,34 @@ class _Isotropic(_Body):
         return self.E / (3.0 * (1.0 - 2.0 * self.nu))
 
 
-class WlfShift(Model):
+class _Shift(Model):
+    """What multiplies all relaxation times by a_T at a temperature that is not theirs."""
+
+    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T_ref that prony holds at"
+    )
+    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
+        description="temperature T of the body, all through the run"
+    )
+
+    @property
+    def log_factor(self) -> float:
+        """The natural logarithm of a_T."""
+        raise NotImplementedError
+
+    def problems(self, place: Place) -> Iterator[Problem]:
+        """A factor beyond all use."""
+        decades = self.log_factor / math.log(10.0)
+        if abs(decades) > MOST_DECADES:
+            reason = f"shifts the relaxation times by {decades:.3g} decades: more than"
+            yield Problem(place, f"{reason} {MOST_DECADES}")
+
+    def notes(self) -> Iterator[str]:
+        """What may surprise; nothing where it is not known where the law ends."""
+        return iter(())
+
+
+class WlfShift(_Shift):
     """log₁₀ a_T = −C1 (T − T_ref)/(C2 + T − T_ref)."""
 
     law: Literal["wlf"] = Field(description="how relaxation times follow the temperature")
@@ -198,20 +225,14 @@ class WlfShift(Model):
     C2: Annotated[float, Quantity("kelvin", gt=0.0)] = Field(
         description="constant of it, a difference of temperatures"
     )
-    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T_ref that prony holds at"
-    )
-    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T of the body, all through the run"
-    )
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A temperature below the range of the law, or a factor beyond all use."""
         if self.above <= 0.0:
             least = self.reference - self.C2
             yield Problem((*place, "temperature"), f"must be > {least:g} K, reference - C2")
-        elif abs(math.log10(math.e) * self.log_factor) > MOST_DECADES:
-            yield Problem(place, _too_far(self.log_factor))
+        else:
+            yield from super().problems(place)
 
     @property
     def above(self) -> float:
@@ -233,7 +254,7 @@ class WlfShift(Model):
             )
 
 
-class ArrheniusShift(Model):
+class ArrheniusShift(_Shift):
     """ln a_T = E/R (1/T − 1/T_ref)."""
 
     law: Literal["arrhenius"] = Field(description="how relaxation times follow the temperature")
@@ -241,31 +262,11 @@ class ArrheniusShift(Model):
         description="activation energy E of ln(a_T) = E/R (1/T - 1/T_ref), by which all relaxation "
         "times are multiplied"
     )
-    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T_ref that prony holds at"
-    )
-    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T of the body, all through the run"
-    )
-
-    def problems(self, place: Place) -> Iterator[Problem]:
-        """A factor beyond all use."""
-        if abs(math.log10(math.e) * self.log_factor) > MOST_DECADES:
-            yield Problem(place, _too_far(self.log_factor))
 
     @property
     def log_factor(self) -> float:
         """The natural logarithm of a_T."""
         return self.energy / GAS_CONSTANT * (1.0 / self.temperature - 1.0 / self.reference)
-
-    def notes(self) -> Iterator[str]:
-        """None: nothing is known of where it ends."""
-        return iter(())
-
-
-def _too_far(log_factor: float) -> str:
-    decades = log_factor / math.log(10.0)
-    return f"shifts the relaxation times by {decades:.3g} decades: more than {MOST_DECADES}"
 
 
 Shift = Annotated[WlfShift | ArrheniusShift, Field(discriminator="law")]

@@ -58,7 +58,7 @@ from tribox.app.case.table import (
     problems_error,
 )
 from tribox.app.case.time_tables import TimeTable
-from tribox.app.case.toml_files import KeyPathError, set_value, toml_text, value_at
+from tribox.app.case.toml_files import KeyPathError, flat, set_value, toml_text, value_at
 from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
 from tribox.app.case.validation import format_problem, problems_of
 
@@ -541,16 +541,4 @@ def resolved_toml(case: Case, files: Mapping[Path, str] | None = None) -> str:
 
 def given_keys(case: Case) -> list[str]:
     """Dotted keys that a case file gave, such as "contact.0.film.thickness", in its order."""
-    return list(_keys(case.model_dump(mode="json", exclude_unset=True)))
-
-
-def _keys(table: Mapping[str, Any], before: str = "") -> Iterator[str]:
-    for key, value in table.items():
-        name = f"{before}{key}"
-        if isinstance(value, Mapping):
-            yield from _keys(value, f"{name}.")
-        elif isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
-            for index, item in enumerate(value):
-                yield from _keys(item, f"{name}.{index}.")
-        else:
-            yield name
+    return [key for key, _ in flat(case.model_dump(mode="json", exclude_unset=True))]

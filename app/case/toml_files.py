@@ -68,6 +68,17 @@ _TOO_DEEP = f"tables or arrays are nested more than {DEEPEST} deep"
 _TOO_LONG = f"holds a whole number of more than {DIGITS} digits"
 
 
+def flat(table: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and plain values of nested tables and lists of tables."""
+    items = table.items() if isinstance(table, Mapping) else enumerate(table)
+    for key, value in items:
+        tables = isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value)
+        if tables or isinstance(value, Mapping):
+            yield from flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
 def see_bounds(data: dict[str, Any]) -> None:
     """See that plain data keep the bounds; without recursion, which has a bound of its own.
 

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 _Force = Annotated[TimeTable, Program("N")]
 _Length = Annotated[float, Quantity("m")]
 _Radius = Annotated[float, Quantity("m", gt=0.0)]
-_Weight = Annotated[float, Quantity()]
 _Point = tuple[_Length, ...]
 _SLAB = "in plane strain of the slab of the given thickness"
 NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
@@ -365,17 +364,15 @@ class PlaneTool(Tool):
             yield Problem((*place, "normal"), reason, list(self.normal))
 
 
-class CircleTool(Tool):
-    """A circle in the plane: a long cylinder, or with axial symmetry a ring or a ball."""
+class RoundTool(Tool):
+    """A shape with a centre, which it can turn about, and a rim."""
 
     has_centre: ClassVar[bool] = True
-    dims: ClassVar[tuple[int, ...]] = (2,)
 
-    shape: Literal["circle"] = Field(description="a circle, in the plane")
-    centre: _Point = Field(description="its centre [x, y]")
+    centre: _Point = Field(description="its centre [x, y] or [x, y, z]")
     radius: _Radius = Field(description="its radius")
     inside: Flag = Field(
-        default=False, description="whether the body is inside the circle, as in a bore"
+        default=False, description="whether the body is inside it, as in a bore or a socket"
     )
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
@@ -383,42 +380,35 @@ class CircleTool(Tool):
         yield "centre", self.centre
 
 
-class CylinderTool(Tool):
+class CircleTool(RoundTool):
+    """A circle in the plane: a long cylinder, or with axial symmetry a ring or a ball."""
+
+    dims: ClassVar[tuple[int, ...]] = (2,)
+
+    shape: Literal["circle"] = Field(description="a circle, in the plane")
+
+
+class CylinderTool(RoundTool):
     """A cylinder in space, without ends."""
 
-    has_centre: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (3,)
 
     shape: Literal["cylinder"] = Field(description="a cylinder, in space")
     centre: _Point = Field(description="a point [x, y, z] of its axis")
     axis: _Direction = Field(description='direction of its axis, "x", "y", "z" or [x, y, z]')
-    radius: _Radius = Field(description="its radius")
-    inside: Flag = Field(
-        default=False, description="whether the body is inside the cylinder, as in a bore"
-    )
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         """See :class:`Tool`."""
-        yield "centre", self.centre
+        yield from super().positions()
         yield "axis", self.axis
 
 
-class SphereTool(Tool):
+class SphereTool(RoundTool):
     """A sphere in space."""
 
-    has_centre: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (3,)
 
     shape: Literal["sphere"] = Field(description="a sphere, in space")
-    centre: _Point = Field(description="its centre [x, y, z]")
-    radius: _Radius = Field(description="its radius")
-    inside: Flag = Field(
-        default=False, description="whether the body is inside the sphere, as in a socket"
-    )
-
-    def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """See :class:`Tool`."""
-        yield "centre", self.centre
 
 
 class PolylineTool(Tool):
@@ -503,8 +493,6 @@ class MeshTool(Tool):
     def _as_text(self, value: Path) -> str:
         return str(value)
 
-
-RoundTool = CircleTool | CylinderTool | SphereTool
 
 AnyTool = Annotated[
     PlaneTool | CircleTool | CylinderTool | SphereTool | PolylineTool | MeshTool,

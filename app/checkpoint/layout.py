@@ -8,7 +8,7 @@ cells of a body as in the mesh file or generator.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import dolfinx
@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Nodal, Partial
+from tribox.app.equilibrium.snapshot import Array, AtPoints, InCells, Nodal, Partial, Spread
 from tribox.app.results.fields import GatheredMesh
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
@@ -30,6 +30,8 @@ KINDS = {
     "cells": InCells,
     "sum": Partial,
 }
+WHOSE = ("pair", "body")
+"""Attributes of such kinds that tell whose rows an array has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,30 +147,30 @@ class Layout:
         def leaf(value: Any) -> Any:
             for kind, what in KINDS.items():
                 if isinstance(value, what):
-                    name = f"{len(arrays)}"
-                    arrays[name] = np.empty(0)  # keeps the names in step on all ranks
-                    return {"$": [kind, *self._gather(kind, value, name, arrays)]}
+                    name = f"{len(arrays)}"  # in step on all ranks, though the first alone has all
+                    whose = [getattr(value, key) for key in WHOSE if hasattr(value, key)]
+                    arrays[name] = self._gather(kind, value, whose)
+                    return {"$": [kind, name, *whose]}
             return value
 
         return _mapped(snapshot, leaf), arrays
 
-    def _gather(self, kind: str, value: Any, name: str, arrays: dict[str, Array]) -> list[Any]:
-        """Gather one leaf into ``arrays``; what names it; collective."""
+    def _gather(self, kind: str, value: Any, whose: list[int]) -> Array:
+        """The whole array of one leaf, on the first rank; collective."""
+        if (order := self._order(kind, whose)) is not None:
+            return order.gather(value.values)
         if kind == "array":
-            arrays[name] = value
-        elif kind == "sum":
-            total = np.empty_like(value.values)
-            self.comm.Allreduce(np.ascontiguousarray(value.values), total, op=MPI.SUM)
-            arrays[name] = total
-        elif kind == "nodal":
-            arrays[name] = self._unknowns.gather(value.values)
-        elif kind == "cells":
-            arrays[name] = self._cells[value.body].gather(value.values)
-            return [name, value.body]
-        else:
-            arrays[name] = self._points[value.pair].gather(value.values)
-            return [name, value.pair]
-        return [name]
+            return np.asarray(value)
+        total = np.empty_like(value.values)
+        self.comm.Allreduce(np.ascontiguousarray(value.values), total, op=MPI.SUM)
+        return total
+
+    def _order(self, kind: str, whose: list[int]) -> Order | None:
+        """The order of the rows of one leaf; None: they are not spread over the ranks."""
+        if kind == "nodal":
+            return self._unknowns
+        orders = {"points": self._points, "cells": self._cells}.get(kind)
+        return None if orders is None else orders[whose[0]]
 
     # -- and back -----------------------------------------------------------------------------
 
@@ -183,8 +185,9 @@ class Layout:
             ValueError: one has not.
             LookupError: one is missing.
         """
-        for place, (kind, name, *rest) in _leaves(tree):
-            rows = self._rows(kind, rest)
+        for place, (kind, name, *whose) in _leaves(tree):
+            order = self._order(kind, whose)
+            rows = None if order is None else len(order.order)
             array, row = arrays[name], () if kind == "nodal" else None
             if not array.ndim or rows not in (None, len(array)):
                 raise ValueError(f"{len(np.atleast_1d(array))} rows instead of {rows} in {place}")
@@ -204,14 +207,6 @@ class Layout:
                 f"{other.shape} in {place}"
             )
 
-    def _rows(self, kind: str, rest: list[Any]) -> int | None:
-        """Rows of an array of a kind; None: any number."""
-        if kind == "nodal":
-            return len(self._unknowns.order)
-        if kind == "cells":
-            return len(self._cells[rest[0]].order)
-        return len(self._points[rest[0]].order) if kind == "points" else None
-
     def scatter(self, tree: Any, arrays: dict[str, Array]) -> Any:
         """The tree on every rank with this rank's arrays in it; collective."""
         tree = self.comm.bcast(tree)
@@ -219,18 +214,15 @@ class Layout:
         def leaf(value: Any) -> Any:
             if not (isinstance(value, dict) and "$" in value):
                 return value
-            kind, name, *rest = value["$"]
-            return self._scatter(kind, arrays.get(name), rest)
+            kind, name, *whose = value["$"]
+            return self._scatter(kind, arrays.get(name), whose)
 
         return _mapped(tree, leaf, lambda value: "$" in value)
 
-    def _scatter(self, kind: str, array: Array | None, rest: list[Any]) -> Any:
-        if kind == "nodal":
-            return self._unknowns.scatter(array)
-        if kind == "points":
-            return self._points[rest[0]].scatter(array)
-        if kind == "cells":
-            return self._cells[rest[0]].scatter(array)
+    def _scatter(self, kind: str, array: Array | None, whose: list[int]) -> Array:
+        """This rank's part of an array that the first one has; collective."""
+        if (order := self._order(kind, whose)) is not None:
+            return order.scatter(array)
         whole: Array = self.comm.bcast(array)
         return np.zeros_like(whole) if kind == "sum" and self.comm.rank > 0 else whole.copy()
 
@@ -261,12 +253,8 @@ def copied(snapshot: Any) -> Any:
     def leaf(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.copy()
-        if isinstance(value, Nodal | Partial):
-            return type(value)(value.values.copy())
-        if isinstance(value, AtPoints):
-            return AtPoints(value.pair, value.values.copy())
-        if isinstance(value, InCells):
-            return InCells(value.body, value.values.copy())
+        if isinstance(value, Spread):
+            return replace(value, values=value.values.copy())
         return value
 
     return _mapped(snapshot, leaf)

@@ -21,8 +21,9 @@ from tribox.app.errors import InputError
 from tribox.app.results.claim import is_beginning
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
 from tribox.app.results.inputs import versions
+from tribox.app.results.recorder import tables_of
 from tribox.app.results.saving import on_first
-from tribox.app.simulation.history import COLUMNS, Row, time_text
+from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import RunState
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.watches import Watches
@@ -234,29 +235,20 @@ def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) ->
     Raises:
         InputError: a table has been changed.
     """
-    motion, case = state.motion, state.model.case
-    names = {
-        "history.csv": (COLUMNS, 1),
-        "contacts.csv": (state.pair_columns, len(case.contact)),
-        "surfaces.csv": (motion.surface_columns, len(motion.surfaces)),
-        "bodies.csv": (motion.body_columns, len(state.model.problem.solids)),
-    }
-
-    tools = state.model.problem.tools
-    if tools:
-        names["tools.csv"] = (state.tools.columns, len(tools))
+    tables = tables_of(state)
 
     def read() -> list[list[dict[str, Any]]]:
         for name in PROBE_TABLES:
             _check_steps(directory / name)
-        return [_rows(directory / name, step, *kind) for name, kind in names.items()]
+        return [
+            _rows(directory / f"{name}.csv", step, columns, each)
+            for name, (columns, each, _) in tables.items()
+        ]
 
-    history, pairs, surfaces, bodies, *tool_rows = comm.bcast(on_first(comm, read))
-    state.rows = [Row(**row) for row in history]
-    state.pair_rows = [tuple(row.values()) for row in pairs]
-    motion.surface_rows = [tuple(row.values()) for row in surfaces]
-    motion.body_rows = [tuple(row.values()) for row in bodies]
-    state.tools.rows = [tuple(row.values()) for rows in tool_rows for row in rows]
+    found = comm.bcast(on_first(comm, read))
+    for (name, (_, _, rows)), kept in zip(tables.items(), found, strict=True):
+        whole = name == "history"
+        rows[:] = [Row(**row) if whole else tuple(row.values()) for row in kept]
 
 
 def _rows(path: Path, last: int, columns: Sequence[str], each: int) -> list[dict[str, Any]]:

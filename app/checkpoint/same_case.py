@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 from typing import Any
 
 from tribox.app.case.case import Case, given_keys
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
+from tribox.app.case.toml_files import flat
 from tribox.app.errors import InputError
 from tribox.app.results.claim import end_of, given_keys_of
 
@@ -74,7 +75,7 @@ def changes(
 
 def _unequal(began: Case, now: Case, stage: int) -> Iterator[tuple[str, Any, Any]]:
     """Keys, and the values before and now."""
-    before, after = dict(_flat(_table(began))), dict(_flat(_table(now)))
+    before, after = dict(flat(_table(began))), dict(flat(_table(now)))
     for key in sorted({**before, **after}):
         was, is_ = (_class_alone(key, table.get(key)) for table in (before, after))
         free = any(key == n or key.startswith(f"{n}.") for n in FREE)
@@ -135,19 +136,6 @@ def _longer(key: str, before: Stage, after: Stage) -> bool:
         return False
     had, has = before.duration / before.steps, after.duration / after.steps
     return after.steps >= before.steps and abs(had - has) <= EQUAL * had
-
-
-def _flat(table: Any, at: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and plain values of nested tables and lists of tables."""
-    if isinstance(table, Mapping):
-        items = list(table.items())
-    elif isinstance(table, list) and table and all(isinstance(v, Mapping) for v in table):
-        items = list(enumerate(table))
-    else:
-        yield at, table
-        return
-    for key, value in items:
-        yield from _flat(value, f"{at}.{key}" if at else str(key))
 
 
 def _line(key: str, before: Any, after: Any) -> str:

@@ -57,7 +57,7 @@ class Partial:
     values: Array
 
 
-KINDS = Nodal | AtPoints | InCells | Partial
+Spread = Nodal | AtPoints | InCells | Partial
 
 
 # -- Attributes that are kept as they are ----------------------------------------------------------
@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
         return [[_plain(key), _plain(one)] for key, one in value.items()]
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
-    if is_dataclass(value) and not isinstance(value, KINDS):
+    if is_dataclass(value) and not isinstance(value, Spread):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     return value
 

@@ -94,16 +94,13 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
         return []
     names = body_names(results)
     drawn = [read_bodies(results.fields(state.step), names, field) for state in states]
-    if drawn[0].dim == 3:
-        return draw_states_in_space(results, states, drawn, figures)
-    files = []
     scale = common_scale([one.field for one in drawn])
+    draw = _figure if results.case.contact else _bodies_alone
+    draw = _figure_in_space if drawn[0].dim == 3 else draw
+    files = [figures / f"{state.name}.png" for state in states]
     with rc_context(CASE_STYLE):
-        for state, bodies in zip(states, drawn, strict=True):
-            draw = _figure if results.case.contact else _bodies_alone
-            figure = draw(results, state, bodies, scale)
-            files.append(figures / f"{state.name}.png")
-            save(figure, files[-1])
+        for state, bodies, file in zip(states, drawn, files, strict=True):
+            save(draw(results, state, bodies, scale), file)
     return files
 
 
@@ -243,27 +240,6 @@ def _fill_panels(
 MOST_IN_SPACE = 4
 
 
-def draw_states_in_space(
-    results: Results, states: Sequence[State], drawn: Sequence[Bodies], figures: Path
-) -> list[Path]:
-    """Draw states in space, each into a file of its name."""
-    scale = common_scale([one.field for one in drawn])
-    tools = [tool_triangles(results, state.step) for state in states]
-    frames = [
-        room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), triangles)
-        for bodies, triangles in zip(drawn, tools, strict=True)
-    ]
-    scenes = [scene_of(b, scale, *frame) for b, frame in zip(drawn, frames, strict=True)]
-    files = []
-    with rc_context(CASE_STYLE):
-        for number, (state, scene) in enumerate(zip(states, scenes, strict=True)):
-            view = View(scene, facets_seen(scene), veil_of(scene, tools[number]))
-            figure = _figure_in_space(results, state, drawn[number], scale, view)
-            files.append(figures / f"{state.name}.png")
-            save(figure, files[-1])
-    return files
-
-
 def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
     """The outer facets of the bodies, a colour for each body."""
     scene = scene_of(bodies, scale)
@@ -272,11 +248,12 @@ def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
     return figure
 
 
-def _figure_in_space(
-    results: Results, state: State, bodies: Bodies, scale: ColourScale, view: View
-) -> Figure:
+def _figure_in_space(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies from outside, and beside them the pressure of each pair."""
-    names = pair_names(results)
+    names, tools = pair_names(results), tool_triangles(results, state.step)
+    room = room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), tools)
+    scene = scene_of(bodies, scale, *room)
+    view = View(scene, facets_seen(scene), veil_of(scene, tools))
     if not names:
         figure = Figure(figsize=(7.0, 5.5), layout="constrained")
         _draw_bodies(figure, view, bodies, scale)

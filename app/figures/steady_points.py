@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from tribox.app.case.case import Case
 from tribox.app.figures.style import (
     COLOURS,
+    CROSSES,
     MEAN_TRACTION,
     SHEAR_RATE,
     VELOCITY,
     VISCOSITY,
     Floats,
     Unit,
-    colour_of,
     columns,
-    dashes_of,
-    marker_of,
+    cross_out,
+    look_of,
     save,
     thin_log_ticks,
     titled,
@@ -133,12 +133,7 @@ def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Pat
 
 def _unsteady_words(series: list[Series]) -> str:
     """What to say of the grey crosses, where there are some."""
-    return "" if all(one.steady.all() for one in series) else " (grey crosses: NOT steady)"
-
-
-def _cross_out(axes: Axes, speed: Floats, value: Floats, steady: NDArray[np.bool_]) -> None:
-    """Grey crosses over points that were not steady when they were taken."""
-    axes.loglog(speed[~steady], value[~steady], "x", ms=11, mew=2, color="0.45", zorder=5)
+    return "" if all(one.steady.all() for one in series) else f" ({CROSSES})"
 
 
 def _curve_speeds(series: list[Series]) -> Floats:
@@ -203,21 +198,20 @@ def _viscosity_curve(
 ) -> None:
     """Points and closed form of one series, over the speed times ``scale``."""
     number, place = numbers
-    colour = colour_of(number)
+    look = look_of(number)
+    colour = look["color"]
     star = float(threshold_speed(one.thickness, one.parameters))
     curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
-    dashes = dashes_of(number)
-    axes.loglog(speed * scale, broken(curve, speed, star), color=colour, lw=1, ls=dashes)
+    axes.loglog(speed * scale, broken(curve, speed, star), color=colour, lw=1, ls=look["ls"])
     axes.loglog(
         one.speed * scale,
         one.viscosity,
-        marker_of(number),
+        **look | {"ls": "none"},
         ms=max(9.0 - 1.5 * place, 3.0),  # points that coincide stay visible
         mfc="none" if place % 2 else colour,
-        color=colour,
         label=one.label,
     )
-    _cross_out(axes, one.speed * scale, one.viscosity, one.steady)
+    cross_out(axes, one.speed * scale, one.viscosity, ~one.steady)
     if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
         axes.axvline(star * scale, color=colour, ls=":", lw=1)
 
@@ -228,17 +222,18 @@ def _map_figure(series: list[Series], case: str) -> Figure:
     speed, unit = _curve_speeds(series), _unit(series)
     numbers = series_numbers([one.thickness for one in series], series[0].parameters)
     for number, one in zip(numbers, series, strict=True):
-        colour, marker, dashes = colour_of(number), marker_of(number), dashes_of(number)
+        look = look_of(number)
+        colour, marker = look["color"], look["marker"]
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
         line = broken(curve, speed, star) / 1e6
-        axes.loglog(unit.of(speed), line, color=colour, lw=1, ls=dashes)
+        axes.loglog(unit.of(speed), line, color=colour, lw=1, ls=look["ls"])
         viscous = (one.speed > star) | (one.thickness >= one.parameters.D_max)
         for chosen, fill in ((~viscous, colour), (viscous, "w")):
             x, y = unit.of(one.speed[chosen]), one.traction[chosen] / 1e6
             axes.loglog(x, y, marker, ms=5, color=colour, mfc=fill)
-        _cross_out(axes, unit.of(one.speed), np.asarray(one.traction / 1e6), one.steady)
-        axes.plot([], [], color=colour, marker=marker, ms=5, ls=dashes, lw=1, label=one.label)
+        cross_out(axes, unit.of(one.speed), np.asarray(one.traction / 1e6), ~one.steady)
+        axes.plot([], [], **look, ms=5, lw=1, label=one.label)
     axes.plot([], [], "o", color="0.4", label="filled: frictional or mixed (V < V*)")
     axes.plot([], [], "o", color="0.4", mfc="w", label="empty: viscous (V > V* or D ≥ D_max)")
     axes.set_xlabel(VELOCITY.label(unit.name))

@@ -15,15 +15,15 @@ from tribox.app.figures.history import spans_decades
 from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import series_numbers
 from tribox.app.figures.style import (
+    CROSSES,
     HERSEY,
     RATIO,
     VELOCITY,
     Floats,
     Unit,
-    colour_of,
-    dashes_of,
+    cross_out,
     fitting,
-    marker_of,
+    look_of,
     pair_names,
     thin_log_ticks,
     titled,
@@ -206,7 +206,7 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
     if shared:
         rows[1][0].set_ylabel("load on asperities (-)")
     unsteady = not all(one.settled.all() for one in series)
-    words = "; grey crosses: NOT steady" if unsteady else ""
+    words = f"; {CROSSES}" if unsteady else ""
     if any(len(_parts(one)) > 1 for one in series):
         words += "; lines end where V* lies between two points"
     figure.suptitle(titled(case, f"friction at the end of each velocity{words}"), fontsize=9)
@@ -221,8 +221,7 @@ def _draw_shares(axes: Axes, series: list[StribeckSeries], unit: Unit, speed: bo
     for number, one in zip(_numbers(series), series, strict=True):
         if one.dry is not None:
             x = unit.of(one.speed if speed else one.hersey)
-            axes.plot(x, one.dry, marker_of(number), ls=dashes_of(number),
-                      color=colour_of(number), lw=0.8, ms=4)  # fmt: skip
+            axes.plot(x, one.dry, **look_of(number), lw=0.8, ms=4)
     axes.set_ylim(-0.03, 1.03)
 
 
@@ -236,11 +235,9 @@ def _draw(axes: Axes, series: list[StribeckSeries], places: list[Floats]) -> Non
     axes.set_xscale("log")
     for number, one, x in zip(_numbers(series), series, places, strict=True):
         for part in _parts(one):
-            axes.plot(x[part], one.ratio[part], marker_of(number), ls=dashes_of(number),
-                      color=colour_of(number), lw=0.8, ms=5,
-                      label=one.label if part.start == 0 else "")  # fmt: skip
-        axes.plot(x[~one.settled], one.ratio[~one.settled], "x", color="0.45", ms=10, mew=2,
-                  zorder=5)  # fmt: skip
+            label = one.label if part.start == 0 else ""
+            axes.plot(x[part], one.ratio[part], **look_of(number), lw=0.8, ms=5, label=label)
+        cross_out(axes, x, one.ratio, ~one.settled)
     ratios = np.concatenate([one.ratio for one in series])
     if spans_decades(ratios):
         axes.set_yscale("log")

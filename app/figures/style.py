@@ -147,6 +147,19 @@ def dashes_of(number: int) -> Any:
     return DASHES[number % len(DASHES)]
 
 
+def look_of(number: int) -> dict[str, Any]:
+    """Colour, marker and dashes of a line, as keywords of matplotlib's ``plot``."""
+    return {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
+
+
+CROSSES = "grey crosses: NOT steady"
+
+
+def cross_out(axes: Axes, x: Floats, y: Floats, wrong: NDArray[np.bool_]) -> None:
+    """Grey crosses over points that were not steady when they were taken."""
+    axes.plot(x[wrong], y[wrong], "x", color="0.45", ms=10, mew=2, zorder=5)
+
+
 def plain_number(value: float) -> str:
     """A number such as 0.2 or 3·10⁵ in plain text."""
     if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0.0:

@@ -14,17 +14,17 @@ from matplotlib.figure import Figure
 from tribox.app.case.quantities import QuantityError, split_quantity
 from tribox.app.figures.history import DECADES, LEAST, NOUGHT, spans_decades
 from tribox.app.figures.style import (
+    CROSSES,
     FRICTION_FORCE,
-    MARKERS,
     NORMAL_FORCE,
     RATIO,
     Floats,
     Quantity,
     Unit,
-    colour_of,
-    dashes_of,
+    cross_out,
     fitting,
     heading,
+    look_of,
     marker_of,
     panels_in,
     thin_log_ticks,
@@ -159,7 +159,7 @@ def sweep_figure(results: Results) -> Figure | None:
     panels[-1].set_xlabel(swept.label)
     words = "" if len(lines) == len(found) else f" ({len(lines)} of {len(found)} shown)"
     unsteady = any(line.unsettled.any() for line in lines)
-    crosses = "; grey crosses: NOT steady" * unsteady
+    crosses = f"; {CROSSES}" * unsteady
     title = f"at the end of each stage or velocity{words}{crosses}"
     figure.suptitle(f"{results.case.title}\n{title}".strip(), fontsize=9)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
@@ -240,9 +240,8 @@ def comparison_figure(results: Results) -> Figure | None:
     for axes, one in zip(panels, found, strict=False):
         unit = fitting(np.concatenate([y for _, y in one.lines.values()]), one.quantity.unit)
         for number, (name, (x, y)) in enumerate(one.lines.items()):
-            joined = "none" if swept.texts else dashes_of(number)
-            axes.plot(x, unit.of(y), marker=marker_of(number), ls=joined, lw=0.9, ms=5,
-                      color=colour_of(number), label=name)  # fmt: skip
+            look = look_of(number) | ({"ls": "none"} if swept.texts else {})
+            axes.plot(x, unit.of(y), **look, lw=0.9, ms=5, label=name)
         axes.set_ylabel(one.quantity.label(unit.name))
         _scales(axes, swept, from_zero=one.quantity.unit in ("N", "N m"))
         axes.set_xlabel(swept.label)
@@ -262,11 +261,9 @@ def _draw(
     axes: Axes, swept: SweptValues, line: SweepLine, values: Floats, colour: Any, number: int
 ) -> None:
     joined = "none" if swept.texts else "-"
-    marker = MARKERS[number % len(MARKERS)]
-    axes.plot(line.places, values, marker=marker, ls=joined, lw=0.9, ms=5, color=colour,
+    axes.plot(line.places, values, marker=marker_of(number), ls=joined, lw=0.9, ms=5, color=colour,
               mfc="none" if number % 2 else colour, label=line.label)  # fmt: skip
-    off = line.unsettled & np.isfinite(values)
-    axes.plot(line.places[off], values[off], "x", color="0.45", ms=10, mew=2, zorder=5)
+    cross_out(axes, line.places, values, line.unsettled)
 
 
 def _scales(axes: Axes, swept: SweptValues, *, from_zero: bool = True) -> None:

@@ -431,9 +431,7 @@ class Calibration:
             traction=friction(parameters, self.data),
             scatter=scatter,
             degrees=degrees,
-            singular_values=judgement.singular_values(),
-            correlation=judgement.correlation(),
-            correlated=judgement.names,
+            slopes=judgement,
         )
 
 

@@ -31,7 +31,7 @@ from tribox.app.fit.material import (
     shift_factors,
 )
 from tribox.app.fit.metal import LAWS, MetalFit, paths, response
-from tribox.app.fit.model import CONFIDENCE, stated
+from tribox.app.fit.model import stated
 from tribox.app.fit.prony import LONG_TERM, PronyFit, PronyProblem
 from tribox.app.fit.run import (
     DIGITS,
@@ -254,7 +254,7 @@ def run_material(
     with claimed(directory, force) as claim:
         result = fitted(data, options, given)
         written = body_section(result, data_file)
-        write_fit(claim, numbers(result, data_file), _table(result), "body.toml", written)
+        write_fit(claim, numbers(result, data_file), _columns(result), "body.toml", written)
         draw_material(result, directory / "figures" / "fit.png")
     for line in report(result):
         print(line)
@@ -363,20 +363,11 @@ def numbers(result: MaterialResult, data_file: Path) -> dict[str, Any]:
         "test": result.data.kind,
         "law": result.law,
         "rows": len(result.data),
-        "parameters": stated(result.estimates),
-        "confidence": CONFIDENCE,
-        "scatter": result.scatter,
-        "degrees_of_freedom": result.fit.degrees,
         "information_criterion": dict(result.criterion),
         "fixed": dict(result.given),
         "assumed": dict(result.assumed),
-        "warnings": list(result.warnings),
         "notes": list(result.notes),
-        "singular_values": list(result.slopes.singular_values()),
-        "correlation": {
-            "names": list(result.slopes.names),
-            "matrix": result.slopes.correlation().tolist(),
-        },
+        **stated(result.estimates, result.slopes, result.scatter, result.fit.degrees),
     }
 
 
@@ -400,8 +391,8 @@ def report(result: MaterialResult) -> Iterator[str]:
     yield from described(result.scatter, BAD_SCATTER, result.assumed, "body.toml")
 
 
-def _table(result: MaterialResult) -> tuple[list[str], Iterator[list[float]]]:
-    """Header and rows of ``fit.csv``."""
+def _columns(result: MaterialResult) -> dict[str, Floats | None]:
+    """Columns (n,) of ``fit.csv``: what the test has."""
     data, computed = result.data, result.fit.computed()
     n = len(data)
     columns = (
@@ -419,6 +410,4 @@ def _table(result: MaterialResult) -> tuple[list[str], Iterator[list[float]]]:
         ("fitted_modulus [Pa]", computed if data.stress is None and data.loss is None else None),
         ("weight [-]", data.weight),
     )
-    known = {name: column for name, column in columns if column is not None}
-    rows = zip(*known.values(), strict=True)
-    return list(known), ([float(cell) for cell in row] for row in rows)
+    return {name: column for name, column in columns if column is not None}

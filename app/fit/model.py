@@ -481,17 +481,27 @@ class Estimate(Generic[Which]):
     warning: str | None
 
 
-def stated(estimates: Sequence[Estimate[Any]]) -> dict[str, dict[str, Any]]:
-    """What ``fit.json`` holds of each parameter."""
+def stated(
+    estimates: Sequence[Estimate[Any]], slopes: Slopes, scatter: float, degrees: int
+) -> dict[str, Any]:
+    """What ``fit.json`` holds of any fit."""
     return {
-        e.coordinate.name: {
-            "value": e.value,
-            "low": e.low,
-            "high": e.high,
-            "unit": e.coordinate.unit,
-            "determined": e.warning is None,
-        }
-        for e in estimates
+        "parameters": {
+            e.coordinate.name: {
+                "value": e.value,
+                "low": e.low,
+                "high": e.high,
+                "unit": e.coordinate.unit,
+                "determined": e.warning is None,
+            }
+            for e in estimates
+        },
+        "confidence": CONFIDENCE,
+        "scatter": scatter,
+        "degrees_of_freedom": degrees,
+        "warnings": [e.warning for e in estimates if e.warning],
+        "singular_values": list(slopes.singular_values()),
+        "correlation": {"names": list(slopes.names), "matrix": slopes.correlation().tolist()},
     }
 
 
@@ -505,9 +515,7 @@ class FitResult:
         traction: (n,), Pa, of the law, for the rows of the data.
         scatter: Standard deviation of the logarithm of the friction.
         degrees: Rows less parameters.
-        singular_values: Of the Jacobian with columns of unit length, relative to the largest.
-        correlation: (c, c), of the coordinates ``correlated``.
-        correlated: Names of the coordinates that have a slope.
+        slopes: Of the coordinates that have one.
     """
 
     parameters: Parameters
@@ -515,9 +523,7 @@ class FitResult:
     traction: Floats
     scatter: float
     degrees: int
-    singular_values: tuple[float, ...]
-    correlation: Floats
-    correlated: tuple[str, ...]
+    slopes: Slopes
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -33,7 +33,6 @@ from tribox.app.figures.style import (
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
-    CONFIDENCE,
     RANGES,
     Coordinate,
     Estimate,
@@ -213,16 +212,6 @@ def rounded(value: float, digits: int = DIGITS) -> float:
 # -- What ``tribox fit`` does, from data and options to files --------------------------------------
 
 BAD_SCATTER = 0.3  # from which on a law does not describe its data
-FIT_COLUMNS = (
-    "thickness [m]",
-    "velocity [m/s]",
-    "pressure [Pa]",
-    "slip [m]",
-    "traction [Pa]",
-    "fitted_traction [Pa]",
-    "weight [-]",
-    "log_residual [-]",
-)
 
 
 def run_fit(
@@ -256,9 +245,9 @@ def run_fit(
     with claimed(directory, force) as claim:
         chosen = coordinates(setup.names, setup.data, setup.base)
         result = Calibration(setup.data, setup.base, chosen, setup.starts).run()
-        table = _columns(setup.data), _rows(setup.data, result)
         written = friction_section(setup, result, data_file)
-        write_fit(claim, numbers(setup, result, data_file), table, "friction.toml", written)
+        found, table = numbers(setup, result, data_file), _columns(setup.data, result)
+        write_fit(claim, found, table, "friction.toml", written)
         draw_fit(setup.data, result, directory / "figures", data_file.name)
     for line in report(setup, result):
         tell(line)
@@ -267,13 +256,20 @@ def run_fit(
 
 
 def write_fit(
-    claim: Claim, found: Mapping[str, Any], table: tuple[list[str], Iterable[list[Any]]],
+    claim: Claim, found: Mapping[str, Any], table: Mapping[str, Floats | None],
     name: str, written: str,
 ) -> None:  # fmt: skip
-    """Put numbers, a table and a section of a case file in the place of older results."""
+    """Put numbers, a table and a section of a case file in the place of older results.
+
+    Args:
+        table: Columns (n,); what is not known, or is no number, stays empty.
+    """
     claim.clear()
     write_json(claim.directory / "fit.json", found)
-    write_table(claim.directory / "fit.csv", *table)
+    count = max(len(column) for column in table.values() if column is not None)
+    columns = (np.full(count, np.nan) if one is None else one for one in table.values())
+    rows = (["" if math.isnan(x) else float(x) for x in row] for row in zip(*columns, strict=True))
+    write_table(claim.directory / "fit.csv", list(table), rows)
     write_text(claim.directory / name, written)
     (claim.directory / "figures").mkdir(exist_ok=True)
 
@@ -285,15 +281,9 @@ def numbers(setup: FitSetup, result: FitResult, data_file: Path) -> dict[str, An
         "law": setup.law,
         "rows": len(setup.data),
         "observed": setup.data.observed,
-        "parameters": stated(result.estimates),
-        "confidence": CONFIDENCE,
-        "scatter": result.scatter,
-        "degrees_of_freedom": result.degrees,
         "fixed": setup.fixed,
         "assumed": setup.assumed,
-        "warnings": list(result.warnings),
-        "singular_values": list(result.singular_values),
-        "correlation": {"names": list(result.correlated), "matrix": result.correlation.tolist()},
+        **stated(result.estimates, result.slopes, result.scatter, result.degrees),
     }
 
 
@@ -337,27 +327,19 @@ def described(
         yield f"note: assumed, neither fitted nor fixed (values in {file}): {shown}"
 
 
-def _columns(data: TribometerData) -> list[str]:
-    """Names of the columns of ``fit.csv``: without a pressure, T/p is all that is known."""
-    if data.knows_pressure:
-        return list(FIT_COLUMNS)
-    ratio = "friction_coefficient [-]"
-    return [name.replace("traction [Pa]", ratio) for name in FIT_COLUMNS]
-
-
-def _rows(data: TribometerData, result: FitResult) -> Iterator[list[Any]]:
-    for i in range(len(data)):
-        slip = float(data.slip[i])
-        yield [
-            float(data.thickness[i]) if data.knows_film else "",
-            float(data.velocity[i]),
-            float(data.pressure[i]) if data.knows_pressure else "",
-            "" if math.isnan(slip) else slip,
-            float(data.traction[i]),
-            float(result.traction[i]),
-            float(data.weight[i]),
-            math.log(float(data.traction[i] / result.traction[i])),
-        ]
+def _columns(data: TribometerData, result: FitResult) -> dict[str, Floats | None]:
+    """Columns (n,) of ``fit.csv``: without a pressure, T/p is all that is known."""
+    traction = "traction [Pa]" if data.knows_pressure else "friction_coefficient [-]"
+    return {
+        "thickness [m]": data.thickness if data.knows_film else None,
+        "velocity [m/s]": data.velocity,
+        "pressure [Pa]": data.pressure if data.knows_pressure else None,
+        "slip [m]": data.slip,
+        traction: data.traction,
+        f"fitted_{traction}": result.traction,
+        "weight [-]": data.weight,
+        "log_residual [-]": np.asarray(np.log(data.traction / result.traction)),
+    }
 
 
 # -- Figure of tribometer data and the law fitted to them ------------------------------------------

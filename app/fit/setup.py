@@ -216,10 +216,7 @@ def _base(
     table |= given
     for name in names:
         table[name] = RANGES[name].start
-    if "mu_s" in names and "mu_d" in given:
-        table["mu_s"] = 1.2 * parsed("--fix", "mu_d", given["mu_d"], Quantity("")) + 1e-3
-    if "mu_d" in names and "mu_s" not in names:
-        table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
+    _set_apart(table, names, given)
     film = float(max(data.thickness.max(), 1e-9))
     # V* is searched, and stated, at a film that was measured.
     if "V_star" in names and "V_star_at" not in given and (data.thickness > 0.0).any():
@@ -229,6 +226,14 @@ def _base(
     if "mu_d" not in (*names, *given):
         base = dataclasses.replace(base, mu_d=None)
     return friction, base
+
+
+def _set_apart(table: dict[str, Any], names: Sequence[str], given: Mapping[str, Any]) -> None:
+    """Begin with a kinetic coefficient below the static one, where the other one is given."""
+    if "mu_s" in names and "mu_d" in given:
+        table["mu_s"] = 1.2 * parsed("--fix", "mu_d", given["mu_d"], Quantity("")) + 1e-3
+    if "mu_d" in names and "mu_s" not in names:
+        table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
 
 
 def _base_without_film(
@@ -241,10 +246,7 @@ def _base_without_film(
     for key in needed:
         if key not in table:
             raise InputError(f"{key}: neither fitted nor fixed; name it, or give --fix {key}=...")
-    if law == "stribeck" and "mu_s" in names and "mu_d" in given:
-        table["mu_s"] = 1.2 * parsed("--fix", "mu_d", given["mu_d"], Quantity("")) + 1e-3
-    if law == "stribeck" and "mu_d" in names and "mu_s" not in names:
-        table["mu_d"] = 0.8 * parsed("--fix", "mu_s", table["mu_s"], Quantity(""))
+    _set_apart(table, names, given)
     friction = _validated(table, None)
     if friction.changes:
         raise InputError("--fix mu: must be a number, not a program of time")

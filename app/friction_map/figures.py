@@ -26,9 +26,8 @@ from tribox.app.figures.style import (
     VELOCITY,
     VISCOSITY,
     colour_of,
-    dashes_of,
     fitting,
-    marker_of,
+    look_of,
     plain_number,
     save,
     thin_log_ticks,
@@ -82,7 +81,7 @@ def _marks(setup: MapSetup, film: float) -> dict[str, Any]:
     number = _number(setup, film)
     if number is None:
         return {"color": _colour(setup, film), "marker": "x", "ls": (0, (1, 1))}
-    return {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
+    return look_of(number)
 
 
 def _film_label(setup: MapSetup, film: float) -> str:
@@ -170,8 +169,8 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
 def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
     for number, curve in enumerate(curves):
-        marks = {"color": colour_of(number), "marker": marker_of(number), "ls": dashes_of(number)}
-        _draw_steady(setup, axes, curve, marks, f"p = {curve.pressure / 1e6:.3g} MPa")
+        label = f"p = {curve.pressure / 1e6:.3g} MPa"
+        _draw_steady(setup, axes, curve, look_of(number), label)
     _explain(setup, axes, False)
     star = _star(setup, setup.film)
     if setup.speeds[0] < star < setup.speeds[-1]:

@@ -30,9 +30,7 @@ from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
 from tribox.app.figures.style import (
     STYLE,
-    colour_of,
-    dashes_of,
-    marker_of,
+    look_of,
     save,
     thin_log_ticks,
     titled,
@@ -484,10 +482,11 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
                 if not curve.rows:
                     continue
                 rows = np.array(curve.rows)
-                style = {"color": colour_of(number), "ls": dashes_of(number), "lw": 0.9}
+                label = _label(curve, by_load)
                 for axes, name in zip(column, (4, 5), strict=True):
-                    axes.plot(rows[:, 2], rows[:, name], marker_of(number), ms=4, **style,
-                              label=_label(curve, by_load))  # fmt: skip
+                    axes.plot(
+                        rows[:, 2], rows[:, name], **look_of(number), lw=0.9, ms=4, label=label
+                    )
             column[0].set_xscale("log")
             column[1].set_xlabel("sliding velocity V (m/s)")
             column[0].legend(fontsize=8)

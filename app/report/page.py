@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel
 
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.toml_files import flat
 from tribox.app.errors import InputError
 from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
@@ -280,7 +281,7 @@ def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
     tables = []
     for name, value in data.items():
         for title, path, entries in _tables(name, value):
-            found = [_input(case, path, key, entry, known) for key, entry in _flat(entries)]
+            found = [_input(case, path, key, entry, known) for key, entry in flat(entries)]
             ordered = sorted(found, key=lambda one: not one.given)
             if ordered:
                 tables.append(InputTable(title, ordered))
@@ -300,15 +301,6 @@ def _tables(name: str, value: Any) -> Iterator[tuple[str, tuple[str | int, ...],
             yield f"{name.capitalize()} {index}: {called}".rstrip(": "), (name, index), entries
     else:
         yield name.capitalize(), (name,), value
-
-
-def _flat(entries: Any, before: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted key, value) of nested tables."""
-    for key, value in entries.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{key}.")
-        else:
-            yield f"{before}{key}", value
 
 
 def _input(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tribox.app.errors import SaidOnce
 from tribox.app.figures.style import Unit, fitting
-from tribox.app.simulation.history import DECLARED, Column
+from tribox.app.simulation.history import DECLARED, UNBALANCED, Column
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -347,7 +347,7 @@ def column(name: str) -> Column:
 
 # -- How a run ended and whether its energies add up, in words with numbers ------------------------
 
-UNBALANCED = 0.01  # energy error over the work from which on a run is warned of
+
 _PARTS = (
     ("external_work", "work of supports and loads"),
     ("strain_energy", "stored in the bodies"),

@@ -80,6 +80,19 @@ class Series:
         (self._directory / self._name).mkdir(exist_ok=True)
         return self._directory / self._name / f"{step:06d}.vtu"
 
+    def write(
+        self,
+        step: int,
+        when: float,
+        points: Array,
+        cells: Cells,
+        point_data: Mapping[str, Array | Packed],
+        cell_data: Mapping[str, Array | Packed],
+    ) -> None:
+        """Write the file of a step, at ``when`` (s), as :func:`write_vtu` does, and list it."""
+        write_vtu(self.path(step), points, cells, point_data, cell_data, when, step)
+        self.add(step, when)
+
     def add(self, step: int, when: float) -> None:
         """List the file of a step, which has been written."""
         self._lines.append(self._line(step, when))
@@ -153,10 +166,8 @@ class ToolSeries:
         before = np.concatenate([outline.points for outline in self._outlines])
         places = with_three_components(np.concatenate(moved))
         displacement = places - with_three_components(before)
-        points = {"displacement": displacement}
-        cells = {"tool": self._number}
-        write_vtu(self.series.path(step), places, self._cells, points, cells, time, step)
-        self.series.add(step, time)
+        points, cells = {"displacement": displacement}, {"tool": self._number}
+        self.series.write(step, time, places, self._cells, points, cells)
 
 
 class ContactSeries:
@@ -197,14 +208,12 @@ class ContactSeries:
         step: int,
         time: float,
     ) -> None:
-        series, fixed = self.series[which], self._fixed[which]
+        fixed, cells = self._fixed[which], self._cells[which]
         flat = {name: with_three_components(v) if v.ndim > 1 else v for name, v in values.items()}
         position = flat.pop("position")
         if not fixed:
             fixed.update({name: pack(flat[name], lasting=True) for name in _FIXED if name in flat})
-        cells = self._cells[which]
-        write_vtu(series.path(step), position, cells, {**flat, **fixed}, cell_data, time, step)
-        series.add(step, time)
+        self.series[which].write(step, time, position, cells, {**flat, **fixed}, cell_data)
 
 
 class OutputFiles:
@@ -331,16 +340,14 @@ class FieldSeries:
         if self.series is None:
             return
         displacement = with_three_components(nodes[:, : self._dim])
-        write_vtu(
-            self.series.path(step),
+        self.series.write(
+            step,
+            time,
             with_three_components(self._mesh.reference) + displacement,
             self._cells,
             {"displacement": displacement, "contact_pressure": nodes[:, self._dim]},
             {"body": self._body, **cells},
-            time,
-            step,
         )
-        self.series.add(step, time)
 
     def _in_cells(self) -> dict[str, Floats | Singles]:
         """Stress, Pa, and strain (c,) or (c, 9) in this rank's own cells, by name.

@@ -60,6 +60,16 @@ class _Part:
     stress: StressAt
 
 
+def stress_and_strain(tensor: Sequence[tuple[str, int, int]]) -> tuple[str, ...]:
+    """Columns that points and bodies have, of tensors with these :func:`components`."""
+    return (
+        *(f"cauchy_{ij}" for ij, _, _ in tensor),
+        *("von_mises_stress", "pressure"),
+        *(f"log_strain_{ij}" for ij, _, _ in tensor),
+        *("J", "max_stretch"),
+    )
+
+
 class PointProbes:
     """The table of the points and lines.
 
@@ -99,15 +109,11 @@ class PointProbes:
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when."""
         axes = AXES[: self._problem.dim]
-        tensor = [name for name, _, _ in self._components]
         return (
             *("probe", "point", "distance", "body"),
             *(f"reference_{x}" for x in axes),
             *(f"displacement_{x}" for x in axes),
-            *(f"cauchy_{ij}" for ij in tensor),
-            *("von_mises_stress", "pressure"),
-            *(f"log_strain_{ij}" for ij in tensor),
-            *("J", "max_stretch"),
+            *stress_and_strain(self._components),
             *["equivalent_plastic_strain"] * self._flows,
         )
 

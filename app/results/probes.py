@@ -24,6 +24,7 @@ from tribox.app.results.point_probes import (
     SurfaceLines,
     components,
     reduced_rows,
+    stress_and_strain,
 )
 from tribox.app.results.reading import read_table
 from tribox.app.results.saving import Saving, on_first
@@ -225,14 +226,11 @@ class BodyProbes:
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when."""
         axes = AXES[: self._model.problem.dim]
-        tensor = [name for name, _, _ in self._components]
         return (
             *("probe", "body", "volume"),
             *(f"centre_{x}" for x in axes),
-            *(f"cauchy_{ij}" for ij in tensor),
-            *("von_mises_stress", "pressure"),
-            *(f"log_strain_{ij}" for ij in tensor),
-            *("J", "max_stretch", "max_von_mises_stress"),
+            *stress_and_strain(self._components),
+            "max_von_mises_stress",
             *(f"max_von_mises_{x}" for x in axes),
             "strain_energy",
             *[f"{kind}equivalent_plastic_strain" for kind in ("", "max_")] * self._flows,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import resource
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,7 +27,7 @@ from tribox.app.results.probes import final_shapes
 from tribox.app.results.saving import Reserve, Saving
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
-from tribox.app.simulation.history import COLUMNS, Row, energy_gap
+from tribox.app.simulation.history import COLUMNS, UNBALANCED, Row, energy_gap
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.watches import Watches
@@ -36,7 +36,6 @@ from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.projection import FacetSurface
 
 TINY = 1e-30  # J/m², below any dissipation
-UNBALANCED = 0.01  # energy error over the work from which a run is warned of
 LOST_FILM = 0.01  # share of the friction lost below a film's onset from which a run is warned of
 UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which it is
 
@@ -507,25 +506,31 @@ def attempt_row(
     )
 
 
+def tables_of(state: RunState) -> dict[str, tuple[Sequence[str], int, list[Any]]]:
+    """Columns, rows of each step, and the rows so far of each table, by its name."""
+    motion, model = state.motion, state.model
+    surfaces, bodies, tools = len(motion.surfaces), len(model.problem.solids), model.problem.tools
+    tables: dict[str, tuple[Sequence[str], int, list[Any]]] = {
+        "history": (COLUMNS, 1, state.rows),
+        "surfaces": (motion.surface_columns, surfaces, motion.surface_rows),
+        "bodies": (motion.body_columns, bodies, motion.body_rows),
+    }
+    if tools:
+        tables["tools"] = (state.tools.columns, len(tools), state.tools.rows)
+    if model.case.contact:
+        tables["contacts"] = (state.pair_columns, len(model.case.contact), state.pair_rows)
+    return tables
+
+
 class RunTables:
     """``history.csv``, ``surfaces.csv``, ``bodies.csv``; others where there is what they tell."""
 
     def __init__(self, directory: Path, state: RunState, after: int | None = None) -> None:
         """Begin the files, or go on with those of a run ``after`` a step of it."""
-        motion, model = state.motion, state.model
-        self._driven = {stage.name for stage in model.case.stage if stage.is_driven}
-        told: dict[str, tuple[Sequence[str], Callable[[RunState], Sequence[Any]]]] = {
-            "history": (COLUMNS, lambda now: now.rows),
-            "surfaces": (motion.surface_columns, lambda now: now.motion.surface_rows),
-            "bodies": (motion.body_columns, lambda now: now.motion.body_rows),
-        }
-        if model.problem.tools:
-            told["tools"] = (state.tools.columns, lambda now: now.tools.rows)
-        if model.case.contact:
-            told["contacts"] = (state.pair_columns, lambda now: now.pair_rows)
+        self._driven = {stage.name for stage in state.model.case.stage if stage.is_driven}
         self._tables = {
-            name: (GrowingTable(directory / f"{name}.csv", columns, after), rows)
-            for name, (columns, rows) in told.items()
+            name: GrowingTable(directory / f"{name}.csv", columns, after)
+            for name, (columns, _, _) in tables_of(state).items()
         }
         path, tried = directory / "progress.csv", state.position.failures
         self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
@@ -536,8 +541,9 @@ class RunTables:
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
-        for name, (table, rows) in self._tables.items():
-            new = rows(state)[table.written :]
+        for name, (_, _, rows) in tables_of(state).items():
+            table = self._tables[name]
+            new = rows[table.written :]
             table.extend([self._values(row) for row in new] if name == "history" else new)
 
     def _values(self, row: Row) -> tuple[Any, ...]:
@@ -546,5 +552,5 @@ class RunTables:
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        for table in (*(table for table, _ in self._tables.values()), self._progress):
+        for table in (*self._tables.values(), self._progress):
             table.sync()

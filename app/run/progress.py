@@ -78,6 +78,10 @@ class Reporter(Observer):
         if always or (self._bars is None and not self._quiet):
             self._print(line)
 
+    def tell(self, line: str) -> None:
+        """Print a line unless the run is to be quiet, and log it."""
+        self.say(line, always=not self._quiet)
+
     def _print(self, line: str) -> None:
         try:
             if self._console is None:
@@ -108,7 +112,7 @@ class Reporter(Observer):
             f"Newton {row.newton_iterations} ({residual}){linear}",
             always=False,
         )
-        self._tell(f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(here)}")
+        self._show(f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(here)}")
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
@@ -121,7 +125,7 @@ class Reporter(Observer):
                 f"time step {steps}  {load_step.stage.name:<10s} t {when}  {speed:.0f} steps/s",
                 always=False,
             )
-            self._tell(f"time step {steps}, {speed:.0f} steps/s")
+            self._show(f"time step {steps}, {speed:.0f} steps/s")
 
     def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
@@ -132,7 +136,7 @@ class Reporter(Observer):
             f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._tell(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
+        self._show(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
 
     def _forces(self, state: RunState, row: Row) -> str:
         """Speed, if anything moves, and forces of a step; the work where there is no contact."""
@@ -141,7 +145,7 @@ class Reporter(Observer):
             return f"{moving}{_work(asdict(row))}"
         return f"{moving}N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
 
-    def _tell(self, details: str) -> None:
+    def _show(self, details: str) -> None:
         if self._bars is not None:
             self._bars.details = details
 
@@ -158,15 +162,14 @@ class Reporter(Observer):
         whose = together if several and loose else ""
         viscosity = 0.0 if several else row.effective_viscosity
         line = f"{load_step.label}:{how}{whose} {at_end(asdict(row))}"
-        self.say(line + _viscosity(viscosity), always=not self._quiet)
+        self.tell(line + _viscosity(viscosity))
         for pair in pairs if several or not loose else ():
             bonded = pair["pair"] in self._tied
             forces = _bond(pair) if bonded else _at_end(pair)
-            line = f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}"
-            self.say(line, always=not self._quiet)
+            self.tell(f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}")
         self._progress.end_load_step()
         if self._progress.here.ended is not None:
-            self._tell("all stages done; writing results and figures")
+            self._show("all stages done; writing results and figures")
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
@@ -178,7 +181,7 @@ class Reporter(Observer):
         )
         here = self._progress.here
         here.cuts += 1
-        self._tell(f"step of {dt:.3g} s cut in two, {_cuts(here)}")
+        self._show(f"step of {dt:.3g} s cut in two, {_cuts(here)}")
 
     def close(self) -> None:
         """Take the bars away."""

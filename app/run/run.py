@@ -199,7 +199,7 @@ class Opening:
 
 def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
     """Run one case in a directory that is this run's."""
-    directory, quiet, resumed = opening.claim.directory, opening.quiet, opening.found is not None
+    directory, resumed = opening.claim.directory, opening.found is not None
     model = build_model(case, comm)
     try:
         steps, simulation = notes_on_steps(model), Simulation(model)
@@ -209,12 +209,14 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
     with Interruption(comm, saving) as interruption:
         recorder = _recorder(case, simulation, opening, saving)
         interruption.noted = partial(recorder.mark, "interrupted")
-        log = directory / "log.txt"
-        reporter = Reporter(log, case, saving, quiet, resumed=resumed) if comm.rank == 0 else None
+        reporter = None
+        if comm.rank == 0:
+            log = directory / "log.txt"
+            reporter = Reporter(log, case, saving, opening.quiet, resumed=resumed)
         told: list[Observer] = [reporter, recorder] if reporter else [recorder]
         try:
-            _say_notes(reporter, model.notes, steps, quiet)
-            _say_resumed(reporter, simulation, recorder, opening)
+            if reporter:
+                _say_begin(reporter, simulation, steps, recorder, opening)
             after = simulation.state.step if resumed else None
             probes = ProbeRecorder(model, directory, saving, after)
             checkpointer = Checkpointer(simulation, recorder, probes, directory)
@@ -223,7 +225,7 @@ def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
             interruption.restore()
             draw_run(simulation, directory, reporter)
             if reporter:
-                _say_end(reporter, simulation, recorder, quiet)
+                _say_end(reporter, simulation, recorder)
             saving.raise_together(comm)
         except (SolutionError, OutputError, Interrupted) as error:
             if reporter:
@@ -263,32 +265,26 @@ def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Savi
     return recorder
 
 
-def _say_notes(
-    reporter: Reporter | None, notes: Sequence[str], steps: Sequence[str], quiet: bool
+def _say_begin(
+    reporter: Reporter,
+    simulation: Simulation,
+    steps: Sequence[str],
+    recorder: Recorder,
+    opening: Opening,
 ) -> None:
-    """The notes on a case, and those on the time steps of its explicit stages."""
-    if reporter is None:
-        return
-    for note in notes:
+    """The notes on a case, those on its explicit time steps, and from where a run goes on."""
+    for note in simulation.model.notes:
         reporter.say(f"note: {note}")
     for note in steps:
-        reporter.say(f"note: {note}", always=not quiet)
-
-
-def _say_resumed(
-    reporter: Reporter | None, simulation: Simulation, recorder: Recorder, opening: Opening
-) -> None:
-    """From where a run goes on, or that it begins anew though it was to go on."""
+        reporter.tell(f"note: {note}")
     found, explicit = opening.found, simulation.explicit
-    if reporter is None:
-        return
     if found is None:
         if opening.resume:
-            reporter.say("no checkpoint yet: begins anew", always=not opening.quiet)
+            reporter.tell("no checkpoint yet: begins anew")
         return
     for note in (*found.notes, *version_notes(found.about)):
         reporter.say(f"note: {note}")
-    reporter.say(started_line(found, simulation), always=not opening.quiet)
+    reporter.tell(started_line(found, simulation))
     ends = [(one["time"], one["dt"]) for one in recorder.load_steps]
     reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 
@@ -299,7 +295,7 @@ def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
         reporter.say(f"warning: {warning}")
 
 
-def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder, quiet: bool) -> None:
+def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder) -> None:
     """Warnings, figures of the run, its tools and shapes, and the place of the results."""
     _say_warnings(reporter, recorder)
     shapes = recorder.shapes().items() if recorder.first else ()
@@ -308,7 +304,7 @@ def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder, qui
         *(shape_line(name, shape) for name, shape in shapes),
     )
     for line in (*closing, f"results in {recorder.directory}"):
-        reporter.say(line, always=not quiet)
+        reporter.tell(line)
 
 
 def _say_failure(

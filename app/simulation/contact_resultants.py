@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.build.contacts import OVERLAP, overlap
+from tribox.app.build.contact_notes import OVERLAP, PairAtStart
 from tribox.app.build.model import Model
 from tribox.app.errors import SolutionError
 from tribox.forms.contact.kinematics import relate
@@ -113,13 +113,13 @@ def measure_contact(
     return ContactResultants(
         **resultants(vectors, driven, term.surface.axisymmetric),
         area=area,
-        area_ratio=_over(total["area_ratio"], area),
-        stick=_over(total["stick"], area),
-        viscous=_over(total["viscous"], area),
-        film=_over(total["film"], force),
-        friction_coefficient=_over(total["mu"], force),
+        area_ratio=over(total["area_ratio"], area),
+        stick=over(total["stick"], area),
+        viscous=over(total["viscous"], area),
+        film=over(total["film"], force),
+        friction_coefficient=over(total["mu"], force),
         penetration=penetration,
-        speed=_over(total["slip"], area) / trial.dt,
+        speed=over(total["slip"], area) / trial.dt,
         energy=total["energy"],
         dissipated=total["dissipated"],
         numerical=total["numerical"],
@@ -302,7 +302,8 @@ def _dot(u: Floats, v: Floats) -> Floats:
     return np.einsum("qi,qi->q", u, v)
 
 
-def _over(value: float, total: float) -> float:
+def over(value: float, total: float) -> float:
+    """A share of a total; 0 of nothing."""
     return float(value / total) if total > 0.0 else 0.0
 
 
@@ -355,9 +356,9 @@ def contact_columns(
 
     wet = [m for m in pairs if m.film > 0.0]
     load, wet_load = (sum(m.normal_force for m in some) for some in (pairs, wet))
-    film = _over(sum(m.film * m.normal_force for m in wet), wet_load)
+    film = over(sum(m.film * m.normal_force for m in wet), wet_load)
     wet_area = abs(velocity) * sum(m.area for m in wet)
-    viscosity = _over(along_force(wet) * film, wet_area)
+    viscosity = over(along_force(wet) * film, wet_area)
     return {
         "slip_speed": mean(lambda m: m.speed) if rate_dependent else 0.0,
         "normal_force": normal,
@@ -365,8 +366,8 @@ def contact_columns(
         "tangential_force": tangential,
         "normal_resultant": resultant,
         "drag": drag,
-        "friction_coefficient": _over(friction, normal) if normal > noise * thickness else 0.0,
-        "mu": _over(sum(m.friction_coefficient * m.normal_force for m in pairs), load),
+        "friction_coefficient": over(friction, normal) if normal > noise * thickness else 0.0,
+        "mu": over(sum(m.friction_coefficient * m.normal_force for m in pairs), load),
         "film_thickness": film,
         "effective_viscosity": viscosity,
         "contact_area": area * thickness,
@@ -433,7 +434,7 @@ def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
     at = surface.project(points, surface.master_positions(values))
     if term.offset is not None:
         at.shift(term.offset)
-    depth = overlap(surface, at)
+    depth = PairAtStart(f"contact.{index}", table, surface, at).overlap
     if depth > OVERLAP * surface.facet_length:
         raise SolutionError(
             f"stage {stage}: contact.{index} begins to act while {table.slave} is {depth:.3g} m "

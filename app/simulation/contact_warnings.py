@@ -31,6 +31,7 @@ from scipy.spatial import cKDTree
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_text
+from tribox.app.simulation.contact_resultants import over
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
 from tribox.app.simulation.surface_faults import (
@@ -170,7 +171,7 @@ class PairProbe:
         own *= np.sign(np.einsum("qi,qi->q", own, at.normal))[:, None]
         local = np.concatenate([load @ (at.normal - own), load @ own])
         off, whole = np.split(self._total(*map(float, local)), 2)
-        return _over(float(np.linalg.norm(off)), float(np.linalg.norm(whole)))
+        return over(float(np.linalg.norm(off)), float(np.linalg.norm(whole)))
 
     def _hidden(self, trial: ContactTrial, penetration: float) -> tuple[float, float]:
         """Depth of the deepest pressed point beyond the mean gaps'; over its facet's length, and m.
@@ -190,16 +191,16 @@ class PairProbe:
         if trial.nodal_gap is not None and pressure is not None:  # the same on every rank
             depth = np.where(pressure > 0.0, -trial.nodal_gap, 0.0)
             load = surface.vertices.area * pressure
-            over = np.max(depth / surface.vertices.length, initial=0.0)
+            most = np.max(depth / surface.vertices.length, initial=0.0)
             moment, force = float(load @ depth), float(load.sum())
         else:
             depth = np.where(trial.pressure > 0.0, -trial.kinematics.gap, 0.0)
             load = surface.slave.weight * trial.pressure
-            over = np.max(depth / surface.slave.facet_length, initial=0.0)
+            most = np.max(depth / surface.slave.facet_length, initial=0.0)
             moment, force = map(float, self._total(float(load @ depth), float(load.sum())))
-            over = self._comm.allreduce(float(over), op=MPI.MAX)
+            most = self._comm.allreduce(float(most), op=MPI.MAX)
         deepest = self._comm.allreduce(float(np.max(depth, initial=0.0)), op=MPI.MAX)
-        return deepest, float(over), _over(moment, force)
+        return deepest, float(most), over(moment, force)
 
     def _pressed_facets(self, trial: ContactTrial) -> Bools:
         """Points (q,) of the facets that press: all their vertices do, or any of their points."""
@@ -223,7 +224,7 @@ class PairProbe:
         sums = self._total(
             float(weight @ self._corners[trial.projection.facet]), float(weight.sum())
         )
-        spacing = _over(sums[0], sums[1])
+        spacing = over(sums[0], sums[1])
         return waves(self.surface, trial.nodal_pressure, inside, spacing), spacing
 
     def _inside(self, patch: Bools) -> Bools:
@@ -267,9 +268,9 @@ class PairProbe:
         length[near] = facet_length_along(surface, near, ends[near].astype(np.float64))[0]
         parts = (near, length, crossed, ends.all(axis=1))
         sums = self._total(*(float(weight @ part) for part in parts))
-        rim_length, half_crossed = _over(sums[1], sums[0]), 0.5 * sums[2]
+        rim_length, half_crossed = over(sums[1], sums[0]), 0.5 * sums[2]
         half_width = max(half - 0.5 * rim_length, 0.5 * rim_length)
-        return half_width, rim_length, _over(half_crossed, sums[3] + half_crossed)
+        return half_width, rim_length, over(half_crossed, sums[3] + half_crossed)
 
     def _unevenness(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
         """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
@@ -291,7 +292,7 @@ class PairProbe:
             float(some.sum(axis=1) @ bow),
             float(some.sum()),
         )
-        return _over(sums[0], sums[1]), _over(sums[2], sums[3]), _over(sums[4], sums[5])
+        return over(sums[0], sums[1]), over(sums[2], sums[3]), over(sums[4], sums[5])
 
 
 class ContactWarnings(Remembers):
@@ -358,7 +359,7 @@ class ContactWarnings(Remembers):
             if strongest is None or state.force > strongest.force:
                 self._strongest[index] = state
                 if not terms[index].tied:
-                    self.over_approach[index] = _over(state.mean, approach)
+                    self.over_approach[index] = over(state.mean, approach)
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
         self._look_at_ties(trials, spent / thickness)
@@ -395,7 +396,7 @@ class ContactWarnings(Remembers):
             stored = self._problem.comm.allreduce(mine, op=MPI.SUM)
             if stored > self._stored[index]:
                 self._stored[index] = stored
-                self.over_approach[index] = _over(2.0 * stored, spent)
+                self.over_approach[index] = over(2.0 * stored, spent)
 
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""
@@ -419,13 +420,8 @@ class ContactWarnings(Remembers):
                 yield self._soft(index, comb)
             if self._sunk[index][0].share > SUNK:
                 yield self._edge(index)
+            yield from _of_facets(index, state)
             widest = self._widest[index]
-            if state.astray > ASTRAY:
-                yield _astray_text(index, state)
-            if state.stretched > STRETCHED:
-                yield _stretched_text(index, state)
-            if state.hidden_share > HIDDEN:
-                yield _hidden_text(index, state)
             if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
 
@@ -503,32 +499,30 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
 
 
-def _astray_text(index: int, state: PairState) -> str:
-    return (
-        f"contact.{index}: at its largest the contact force is {_percent(state.astray)} off what "
-        "the master's faces can be pressed with, as facets of the slave lie across its sharp "
-        "corners and pressures act along the slave's normals: its components are off by about as "
-        "much; round the corners (fillet_radius), or refine the slave there"
-    )
-
-
-def _stretched_text(index: int, state: PairState) -> str:
-    return (
-        f"contact.{index}: at the largest force a facet of the slave that presses is stretched to "
-        f"{state.stretched:.2g} times its area: pressure and flow there are those of few cells, so "
-        "that forces may be off by tens of per cent, and a finer mesh does not help where a sharp "
-        "tool draws it out without bound (a wedge of 45 degrees in metal: 17 % too much); round "
-        "the tool over several facets, or take less depth"
-    )
-
-
-def _hidden_text(index: int, state: PairState) -> str:
-    return (
-        f"contact.{index}: at the largest force points of the slave lie {state.hidden:.3g} m "
-        f"deeper in the master, {state.hidden_share:.2g} of a slave facet's length, than the mean "
-        "gaps that the pressure answers to and max_penetration tells of: the facets are too long "
-        "for its shape, or have been stretched; refine the slave there"
-    )
+def _of_facets(index: int, state: PairState) -> Iterator[str]:
+    """Slave facets that lie across corners, are drawn out, or cannot follow the master."""
+    if state.astray > ASTRAY:
+        yield (
+            f"contact.{index}: at its largest the contact force is {_percent(state.astray)} off "
+            "what the master's faces can be pressed with, as facets of the slave lie across its "
+            "sharp corners and pressures act along the slave's normals: its components are off by "
+            "about as much; round the corners (fillet_radius), or refine the slave there"
+        )
+    if state.stretched > STRETCHED:
+        yield (
+            f"contact.{index}: at the largest force a facet of the slave that presses is stretched "
+            f"to {state.stretched:.2g} times its area: pressure and flow there are those of few "
+            "cells, so that forces may be off by tens of per cent, and a finer mesh does not help "
+            "where a sharp tool draws it out without bound (a wedge of 45 degrees in metal: 17 % "
+            "too much); round the tool over several facets, or take less depth"
+        )
+    if state.hidden_share > HIDDEN:
+        yield (
+            f"contact.{index}: at the largest force points of the slave lie {state.hidden:.3g} m "
+            f"deeper in the master, {state.hidden_share:.2g} of a slave facet's length, than the "
+            "mean gaps that the pressure answers to and max_penetration tells of: the facets are "
+            "too long for its shape, or have been stretched; refine the slave there"
+        )
 
 
 def _few_facets(index: int, state: PairState) -> str:
@@ -549,7 +543,3 @@ def _corner_spacing(surface: ContactSurface) -> Floats | None:
         return None
     spacing, _ = corner_spacing(surface.shape, master.facets, master.position, BENT, SHARP)
     return np.where(spacing > 0.0, spacing, master.sizes())
-
-
-def _over(value: float, total: float) -> float:
-    return float(value / total) if total > 0.0 else 0.0

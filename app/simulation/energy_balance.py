@@ -22,11 +22,14 @@ from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactMode, ContactTrial
 from tribox.geometry.surfaces.facets import Floats, Ints
 
-_SUMS = (
-    *("work", "dissipation", "numerical", "strain", "interface", "kinetic", "damping"),
-    *("plastic", "viscous"),
-    "_initial_kinetic",
-)
+# Columns of the history that are sums of the balance, by the name of the sum.
+_COLUMNS = {
+    **{name: f"{name}_energy" for name in ("strain", "kinetic", "interface")},
+    "dissipation": "dissipation",
+    **{name: f"{name}_dissipation" for name in ("plastic", "viscous", "numerical", "damping")},
+    "work": "external_work",
+}
+_SUMS = (*_COLUMNS, "_initial_kinetic")
 
 
 @dataclass(slots=True)
@@ -265,18 +268,9 @@ class EnergyBalance:
 
     def columns(self, thickness: float) -> dict[str, Any]:
         """Columns of the history that are energies, J, of a slab of ``thickness`` (m)."""
-        return {
-            "strain_energy": self.strain * thickness,
-            "kinetic_energy": self.kinetic * thickness,
-            "interface_energy": self.interface * thickness,
-            "dissipation": self.dissipation * thickness,
-            "plastic_dissipation": self.plastic * thickness,
-            "viscous_dissipation": self.viscous * thickness,
-            "numerical_dissipation": self.numerical * thickness,
-            "damping_dissipation": self.damping * thickness,
-            "external_work": self.work * thickness,
-            "energy_error": self.error * thickness,
-        }
+        columns = {column: getattr(self, name) for name, column in _COLUMNS.items()}
+        columns["energy_error"] = self.error
+        return {name: energy * thickness for name, energy in columns.items()}
 
     def _interface(self) -> float:
         pairs = zip(self.problem.contacts, self.problem.trials, strict=True)

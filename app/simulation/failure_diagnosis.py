@@ -12,7 +12,7 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.build.contact_notes import penalty_note
+from tribox.app.build.contact_notes import notes_on_penalty
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -416,8 +416,7 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
 def _of_penalties(problem: Equilibrium) -> Findings:
     """Penalties that are far off."""
     for index, term in enumerate(problem.contacts):
-        note = penalty_note(index, penalty_factor(problem, term), pressure_kind(term))
-        if note is not None:
+        for note in notes_on_penalty(index, penalty_factor(problem, term), pressure_kind(term)):
             yield note, DEFAULT_PENALTY
 
 

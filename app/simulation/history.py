@@ -114,6 +114,9 @@ PAIR_COLUMNS = tuple(n for n, c in DECLARED.items() if c.pair)
 """Columns that a pair of surfaces has for itself, in ``contacts.csv``; beside the resultants."""
 
 
+UNBALANCED = 0.01  # energy gap from which on a run is warned of
+
+
 def energy_gap(rows: Sequence[Row]) -> float:
     """Last energy error over the largest external work or kinetic energy of the run; 0 without."""
     largest = max((max(abs(row.external_work), row.kinetic_energy) for row in rows), default=0.0)

@@ -10,8 +10,7 @@ import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from tribox.app.build.contact_notes import note_on_stick
-from tribox.app.build.contacts import corners_of
+from tribox.app.build.contact_notes import PairAtStart, note_on_stick
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import TABLES
@@ -105,7 +104,7 @@ def test_corners_count_by_the_slave_facets_that_reach_them(fine_at, ratio):
         gap=np.zeros(3),
         on_surface=np.ones(3, dtype=bool),
     )
-    found = corners_of(SimpleNamespace(smoothing_angle=None), surface, at, 0.0)
+    found = PairAtStart("", SimpleNamespace(smoothing_angle=None), surface, at).corners(0.0)
     assert found.ratio == pytest.approx(ratio)
 
 
