@@ -55,7 +55,7 @@ class RoundOff:
     stiffest thing there is, and are 1e-12 of its force then.
 
     Attributes:
-        names: of the solids.
+        names: of the solids; let_go: of those that no support keeps in their place.
     """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace, solids: Iterable[Solid]) -> None:
@@ -66,6 +66,7 @@ class RoundOff:
         )
         self._solids = list(solids)
         self.names = [solid.name for solid in self._solids]
+        self.let_go: set[str] = set()
 
     def is_within_reach(self, x: PETSc.Vec) -> bool:
         """Whether displacements x, m, are numbers, and such that more than rounding is left.
@@ -83,11 +84,13 @@ class RoundOff:
     def norm(self, force: float) -> float:
         """Norm r of all solids at the displacement evaluated last, N (N/m); collective.
 
-        The part of the motion is ``MOVED`` of ``force`` at most: a body that nothing holds any
-        more may be put so far away that nothing but rounding is left of its forces.
+        The motion of bodies that are let go counts for ``MOVED`` of ``force`` at most: one that
+        nothing holds may be put so far away that nothing but rounding is left of its forces.
         """
-        at_rest, moved = (float(part.sum()) for part in self.squares())
-        return float(np.sqrt(at_rest + min(moved, (MOVED * force) ** 2)))
+        at_rest, moved = self.squares()
+        free = np.array([name in self.let_go for name in self.names], dtype=bool)
+        of_free = min(float(moved[free].sum()), (MOVED * force) ** 2)
+        return float(np.sqrt(at_rest.sum() + moved[~free].sum() + of_free))
 
 
 def reference_force(

@@ -213,11 +213,10 @@ FIRST_CUTS = (1, 2)  # failures from a state after which shorter steps may fail 
 def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
-    Where a body floats, on which nothing presses, nothing is found from inside. Where pressed
-    elastic bodies rub, a shorter step is better if the iteration came near, and softer contacts are
-    tried sooner. Bodies that forces alone bring together find each other sooner by springs, which
-    would only hold back metal that tools bend. Where a shorter step of metal has failed as the
-    longer one did, it is relaxed.
+    Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
+    softer contacts are tried sooner. Bodies that forces alone bring together find each other sooner
+    by springs, which would only hold back metal that tools bend. Where a shorter step of metal has
+    failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -233,7 +232,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (*held, SoftContact())
+        return (inside, *held, SoftContact()) if flows else (*held, SoftContact(), inside)
     if rubs and is_moved(attempt):
         return (*held, SoftContact(), inside)
     if attempt.pressed:
@@ -257,9 +256,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     near.
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
-    # A body that floats stays where it is: pressures from inside would push it away.
-    floats = attempt.step.holding is not None
-    began_inside = attempt.newton.inside.last and attempt.has_contacts and not floats
+    began_inside = attempt.newton.inside.last and attempt.has_contacts
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)

@@ -210,15 +210,20 @@ def shortest_facet(problem: Equilibrium) -> float:
 
 
 def starting_points(attempt: Attempt, barrier: float) -> Points:
-    """Pressures and slacks at the last converged state; None of ties and idle pairs; collective."""
+    """Pressures and slacks at the last converged state; None of ties and idle pairs; collective.
+
+    Pressures from inside would push bodies away that float.
+    """
     problem, step = attempt.newton.problem, attempt.step
     given = np.abs(problem.constrained_values(attempt.x) - attempt.x.array_r)
     way = problem.comm.allreduce(float(given.max(initial=0.0)), op=MPI.MAX)
     pairs = step.pairs(problem.contacts)
     trials = [(term, term.evaluate(attempt.x, step.dt, mode)) for term, mode in pairs]
     return [
-        None if term.tied or not term.active else _starting_point(term, trial, way, barrier)
-        for term, trial in trials
+        None
+        if term.tied or not term.active or number in attempt.idle
+        else _starting_point(term, trial, way, barrier)
+        for number, (term, trial) in enumerate(trials)
     ]
 
 

@@ -210,6 +210,12 @@ class WeakHold:
             if not any(force[pair] > SHARE * largest for pair in pairs_on)
         ]
 
+    def idle_pairs(self, largest: float, trials: Sequence[ContactTrial]) -> frozenset[int]:
+        """Contacts of the bodies that :meth:`floating` finds; collective."""
+        names = self.floating(largest, trials)
+        pairs = zip(self.bodies, self.pairs, strict=True)
+        return frozenset(pair for body, on in pairs if body.name in names for pair in on)
+
     def is_loaded(self, largest: float) -> bool:
         """Whether a load acts on a free body, which springs as weak could not hold; collective.
 

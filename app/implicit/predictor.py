@@ -112,12 +112,13 @@ class Predictor:
 
         Contacts that grow under load are closed by far less than the path moves them, so that its
         continuation opens many of them, or presses others by many times the force of the solution:
-        what is left is therefore compared with the force of the last one. The linear step holds
+        what is left is therefore compared with the force of the last one too. The linear step holds
         them together; that its residual is as large says little, for it is the volume's, not the
         contact's. Where metal slides, the path is the better guide all the same.
         """
         left = self._residual_norm(trial, step)
-        near = left <= FAR_OFF * max(self._force, self.problem.roundoff)
+        force = min(self._force, self.problem.reference_force)
+        near = left <= FAR_OFF * max(force, self.problem.roundoff)
         return not near and not (self.problem.flows and self.rubbing())
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
@@ -453,6 +454,7 @@ class Attempt:
         pressed: whether anything pressed at the last converged state.
         bodies: those that contact alone holds.
         failures: attempts that have failed from the same state.
+        idle: contacts of bodies that float, and stay where they are.
         start: (n,), m, the predicted start of the owned unknowns.
         continued: whether that continues the path of the last steps.
         relaxed: whether the solution was found by springs that give way.
@@ -466,6 +468,7 @@ class Attempt:
     pressed: bool
     bodies: LooseBodies
     failures: int = 0
+    idle: frozenset[int] = frozenset()
     start: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False
     relaxed: bool = False

@@ -86,6 +86,7 @@ class ImplicitStepper:
         problem: what is solved; options: how.
         x: the last converged unknowns; trial: those of the last attempt.
         rate_dependent: whether the contacts' friction feels time; set once for each stage.
+        failures: attempts that have failed from the last converged state; set before each.
         solver: linear solver; newton: SNES and its phases; predictor: finds starts.
     """
 
@@ -93,12 +94,11 @@ class ImplicitStepper:
         """Make matrix and solvers; collective; ValueError if PETSc refuses one of the options."""
         self.problem, self.options = problem, options or ImplicitOptions()
         self.x, self.trial = problem.new_vector(), problem.new_vector()
-        self.rate_dependent = True
+        self.rate_dependent, self.failures = True, 0
         self.solver = LinearSolver(problem, self.x)
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
         self._find_loose_bodies()
-        self._failures = 0  # attempts since then
         self._relaxed = False  # whether springs that give way found the last solution
         self._adrift: tuple[str, ...] = ()  # bodies that the load of the last attempt moves away
         self._pressed = False  # whether anything pressed at the last converged state
@@ -116,6 +116,7 @@ class ImplicitStepper:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
         self._held = supports_at_hand(problem)
+        problem.rounding.let_go = {n for body in self._weak.bodies for n in body.joined.names}
 
     def attempt(self, dt: float) -> StepResult:
         """Try a step of ``dt`` (s) under the loads that are set; commits nothing; collective."""
@@ -128,9 +129,8 @@ class ImplicitStepper:
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         films = [trial.normal_contact.lubrication for trial in self.problem.trials]
-        self._failures += 1  # until it is committed
-        left = newton.residuals[-1] if newton.residuals else np.inf
-        adrift = bool(self._adrift) or (bool(self._trial_floating) and holding > max(SHARE, left))
+        floating = self._adrift or self._trial_floating
+        loaded = bool(floating) and self._weak.is_loaded(newton.largest_force)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -141,7 +141,7 @@ class ImplicitStepper:
             factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=newton.residuals,
-            floating=self._adrift or self._trial_floating,
+            floating=floating,
             holding=holding,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
@@ -150,7 +150,7 @@ class ImplicitStepper:
             ),
             effort=self.solver.effort,
             relaxed=self._relaxed,
-            adrift=adrift,
+            adrift=bool(self._adrift) or loaded,
         )
 
     def _is_too_long(self) -> bool:
@@ -179,17 +179,20 @@ class ImplicitStepper:
         """
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
-        may_float = bool(self._weak.bodies) and largest > problem.roundoff
-        if not (may_float and (self._floating or self._weak.adrift(largest))):
+        trials = problem.committed
+        if not (self._floating or (self._may_float(largest) and self._weak.adrift(largest))):
             iterations, reason = self._tried(step, self._pressed)
             if reason > 0:
                 newton.evaluate(step)
+                largest = max(largest, problem.reference_force)
+            trials = problem.trials
             sure = reason > 0 or not newton.strayed
             held = sure and not self._weak.floating(largest)
-            if not may_float or held or self._weak.is_loaded(largest):
+            if not self._may_float(largest) or held or self._weak.is_loaded(largest):
                 return iterations, reason, 0.0
         springs = self._weak.springs(self.x.array_r, largest)
-        more, reason = self._tried(step.held(springs), True)
+        idle = self._weak.idle_pairs(largest, trials)
+        more, reason = self._tried(step.held(springs), True, idle)
         if reason > 0:
             newton.evaluate(step.held(springs))
         self._trial_floating = tuple(self._weak.floating(largest))
@@ -198,9 +201,15 @@ class ImplicitStepper:
             self._trial_floating = tuple(b for b in self._trial_floating if b in before)
         return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
-    def _tried(self, step: StepMode, pressed: bool) -> tuple[int, int]:
+    def _may_float(self, largest: float) -> bool:
+        """Whether a body may, and there is a force to compare with, N; collective."""
+        return bool(self._weak.bodies) and largest > self.problem.roundoff
+
+    def _tried(
+        self, step: StepMode, pressed: bool, idle: frozenset[int] = frozenset()
+    ) -> tuple[int, int]:
         parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
-        attempt = Attempt(*parts, self._failures)
+        attempt = Attempt(*parts, self.failures, idle)
         found = solve(attempt)
         self._relaxed, self._adrift = attempt.relaxed, attempt.adrift
         return found
@@ -224,7 +233,6 @@ class ImplicitStepper:
         """Accept the last attempt: unknowns, contact history and predictor."""
         self.predictor.commit(self.x, self.trial)
         pressed = any(bool(trial.pressure.any()) for trial in self.problem.trials)
-        self._failures = 0
         self._pressed = self.problem.comm.allreduce(pressed, op=MPI.LOR)
         self._floating = self._trial_floating
         self._mode = self.problem.evaluated

@@ -95,6 +95,7 @@ class ImplicitStage:
             share = end if at.count == 0 and start == self.model.onset.time else 1.0
             self.model.set_loads(start + end * load_step.dt, moved, share)
             dt = (end - at.done) * load_step.dt
+            self.stepper.failures = at.failures
             result = self.stepper.attempt(dt)
             self._heed_laws(load_step)
             half = 0.5 * (end - at.done)
