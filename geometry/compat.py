@@ -149,7 +149,9 @@ def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints) -> Ints:
 
 def cell_order(mesh: dolfinx.mesh.Mesh) -> int:
     """Degree of the polynomials that the cells' shape is of: 1 with straight edges."""
-    return int(mesh.geometry.cmap.degree)
+    geometry = mesh.geometry
+    form = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+    return int(form.degree)
 
 
 def facet_kind(mesh: dolfinx.mesh.Mesh) -> str:

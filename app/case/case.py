@@ -428,7 +428,8 @@ class Case(Model):
         for place, name in named:
             is_group = place[0] == "boundary" and name in geometry.named_groups
             if name not in geometry.named_surfaces and not is_group:
-                reason = f"no such surface; {nearest(name, geometry.named_surfaces)}"
+                known = "is a body" if name in self.bodies else "no such surface"
+                reason = f"{known}; {nearest(name, geometry.named_surfaces)}"
                 yield Problem(place, of_a_tool(name) if name in self.tools else reason, name)
 
     def _idle_film(self) -> str | None:

@@ -304,7 +304,7 @@ class MeshGeometry(Model):
         for key in ("size", "sizes", "order", "cell", "bodies", "surfaces", "meshed"):
             value = getattr(self, key)
             if value is not None and not self.is_drawing:
-                reason = f"goes with a drawing ({', '.join(DRAWINGS)}), not with a mesh"
+                reason = f"goes with a drawing ({', '.join(DRAWINGS)}); {self.mesh.name} is a mesh"
                 yield Problem((*place, key), reason)
         if self.meshed is not None and self.meshed.suffix.lower() in DRAWINGS:
             reason = "is a drawing; what was made of one is a mesh"

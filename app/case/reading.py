@@ -12,6 +12,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.toml_files import TomlError, apply_override, parse_toml, read_text
 from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError, as_line
+from tribox.geometry.meshes.drawing import DRAWINGS
 
 
 def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
@@ -67,6 +68,10 @@ def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case | li
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    if path.suffix.lower() in (*DRAWINGS, ".msh") and path.exists():
+        raise InputError(
+            f"{path}: is no case (.toml), which names drawings and meshes by its key geometry.mesh"
+        )
     text = read_text(path)
     try:
         return parse_toml(text)

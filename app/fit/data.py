@@ -152,7 +152,7 @@ def _columns(
         wrong.append(f"{path}:{number}: column {name} is there twice: {words}")
     if wrong:
         read = [name for place, name in enumerate(standard) if place not in unread]
-        wrong[:0] = _of_other_test(path, read, known)
+        wrong = _of_other_test(path, read, known) or wrong
     refuse(wrong)
     return found
 

@@ -21,7 +21,7 @@ from tribox.app.case.trust import require_drawing, require_trust
 from tribox.app.errors import InputError, tell
 from tribox.app.figures.mesh_picture import Arrow, Marks, save_picture
 from tribox.app.figures.style import fitting
-from tribox.app.results.directory import default_directory
+from tribox.app.results.directory import default_directory, unwritable
 from tribox.app.run.run import meshed
 from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.drawing import AS_DRAWN, STEP, Meshing, mesh_drawing
@@ -39,6 +39,7 @@ def write_case_mesh(
 
     Raises:
         InputError: The case or its mesh cannot be used, or a file is there.
+        OutputError: The directory cannot be made.
     """
     case = load_case(case_file, overrides)
     default = default_directory(case_file)
@@ -49,7 +50,10 @@ def write_case_mesh(
     require_trust(case, case_file, trust, python=False)
     with meshed(case, None, MPI.COMM_SELF) as whole:
         named = make_mesh(whole, MPI.COMM_SELF)
-        directory.mkdir(parents=True, exist_ok=True)
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(directory, error) from None
         if isinstance(geometry, GeneratedGeometry):
             write_msh(geometry.shape(), msh)
             print(f"wrote {msh}")
@@ -148,6 +152,8 @@ def write_drawing_mesh(drawing: Path, out: Path | None, force: bool, trust: bool
     Raises:
         InputError: The drawing cannot be meshed, or a file is there or cannot be written.
     """
+    if not drawing.exists():
+        raise InputError(f"{drawing}: no such file")
     if not trust:
         require_drawing(drawing)
     path = out or drawing.with_suffix(".msh")

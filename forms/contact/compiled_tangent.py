@@ -112,6 +112,8 @@ class CompiledTangent:
         """
         self.surface, self._code = surface, code
         code.tribox_tangent_pair_size.restype = ctypes.c_int64
+        # A structure laid out otherwise in C would be read with its fields shifted: numbers, no
+        # error.
         if code.tribox_tangent_pair_size() != ctypes.sizeof(_Pair):
             raise RuntimeError(f"{SOURCE}: its structure Pair is not that of {__name__}")
         code.tribox_nodal_forces.restype = ctypes.c_double
@@ -210,6 +212,9 @@ class CompiledTangent:
         """Fields of the structure that belong to a trial and the state before it."""
         at, response, anchor = trial.projection, trial.response, trial.anchor
         assert anchor is not None
+        # Pressures of points by themselves change with their own gaps, in the loops; averaged ones
+        # with those of all points around a vertex, which come in as a product of matrices
+        # afterwards.
         slope = None
         if not isinstance(tangent.rule, AveragedPressure):
             assert trial.normal_contact.stiffness is not None

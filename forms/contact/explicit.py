@@ -137,6 +137,7 @@ class ExplicitContact:
         averaged = isinstance(term.rule, AveragedPressure)
         term.leave_to_others()
         projection = surface.project(points, nodes, fading=averaged)
+        # Pressures first: they say which points are closed, and only these slip.
         normal = term.rule.evaluate(projection, mode, ROUNDOFF_DEPTH)
         if not term.active:
             normal = normal.opened()

@@ -74,6 +74,9 @@ class CompiledContact(ExplicitContact):
         slave, master, vertices = surface.slave, surface.master, surface.vertices
         assert isinstance(master, MasterFacets)
         q, n, dim = len(slave.weight), len(master.nodes), surface.dim
+        # Arrays that this object writes into (values, film, dry, damping) are read by the loops
+        # where they lie: a step passes nothing but the address of the structure. Places of the last
+        # search are infinite, so that the first step searches.
         return {
             "weight": slave.weight,
             "shape": slave.shape,
@@ -150,6 +153,8 @@ class CompiledContact(ExplicitContact):
         self._enter_damping(normal, now.arrays["gap"], mode)
         arrays = now.arrays
         kinematics = now.kinematics()
+        # The law itself is numpy's, between two loops: they have made what it is called with, and
+        # add its traction to the pressure's.
         film = term.film.at(normal.pressure)[0]
         projection = now.projection()
         term.cover_rim(normal, projection)

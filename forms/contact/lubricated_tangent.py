@@ -136,6 +136,8 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         part, area = film.part, film.solver.cells.area
         length, slopes = history.length[part.inside], film.solver.slopes(film.step, film.solution)
+        # The film's unknowns follow gaps and speeds such that the mass balance stays zero: its
+        # derivative by these goes through the factors of the balance's own (implicit functions).
         by_gap = part.gap_slopes(gap, length)
         assert film.step.by_gap is not None
         by_gap.data *= np.repeat(film.step.by_gap, np.diff(by_gap.indptr))

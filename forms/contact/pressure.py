@@ -87,12 +87,16 @@ class AveragedPressure:
         """See :class:`NormalRule`."""
         vertices = self.vertices
         share = 1.0 if at.share is None else at.share
+        # A point beyond the master's end has no gap: the mean is over those that have one, and the
+        # area is theirs, so that a vertex at the end carries by its covered part.
         weight = self.surface.slave.weight * np.where(at.on_surface, share, 0.0)
         gaps = vertices.sums(weight * np.where(at.on_surface, at.gap, 0.0))
         covered = vertices.sums(weight)
         gap, active, spring, stiffness = self.at_vertices(gaps, covered, mode, least_depth)
         damping = None if mode.dashpots is None else mode.dashpots.pressure(gap, spring)
         spring = spring if damping is None else spring + damping
+        # A point shares the pressure of all vertices of its facet: one that is closed makes it
+        # press.
         closed = at.on_surface & active[vertices.of_point].any(axis=1)
         at_points = np.where(closed, share * vertices.at_points(spring), 0.0)
         return NormalContact(

@@ -107,6 +107,7 @@ def tie_points(surface: ContactSurface) -> TiePoints:
     weight = weight * measure(tangents)
     if surface.axisymmetric:
         weight = weight * 2.0 * np.pi * position[:, 0]
+    # Of meshes that do not match chords lie apart by a part of the longer facet, whoever has it.
     at = surface.project(position, master.position)
     reach = REACH * slave.facet_length[first][facet]
     if isinstance(master, MasterFacets):
@@ -356,11 +357,14 @@ class TieTerm(ContactTerm):
         points = surface.slave_positions(slave)
         at = self._places(points, surface.master_positions(values))
         jump = self._jumps(values)
+        # Jumps are means over what is tied of a vertex's area; as a traction at points, which is
+        # per area of all facets, the pull counts for that share only.
         pull = self.stiffness()[:, None] * jump
         carried = self.tied_area / surface.vertices.area
         traction = -np.stack(
             [surface.vertices.at_points(carried * pull[:, i]) for i in range(surface.dim)], axis=1
         )
+        # Nothing slips; the law's answer to that is there for all that reads trials of any contact.
         none = np.zeros(len(points))
         slip = np.zeros_like(points)
         response = self.law.update(slip, dt, none, none, self.state.friction, rate_dependent=False)

@@ -167,6 +167,7 @@ class FrictionMap:
             self._add_held_back(step, step.slowed, dt, (d_slip, d_elastic, d_pressure, d_film))
         if step.flow.d_pressure is not None:
             d_pressure += (step.at.alpha * step.flow.d_pressure) * step.slip
+        # Inside components come first, so that numpy's loops run along the points; outside last.
         return FrictionResponse(
             traction=traction.T,
             d_traction_d_slip=d_slip.transpose(2, 0, 1),
@@ -387,6 +388,8 @@ def _held_back(step: _Step, slowed: Slowing | None) -> _Step:
     slowed = slowed.take(slowed.elastic < traction[slowed.points])
     points, share = slowed.points, np.ones_like(traction)
     share[points] = slowed.elastic / traction[points]
+    # What a held point carries is decided by the film that slows, not by its trial: its slopes come
+    # from there (`_add_held_back`), and those of the return are none.
     held = share < 1.0
     if not held.any():
         return step

@@ -110,12 +110,17 @@ def return_mapping(
         friction = friction.mu_s
     s = np.sqrt(dot(trial, trial))
     closed = pressure > 0.0
+    # Open points take part without stiffness: to pick rows out and put them back would cost more
+    # than to compute what they do not need.
     if not closed.all():
         stiffness = np.where(closed, stiffness, 0.0)
     mu = friction.coefficient(slip_path) if isinstance(friction, SlipWeakening) else friction
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
+    # Where μ falls with the path the threshold is that at the end of the step, which the slip
+    # decides itself: path and slopes then come from one scalar equation a point, else they are at
+    # hand.
     if isinstance(friction, SlipWeakening):
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
         threshold = friction.coefficient(path) * pressure
@@ -126,6 +131,7 @@ def return_mapping(
             d_pressure=np.where(slipping, mu, 0.0),
             d_stiffness=_where_stuck(slipping, s),
         )
+    # The return is radial: one factor shortens trial slip and traction, and none turns.
     ratio = _ratio(threshold, elastic, slipping)
     return Returned(
         elastic_slip=ratio * trial,

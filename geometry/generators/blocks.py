@@ -229,6 +229,8 @@ class Blocks:
             raise ValueError(
                 f"group {group}: {given} do not meet; give {many} sides of one block that do"
             )
+        # Bit k of a corner's number is its end of axis k: sides of one block meet in the corners
+        # whose bits are the ends of all of them.
         corners = [
             corner
             for corner in range(2**dim)

@@ -177,6 +177,8 @@ class SphereOnBlock:
 
     def _block(self) -> Body:
         R, H, half = self.block_radius, self.block_height, 0.5 * self.contact_width
+        # A square prism below the zone, wider at its foot, and around it parts that go over into
+        # the circle: wedges that meet on the axis would end in degenerate cells there.
         across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
         deep = Edge(layers(H, self.contact_size, self.growth), self.growth)
         out = layers(R - half, self.contact_size, self.growth)

@@ -87,6 +87,7 @@ class MeshArrays:
         """With straight cells of first order, between the corners; without the other nodes."""
         if self.order == 1:
             return self
+        # Nodes of no straight cell go, so the others move up; a number that is left behind is -1.
         used = np.unique(self.cells)
         number = np.full(len(self.position), -1, dtype=np.int64)
         number[used] = np.arange(len(used))
@@ -170,6 +171,7 @@ def unpacked(data: bytes) -> MeshArrays:
                 (str(name), Part(int(tag), np.asarray(arrays[f"part{number}"])))
                 for number, (name, tag) in enumerate(named)
             ]
+            # Bodies and surfaces were numbered through; the first ``count`` are bodies.
             count = len(header["bodies"])
             groups = {
                 str(name): np.asarray(arrays[f"group{number}"])

@@ -94,11 +94,12 @@ def test_a_process_does_as_the_call_does(tribox, tmp_path, words):
 
 
 @pytest.mark.parametrize("command", ["run", "check", "mesh"])
-def test_missing_case_file(tribox, command):
-    result = tribox(command, "nowhere.toml")
-    assert result.returncode == 2 and result.stdout == ""
-    assert len(result.stderr.splitlines()) == 1
-    assert "nowhere.toml: no such file" in result.stderr
+def test_missing_case_file_or_drawing(tribox, command):
+    for name in ("nowhere.toml", "nowhere.geo"):
+        result = tribox(command, name)
+        assert result.returncode == 2 and result.stdout == ""
+        assert len(result.stderr.splitlines()) == 1
+        assert f"{name}: no such file" in result.stderr
 
 
 @pytest.mark.parametrize("words", [["run"], ["run", "a.toml", "--np", "0"]])
@@ -333,6 +334,9 @@ def test_mesh_writes_file_and_picture_and_keeps_what_is_there(tribox, case_file,
     before = snapshot(out)
     assert_refused(tribox("mesh", path, "--out", out), "mesh.msh", "--force")
     assert snapshot(out) == before
+    below = tribox("mesh", path, "--out", path / "mesh")  # no directory can be below a file
+    assert below.returncode == 4 and "cannot be written" in below.stderr.splitlines()[0]
+    assert "is no case (.toml)" in tribox("check", out / "mesh.msh").stderr
     assert tribox("mesh", path, "--out", out, "--force").returncode == 0
 
 

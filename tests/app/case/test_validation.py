@@ -103,6 +103,7 @@ MISTAKES = [
     # surfaces
     ("contact.0.master=elastomer_contact", "contact.0.master = \"elastomer_contact\": must differ"),
     ("contact.0.slave=elastomer_contct", 'no such surface; did you mean "elastomer_contact"?'),
+    ("contact.0.slave=elastomer", '"elastomer": is a body; did you mean "elastomer_'),
     ("boundary.1.surface=zzz", 'boundary.1.surface = "zzz": no such surface; there are'),
     ("bodies.aluminium.formulation=q1-sri;geometry.cell=triangle", '"q1-sri" needs quadrilaterals'),
     ("contact.0.penalty=1e13 Pa/m;contact.0.penalty_factor=10", "either penalty or penalty_factor"),
