@@ -6,6 +6,7 @@ What is judged, and against what:
   the approach of the bodies 2 U/N, U being their strain energy: where displacements are prescribed
   N is too small by about that share (by 1.2 times it for Hertz's contact, U = 2/5 N δ, N ~ δ^3/2).
   What bodies that flow dissipate is added once: their force changes little while they do.
+- **elastic slip** of points that stick, by its energy over that of the bodies: likewise.
 - **evenness**, with the pressure point by point: a straight facet touches a curved master at a few
   points as soon as its sagitta h²/8R exceeds the penetration. Seen are the sagitta itself, the
   range of the gap along a facet less its linear part, which is that of both surfaces as they are
@@ -48,6 +49,9 @@ from tribox.app.simulation.surface_faults import (
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import facet_length_along
 from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.coulomb import StickingLaw
+from tribox.forms.friction.factored_law import FactoredLaw
+from tribox.forms.friction.law import Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
 from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
@@ -63,6 +67,7 @@ OPEN_INSIDE = 0.05  # share of open points inside a pressed patch
 SCATTER = 0.2  # standard deviation over mean of the pressure within facets
 FEW = 4.0  # facets as long as those at the rim, up to the middle, below which a contact is coarse
 NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
+SLACK = 0.02  # energy of what sticks over that of the bodies
 SUNK = 0.05  # depth of a vertex of the master in a slave facet, over the length of the facet
 ASTRAY = 0.03  # resultant of pressures along the slave's normals, off that along the master's
 HIDDEN = 0.15  # depth of a point beyond that of the mean gaps, over the facet's length
@@ -312,6 +317,7 @@ class ContactWarnings(Remembers):
     _strongest: Kept[list[PairState | None]]
     _widest: Kept[list[PairState | None]]
     _stored: Kept[list[float]]
+    _slack: Kept[list[float]]  # as over_approach of a tie, of what sticks
     _sunk: Kept[list[tuple[Sunk, str]]]
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
@@ -329,7 +335,7 @@ class ContactWarnings(Remembers):
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "")] * count
         self._strongest, self._widest = [None] * count, [None] * count
-        self._stored = [0.0] * count
+        self._stored, self._slack = [0.0] * count, [0.0] * count
         self._sunk = [(Sunk(), "")] * count
         if resumed is not None:
             self.restore(resumed)
@@ -362,7 +368,7 @@ class ContactWarnings(Remembers):
                     self.over_approach[index] = over(state.mean, approach)
             if widest is None or state.area > widest.area:
                 self._widest[index] = state
-        self._look_at_ties(trials, spent / thickness)
+        self._look_at_what_sticks(trials, spent / thickness)
         self._look_at_edges(row, states)
 
     def _look_at_edges(self, row: Row, states: Sequence[PairState]) -> None:
@@ -384,19 +390,19 @@ class ContactWarnings(Remembers):
             return state if angle > BENT else replace(state, waves=0.0)
         return state
 
-    def _look_at_ties(self, trials: Sequence[ContactTrial], spent: float) -> None:
-        """Hold what ties store against ``spent``, J per unit thickness, of the bodies; collective.
+    def _look_at_what_sticks(self, trials: Sequence[ContactTrial], spent: float) -> None:
+        """Hold what ties and stick store against ``spent``, J per unit thickness; collective.
 
-        Twice the energy of a tie is its force times its jump, in tension and shear too.
+        ``spent`` is that of the bodies. Twice the energy of a tie, or of what sticks, is its force
+        times its jump, in tension and shear too.
         """
         for index, (term, trial) in enumerate(zip(self._problem.contacts, trials, strict=True)):
-            if not term.tied:
-                continue
-            mine = term.interface_energy(trial) if term.active else 0.0
+            mine = _held(term, trial) if term.active else 0.0
             stored = self._problem.comm.allreduce(mine, op=MPI.SUM)
             if stored > self._stored[index]:
                 self._stored[index] = stored
-                self.over_approach[index] = over(2.0 * stored, spent)
+                largest = self.over_approach if term.tied else self._slack
+                largest[index] = over(2.0 * stored, spent)
 
     def warnings(self) -> Iterator[str]:
         """The lines of all pairs."""
@@ -418,6 +424,8 @@ class ContactWarnings(Remembers):
             costly = self.over_approach[index] > APPROACH and not self._by_force[index]
             if self.over_facet[index] > PENETRATION or costly:
                 yield self._soft(index, comb)
+            if self._slack[index] > SLACK:
+                yield _slack_text(index, self._slack[index])
             if self._sunk[index][0].share > SUNK:
                 yield self._edge(index)
             yield from _of_facets(index, state)
@@ -492,6 +500,27 @@ class ContactWarnings(Remembers):
             f"up to {self.over_facet[index]:.2g} of the local slave facet's length, and "
             f"on average {share:.2g} of the approach of the bodies: {cost}; {cure}"
         )
+
+
+def _held(term: ContactTerm, trial: ContactTrial) -> float:
+    """What a tie stores on this rank, or stick that is a penalty, J per unit thickness."""
+    if term.tied:
+        return term.interface_energy(trial)
+    law = term.law.law if isinstance(term.law, FactoredLaw) else term.law
+    if not isinstance(law, StickingLaw):  # its stiffness is that of asperities, or not known
+        return 0.0
+    sticks = trial.response.regime == Regime.STICK
+    stored = term.law.stored_energy(trial.response.state)
+    return float((term.surface.slave.weight * sticks) @ stored)
+
+
+def _slack_text(index: int, share: float) -> str:
+    return (
+        f"contact.{index}: what sticks gives way, before it slips, by {share:.2g} of the "
+        f"deformation of the bodies: under prescribed displacements forces are up to "
+        f"{100.0 * share / (1.0 + share):.2g} % too small; raise K_T (default 10 G/h, of the "
+        "facets' length h), or refine the slave"
+    )
 
 
 def _percent(share: float) -> str:

@@ -136,6 +136,51 @@ def test_the_share_of_the_approach_is_the_error_of_the_force(block, tmp_path):
     assert share[1] == pytest.approx(0.01 * share[0], rel=0.1) and share[0] > 0.01
 
 
+STRIP = """
+[geometry]
+kind = "blocks"
+blocks = { strip = { x = ["-6 mm", "6 mm"], y = ["0 mm", "2 mm"], elements = [24, 8] } }
+[bodies.strip]
+material = "neo-hookean"
+G = "0.5 MPa"
+K = "1.5 GPa"
+[tools.plate]
+shape = "plane"
+point = ["0 mm", "2 mm"]
+normal = [0, -1]
+displacement = { y = [["0 s", "0 mm"], ["1 s", "-2 um"]] }
+[[contact]]
+slave = "strip_top"
+master = "plate"
+friction = { law = "coulomb", mu = 5.0 }
+[[boundary]]
+surface = "strip_bottom"
+displacement = { x = 0, y = 0 }
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 1
+[output]
+figures = false
+"""
+
+
+def test_what_sticks_softly_between_plates_is_said(tmp_path):
+    """Rubber that cannot go sideways: nothing slips, and elastic slip takes 6 % of the force."""
+    force, found = [], []
+    for factor in (1.0, 100.0):
+        data = tomllib.loads(STRIP)
+        data["contact"][0]["friction"]["K_T"] = factor * 10.0 * 0.5e6 / 0.5e-3
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        force.append(run.rows[-1].normal_force)
+        found.append([line for line in summary["warnings"] if "what sticks gives way" in line])
+    [line], none = found
+    assert line.startswith("contact.0: ") and "raise K_T" in line and not none
+    said = float(re.search(r"up to ([\d.]+) % too small", line)[1])
+    assert said == pytest.approx(100.0 * (1.0 - force[0] / force[1]), rel=0.15)
+
+
 def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
     """The same block under a platen: it comes too close, and that is no fault of its forces."""
     data = tomllib.loads(block)
