@@ -8,14 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.checkpoint.campaign import (
-    CASES,
-    campaign,
-    finish,
-    kill_after,
-    left_alone,
-    start,
-)
+from tests.app.checkpoint.campaign import CASES, campaign, finish, kill_after, left_alone, start
 from tests.app.checkpoint.going_on import numbers, unlike
 from tests.app.checkpoint.small_cases import changed
 from tests.app.checkpoint.test_resume import CASE
@@ -34,10 +27,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("work")
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["implicit 2D", pytest.param("sweep", marks=pytest.mark.long)],
-)
+@pytest.mark.parametrize("kind", ["implicit 2D", pytest.param("sweep", marks=pytest.mark.long)])
 def test_a_killed_run_goes_on_with_the_same_bytes(work, kind):
     [killed] = campaign([kind], 0, work)
     assert killed.unlike == [] and 0 < killed.row < killed.rows

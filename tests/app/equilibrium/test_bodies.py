@@ -83,11 +83,7 @@ def differences(comm, cell, formulation, lower):
                 found[f"{name}, {acts}, carried"] = scene.apart(x, scene.at(shift, 0.02))
             placed = scene.problem.bodies._placed.values()
             outside[str(acts)] = comm.allreduce(sum(len(one.places.dense) for one in placed))
-    return {
-        "apart": found,
-        "patterns": tangent.pattern_changes,
-        "outside": outside,
-    }
+    return {"apart": found, "patterns": tangent.pattern_changes, "outside": outside}
 
 
 def all_differences(comm, directory):

@@ -171,11 +171,7 @@ def long(*values: object):
 
 
 @pytest.mark.parametrize(
-    ("kind", "number"),
-    [
-        ("single", signal.SIGHUP),
-        long("explicit", signal.SIGINT),
-    ],
+    ("kind", "number"), [("single", signal.SIGHUP), long("explicit", signal.SIGINT)]
 )
 def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
     process, out = start(kind), tmp_path / "out"
@@ -190,11 +186,7 @@ def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("number", "whom"),
-    [
-        (signal.SIGTERM, "tribox"),
-        long(signal.SIGHUP, "tribox"),
-        long(signal.SIGUSR1, "prterun"),
-    ],
+    [(signal.SIGTERM, "tribox"), long(signal.SIGHUP, "tribox"), long(signal.SIGUSR1, "prterun")],
 )
 def test_a_signal_stops_all_ranks(start, tmp_path, number, whom):
     process, out = start("single", "--np", "2"), tmp_path / "out"

@@ -142,11 +142,7 @@ def test_work_at_a_sharp_corner_of_a_die_is_told_to_be_its(tmp_path, fillet, war
     slope, high = math.tan(math.radians(15)), 2.02 if fillet else 2.0
     data["tools"]["wedge"] = {
         "shape": "polyline",
-        "points": [
-            ["4 mm", f"{high - 4 * slope} mm"],
-            [0, f"{high} mm"],
-            ["-9 mm", f"{high} mm"],
-        ],
+        "points": [["4 mm", f"{high - 4 * slope} mm"], [0, f"{high} mm"], ["-9 mm", f"{high} mm"]],
         "fillet_radius": fillet,
     }
     way = {"x": [[0.0, 0.0], [1.0, "2 mm"]]}

@@ -103,11 +103,7 @@ def test_a_ring_is_stretched_round_its_axis(name):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(
     ("section", "formulation"),
-    [
-        ("plane-strain", "q1-sri"),
-        ("axisymmetric", "q1-sri"),
-        ("3D", "q1-sri"),
-    ],
+    [("plane-strain", "q1-sri"), ("axisymmetric", "q1-sri"), ("3D", "q1-sri")],
 )
 def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
     """In a bent cell, where stretches differ from point to point, and undeformed."""

@@ -126,7 +126,7 @@ def test_backward_euler_converges_at_first_order_under_slip_weakening():
     law = make(**WEAKENING | {"K_T": 2e11})
     end = 4e-3
     exact = reference(law, end)
-    steps = np.array([400, 800, 1600, 3200])
+    steps = np.array([400, 800, 1600])
     errors = np.array([abs(decelerate(law, end, n, film=0.0)[0][-1] - exact) for n in steps])
     orders = np.log2(errors[:-1] / errors[1:])
     assert errors[-1] < 1e-3 * V0

@@ -7,11 +7,7 @@ import pytest
 
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.smoothing import (
-    corner_spacing,
-    smooth_patches,
-    towards_axis,
-)
+from tribox.geometry.surfaces.smoothing import corner_spacing, smooth_patches, towards_axis
 
 KINDS = ["interval", "quadrilateral"]
 SMOOTHING_ANGLE = np.pi / 6
