@@ -171,6 +171,7 @@ class Loads:
         """By axis, global nodes of all ranks that stay where they are in all stages; collective."""
         space, out = self.u.function_space, []
         for axis in range(space.dofmap.index_map_bs):
+            # Held at zero in all stages, as a plane of symmetry is.
             parts = [
                 one.dofs
                 for one in self.constraints

@@ -372,6 +372,7 @@ class PairAtStart:
         at, slave = self.at, self.surface.slave
         near = at.on_surface & (np.abs(at.distance) < max(size, self.surface.facet_length))
         weight = slave.weight * near
+        # Means by area of each facet, as one may lie nearer in its own mean than all do in theirs.
         areas = np.bincount(slave.facet, weight)
         moments = np.bincount(slave.facet, weight * np.where(near, at.distance, 0.0))
         moment, area = self._comm.allreduce(np.array([moments.sum(), areas.sum()]))

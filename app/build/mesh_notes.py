@@ -27,6 +27,7 @@ from tribox.app.equilibrium.supports import (
 )
 from tribox.app.equilibrium.unknowns import Prescribed, box_of
 from tribox.forms.bodies.loads import Foundation
+from tribox.forms.bodies.materials import young_and_poisson
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.partition import metis_is_available
@@ -220,8 +221,7 @@ def _yield_strains(case: Case) -> Iterator[str]:
         if not isinstance(body, ElastoPlasticBody):
             continue
         stress = float(body.hardening.parameters().stress(np.zeros(1))[0])
-        shear, bulk = body.shear_modulus, body.bulk_modulus
-        modulus = 9.0 * bulk * shear / (3.0 * bulk + shear)
+        modulus, _ = young_and_poisson(body.shear_modulus, body.bulk_modulus)
         if not least <= stress / modulus <= most:
             yield (
                 f"bodies.{name}: yields at {stress:.3g} Pa, {stress / modulus:.2g} of Young's "

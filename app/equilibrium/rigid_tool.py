@@ -64,6 +64,7 @@ class RigidTool:
         """
         arms = np.abs(self.surface.extent - self.motion.centre).max(axis=0)
         if self.motion.axis is not None:
+            # An arm along the axis of rotation turns nothing; of one along x √(1 − a_x²) is across.
             axis = np.asarray(self.motion.axis) / np.linalg.norm(self.motion.axis)
             across = np.sqrt(np.maximum(1.0 - axis**2, 0.0))
             arms = np.where(across > 0.0, np.minimum(arms, self.motion.length) * across, 0.0)

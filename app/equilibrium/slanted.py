@@ -112,6 +112,8 @@ def node_groups(platens: Sequence[SlantedPlaten], held: Ints, dim: int) -> list[
     nodes = np.unique(np.concatenate([platen.dofs[::dim] // dim for platen in platens]))
     if not len(nodes):
         return []
+    # On which platens a node is, and which of its components are free: nodes with the same answers
+    # have the same equations, and all of them are eliminated at once.
     on = np.stack([np.isin(nodes * dim, platen.dofs) for platen in platens], axis=1)
     free = ~np.isin(nodes[:, None] * dim + np.arange(dim), held)
     kinds, kind = np.unique(np.concatenate([on, free], axis=1), axis=0, return_inverse=True)
@@ -235,6 +237,7 @@ class SlantedRows:
     def _combined(self, group: NodeGroup) -> _Entry:
         """Entries of L in the rows K of a group: −N_Kᵀ N_J⁻ᵀ in the columns J."""
         dim, first = self._unknowns.dim, self._unknowns.first
+        # What is left of a node's forces across the platens: f_K − N_Kᵀ λ, with λ from the rows J.
         others = np.setdiff1d(np.arange(dim), group.pivots)
         share = -(group.inverse @ group.normals[:, others]).T  # (k, p)
         row = np.repeat(group.dofs[:, others], len(group.pivots), axis=1) + first
@@ -246,6 +249,7 @@ class SlantedRows:
         if self._platens[number].displacement is not None:
             return []
         parts = self._with(number)
+        # One row balances the forces of a whole platen, whichever ranks its nodes are on.
         columns = [group.rows.reshape(-1) + self._unknowns.first for group, _ in parts]
         values = [np.tile(group.inverse[:, at], len(group.nodes)) for group, at in parts]
         none = np.empty(0, dtype=np.int64), np.empty(0)
@@ -269,6 +273,7 @@ class SlantedRows:
             if platen.displacement is not None:
                 entries.append((row, own, weight))
                 continue
+            # A platen moves as one: all of its nodes but the leader take the leader's n·u.
             follows = row != leader
             leaders = np.tile(lead, len(group.nodes))
             entries.append((row[follows], own[follows], weight[follows]))

@@ -175,6 +175,7 @@ def joined_bodies(problem: Equilibrium, tied: Sequence[bool] | None = None) -> l
                 grips.append((number[pair.slave.name], grip))
                 continue
             first, second = sorted(of[number[one.name]] for one in (pair.slave, pair.master))
+            # All groups joined so far take the first one's number, in whatever order ties come.
             of = [first if one == second else one for one in of]
     return [
         JoinedBodies(

@@ -44,8 +44,9 @@ from tribox.app.fit.run import (
     value_and_ends,
     write_fit,
 )
-from tribox.app.friction_map.run import keep_input, suffixed_directory
+from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import claimed
+from tribox.app.results.directory import keep_inputs_apart
 
 # -- Figure of a material's test and what was fitted to it -----------------------------------------
 
@@ -250,7 +251,7 @@ def run_material(
     """
     data, given = read_test(data_file, options)
     directory = out or suffixed_directory(data_file, "fit")
-    keep_input(directory, data_file)
+    keep_inputs_apart(directory, [data_file])
     with claimed(directory, force) as claim:
         result = fitted(data, options, given)
         written = body_section(result, data_file)

@@ -250,6 +250,7 @@ class MetalProblem:
         if self.law == "voce":
             found |= {"saturation_stress": max(top - first, 0.05 * top), "exponent": 3.0 / wide}
         if self.law == "swift":
+            # Through the first yield without plastic strain, K ε₀ⁿ, and the last, highest stress.
             n = 0.2
             found |= {"K": top / wide**n, "n": n, "strain0": wide * (first / top) ** (1.0 / n)}
             found["strain0"] = min(max(found["strain0"], 1e-6), 0.5)

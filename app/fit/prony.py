@@ -231,6 +231,8 @@ class PronyProblem:
             tail = np.asarray(np.log([C1_START, self.shift.usual_C2]))
         count = max(2, 1 + math.ceil(PER_DECADE * (high - low) / math.log(10.0)))
         grid = np.asarray(np.linspace(low, high, count), dtype=np.float64)
+        # Times spread evenly over what the data see; those that a fine grid puts its moduli at; and
+        # what was found with a branch less, with one more wherever it helps most.
         yield self._with_moduli(low + (high - low) * (np.arange(n) + 0.5) / n, tail)[1]
         yield self._gathered(grid, n, tail)
         if fewer is not None:
@@ -499,6 +501,7 @@ def branch_stress(time: Floats, strain: Floats, tau: Floats) -> Floats:
     out = [e]
     for n, h, d in zip(steps, dt, turn, strict=True):
         for _ in range(n):
+            # Predictor, and corrector at the middle: exact were the rate of decay constant.
             a = _steepness(e) * (h / tau)
             guess = e * np.exp(-a) + d * _mean_decay(a)
             a = _steepness(0.5 * (e + guess)) * (h / tau)

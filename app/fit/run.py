@@ -44,9 +44,14 @@ from tribox.app.fit.model import (
     stated,
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
-from tribox.app.friction_map.run import keep_input, suffixed_directory
+from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import Claim, claimed
-from tribox.app.results.directory import write_json, write_table, write_text
+from tribox.app.results.directory import (
+    keep_inputs_apart,
+    write_json,
+    write_table,
+    write_text,
+)
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
@@ -241,7 +246,7 @@ def run_fit(
     """
     setup = fit_setup(data_file, parameters, fixed, start, law, ignored)
     directory = out or suffixed_directory(data_file, "fit")
-    keep_input(directory, data_file)
+    keep_inputs_apart(directory, [data_file])
     with claimed(directory, force) as claim:
         chosen = coordinates(setup.names, setup.data, setup.base)
         result = Calibration(setup.data, setup.base, chosen, setup.starts).run()

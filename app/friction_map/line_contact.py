@@ -37,6 +37,7 @@ from tribox.app.figures.style import (
 )
 from tribox.app.friction_map.setup import mapped
 from tribox.app.results.directory import write_json, write_table
+from tribox.forms.bodies.materials import young_and_poisson
 from tribox.forms.film.places import FilmCells
 from tribox.forms.film.reynolds import FilmError, FilmStep, ReynoldsFilm, wedge_film
 from tribox.forms.film.roughness import Asperities, RoughGap
@@ -370,9 +371,8 @@ def _modulus(name: str, body: Body) -> float:
             f'bodies.{name}.material = "{body.material}": tribox map of a film that is found takes '
             "an elastic body with moduli of its own: metal that yields bears other pressures"
         )
-    # E* = E/(1 − ν²) = 2 G/(1 − ν)
-    poisson = (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
-    return float(2.0 * shear / (1.0 - poisson))
+    young, poisson = young_and_poisson(shear, bulk)
+    return float(young / (1.0 - poisson**2))
 
 
 def _speeds(contact: LineContact, sigma: float, load: float) -> tuple[float, ...]:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tribox.app.errors import InputError, tell
+from tribox.app.errors import tell
 from tribox.app.friction_map.material_tests import compute_map, summary, write_map
 from tribox.app.friction_map.setup import law_notes, map_setup, mapped
 from tribox.app.results.claim import claimed
-from tribox.app.results.directory import default_directory
+from tribox.app.results.directory import default_directory, keep_inputs_apart
 
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
@@ -31,7 +31,7 @@ def run_map(
         InputError: The case or the directory is not usable; nothing is changed then.
     """
     directory = out or suffixed_directory(case_file or BUILT_IN, "map")
-    keep_input(directory, case_file)
+    keep_inputs_apart(directory, [case_file] if case_file else [])
     found = _with_film(case_file, overrides)
     if found is not None:
         from tribox.app.friction_map.line_contact import film_map, map_film
@@ -73,19 +73,6 @@ def suffixed_directory(source: Path, suffix: str) -> Path:
     """The default directory of a command beside ``run``: ``results/SOURCE-suffix``."""
     default = default_directory(source)
     return default.with_name(f"{default.name}-{suffix}")
-
-
-def keep_input(directory: Path, source: Path | None) -> None:
-    """Refuse a results directory that holds the input: it would be cleared.
-
-    Raises:
-        InputError: It does.
-    """
-    if source is not None and directory.resolve() in source.resolve().parents:
-        raise InputError(
-            f"{directory}: holds {source.name}, which is read; name another directory for the "
-            "results with --out"
-        )
 
 
 def _tell(directory: Path, notes: Sequence[str], numbers: dict[str, Any]) -> None:

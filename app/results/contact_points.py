@@ -289,6 +289,7 @@ def _normals(term: ContactTerm, normals: Floats) -> Floats:
 def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
     """Mean gaps (v,), m, that the pressure answers to; NaN with no master below; collective."""
     above = trial.projection.on_surface
+    # Where a part of the surroundings has no master below, the mean is over the rest.
     covered = _mean(term, above.astype(np.float64))
     gap = trial.nodal_gap
     if gap is None:

@@ -81,6 +81,20 @@ BEGINNING = {"status": "running", "begins": True}
 TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe", "kind", "name")
 
 
+def keep_inputs_apart(directory: Path, sources: Iterable[Path]) -> None:
+    """Refuse a results directory that holds what results are made from: it would be cleared.
+
+    Raises:
+        InputError: it does.
+    """
+    for path in sources:
+        if directory.resolve() in path.resolve().parents:
+            raise InputError(
+                f"{directory}: holds {path.name}, which the run reads; name another directory for "
+                "the results with --out"
+            )
+
+
 def default_directory(case_file: Path) -> Path:
     """Where the results of a case go if nobody says: ``results/CASE``."""
     root = os.environ.get("TRIBOX_RESULTS", "results")

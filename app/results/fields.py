@@ -58,6 +58,7 @@ def vtk_order(element: basix.finite_element.FiniteElement) -> Longs:
     corners = np.array(_CORNERS[cell], dtype=np.float64)
     means = _MEANS[cell] if element.degree == 2 else ()
     places = np.concatenate([corners, *([corners[list(mean)].mean(axis=0)] for mean in means)])
+    # By place, for basix and VTK number edges and faces each in their own way.
     apart = np.linalg.norm(places[:, None] - element.points[None], axis=2)
     order: Longs = apart.argmin(axis=1)
     assert apart.min(axis=1).max() < 1e-12, "nodes of another element"
@@ -163,6 +164,7 @@ class Strain:
 
 def strain_of(F: Floats) -> Strain:
     """The measures of deformation gradients (c, 3, 3)."""
+    # F Fᵀ = Σ λ² n nᵀ: ln V has the same axes n, and ½ ln λ² along them.
     squares, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
     logs = 0.5 * np.log(squares)
     strain = (axes * logs[:, None]) @ axes.transpose(0, 2, 1)

@@ -282,6 +282,7 @@ class _Body:
         place = (self._points.place + self._points.displacement(u)).reshape(-1, dim)
         weight = self._points.weight.reshape(-1) * measures.J
         mises = von_mises(sigma)
+        # Integrals over the deformed volume: that of 1 is the volume, the others over it are means.
         parts = [np.ones(len(F)), *place.T]
         parts += [sigma[:, i, j] for _, i, j in tensor] + [mises, mean_pressure(sigma)]
         parts += [strain[:, i, j] for _, i, j in tensor]

@@ -14,7 +14,12 @@ from tribox.app.case.trust import require_trust
 from tribox.app.checkpoint.same_case import is_whole
 from tribox.app.errors import InputError, SaidOnce, tell
 from tribox.app.results.claim import check_not_in_use, is_done, sweep_labels
-from tribox.app.results.directory import check_free, checkpoint_numbers, default_directory
+from tribox.app.results.directory import (
+    check_free,
+    checkpoint_numbers,
+    default_directory,
+    keep_inputs_apart,
+)
 from tribox.app.run.process import lasting_imports, nothing_begun, ranks_around
 from tribox.app.run.ranks import run_on_ranks
 
@@ -91,21 +96,11 @@ def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: R
     """Refuse results where they would be cleared with what the run is made from."""
     swept = case.sweep is not None
     begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
-    if not ((options.resume or options.extend) and begun):  # else nothing is cleared
-        _keep_inputs(directory, case_file, case)
-
-
-def _keep_inputs(directory: Path, case_file: Path, case: Case) -> None:
-    """Refuse a results directory that holds what the run is made from: it would be cleared."""
+    if (options.resume or options.extend) and begun:
+        return  # nothing is cleared
     with lasting_imports():
         from tribox.app.results.inputs import input_files
-
-    for path in (case_file, *input_files(case)):
-        if directory.resolve() in path.resolve().parents:
-            raise InputError(
-                f"{directory}: holds {path.name}, which the run reads; name another directory for "
-                "the results with --out"
-            )
+    keep_inputs_apart(directory, (case_file, *input_files(case)))
 
 
 def _one_part(case: Case, part: int) -> Case:

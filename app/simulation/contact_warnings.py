@@ -260,11 +260,13 @@ class PairProbe:
             return 0.0, 0.0, 0.0
         rim = cKDTree(vertices.position[~pressing])
         inside = [vertices.position[pressing], surface.slave.position[ends.all(axis=1)]]
+        # The place deepest inside tells the widest patch: two patches are not one wide contact.
         places = np.concatenate(inside)
         depth = rim.query(places)[0] if len(places) else np.empty(0)
         deepest = int(np.argmax(depth)) if len(depth) else -1
         mine = (float(depth[deepest]), *places[deepest]) if len(depth) else (0.0,)
         half, *middle = max(self._comm.allgather(mine))
+        # The rim around that place alone: other patches may be meshed otherwise.
         near: Bools = np.asarray(crossed)
         if middle:
             apart = np.linalg.norm(surface.slave.position - middle, axis=1)
@@ -273,6 +275,7 @@ class PairProbe:
         length[near] = facet_length_along(surface, near, ends[near].astype(np.float64))[0]
         parts = (near, length, crossed, ends.all(axis=1))
         sums = self._total(*(float(weight @ part) for part in parts))
+        # Somewhere within the facets that it crosses, in the mean half-way, the contact ends.
         rim_length, half_crossed = over(sums[1], sums[0]), 0.5 * sums[2]
         half_width = max(half - 0.5 * rim_length, 0.5 * rim_length)
         return half_width, rim_length, over(half_crossed, sums[3] + half_crossed)
@@ -281,6 +284,8 @@ class PairProbe:
         """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
         weight, pressure = self.surface.slave.weight, trial.pressure
         inside = self._inside(patch)
+        # The standard deviation of the pressure about the mean of its own facet; and what of the
+        # gaps along a facet is not linear, which is how far it bows away from the master.
         area = self._by_facet(weight)
         total = area.sum(axis=1)
         mean = (area * self._by_facet(pressure)).sum(axis=1) / total
@@ -288,6 +293,8 @@ class PairProbe:
         spread = np.sqrt((area * apart**2).sum(axis=1) / total)
         gap = np.where(trial.projection.on_surface, trial.kinematics.gap, 0.0)
         bow = np.ptp(np.einsum("fpq,fq->fp", self._bent, self._by_facet(gap)), axis=1)
+        # Pressures count away from the rim alone, where they fall to nothing in any contact; the
+        # bow wherever a facet presses.
         some, deep = (area * self._by_facet(part) for part in (patch, inside))
         sums = self._total(
             float(weight @ (inside & (pressure <= 0.0))),

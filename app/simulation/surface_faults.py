@@ -106,6 +106,7 @@ def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
     position = surface.master_positions(surface.gather(x))
     x.destroy()
     shared = shared_sides(master.shape, master.facets, position)
+    # Sharper ones are corners that are meant, on which nothing is to slide.
     round_ones = np.where(shared.angle < SHARP, shared.angle, 0.0)
     angle = np.zeros(len(master.facets))
     for facets in shared.facets.T:

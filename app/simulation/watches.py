@@ -329,6 +329,7 @@ class _CreepWatch(Remembers):
         local = np.concatenate([own, *(b.dissipated_by_part for _, b, _ in self._bodies)])
         both = self._problem.comm.allreduce(local)
         stored, lost = np.split(both, [len(self._bodies)])
+        # What a branch has lost since the row before counts if this step was long for it.
         self._in_long += np.where(long, lost - self._lost, 0.0)
         self._longest = np.maximum(self._longest, np.where(long, row.dt, 0.0))
         self._lost, self._stored = lost, np.maximum(self._stored, stored)
@@ -398,6 +399,7 @@ class LateFilm(Remembers):
         surface, weight = term.surface.slave, term.surface.slave.weight
         stays, comes = weight * (before & self._pressed[index]), ~before & self._pressed[index]
         traction = np.linalg.norm(trial.response.traction, axis=1)
+        # A film's traction goes with the slip of the step: work over slip² is traction per slip.
         per_slip = np.divide(viscous, slip**2, out=np.zeros_like(slip), where=comes & (slip > 0.0))
         return (
             float(stays.sum()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +20,12 @@ from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.point_probes import PointProbes
 from tribox.app.simulation.history import Row
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
+from tribox.forms.bodies.materials import young_and_poisson
 from tribox.forms.closed_forms.hertz import LineContact, contact_modulus, relative_radius
 from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity
 from tribox.forms.friction.law import Regime
+
+Reals = NDArray[np.floating[Any]]
 
 BAR = 0.02
 FITTED = 0.8  # share of the extent of contact (or stick) over which an ellipse is fitted
@@ -158,11 +162,8 @@ def _depth(case: Case) -> float:
 
 def case_modulus(case: Case) -> float:
     """E* from the shear and bulk moduli of both bodies, Pa."""
-    pairs = []
-    for body in case.bodies.values():
-        G, K = body.shear_modulus, body.bulk_modulus
-        pairs.append((9.0 * K * G / (3.0 * K + G), (3.0 * K - 2.0 * G) / (6.0 * K + 2.0 * G)))
-    return contact_modulus(*pairs)
+    bodies = case.bodies.values()
+    return contact_modulus(*(young_and_poisson(b.shear_modulus, b.bulk_modulus) for b in bodies))
 
 
 def fit_ellipse(x: Floats, values: Floats, area: Floats | None = None) -> tuple[float, float]:
@@ -190,14 +191,23 @@ def pressure_checks(profile: Profile) -> tuple[Check, ...]:
     exact, p = profile.exact, profile.pressure
     width, peak = fit_ellipse(profile.x, p)
     apart = (p - exact.pressure(profile.x)) / exact.peak
-    rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
     return (
         compare("half-width a", width * 1e6, exact.half_width * 1e6, BAR, "µm"),
         compare("peak pressure p0, fitted", peak * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
         compare("largest pressure", p.max() * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
-        Check("pressure profile, rms / p0", rms, BAR),
-        Check("pressure off the edges, max / p0", float(np.abs(apart[profile.middle]).max()), BAR),
+        *_along_profile("pressure", "p0", apart, profile),
     )
+
+
+def _along_profile(what: str, over: str, apart: Reals, profile: Profile) -> Iterator[Check]:
+    """How far values are off the closed form along the contact, over the largest."""
+    yield Check(f"{what} profile, rms / {over}", _rms(apart[profile.within]), BAR)
+    most = float(np.abs(apart[profile.middle]).max())
+    yield Check(f"{what} off the edges, max / {over}", most, BAR)
+
+
+def _rms(values: Reals) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def depth_checks(profile: Profile) -> Iterator[Check]:
@@ -212,7 +222,7 @@ def depth_checks(profile: Profile) -> Iterator[Check]:
         ("shear stress", shear, 0.5 * (exact[0] - exact[1])),
     ):
         apart = (found - wanted) / profile.exact.peak
-        yield Check(f"{name} below the middle, rms / p0", float(np.sqrt(np.mean(apart**2))), BAR)
+        yield Check(f"{name} below the middle, rms / p0", _rms(apart), BAR)
 
 
 def traction_checks(profile: Profile) -> tuple[Check, ...]:
@@ -226,16 +236,10 @@ def traction_checks(profile: Profile) -> tuple[Check, ...]:
         reserve = 2.0 * profile.mu * profile.pressure - (first - profile.traction)
     width, _ = fit_ellipse(x[profile.sticks], reserve[profile.sticks])
     apart = (profile.traction - profile.exact_traction(x)) / limit
-    rms = float(np.sqrt(np.mean(apart[profile.within] ** 2)))
     return (
         compare("stick half-width c", width * 1e6, c * 1e6, BAR, "µm"),
         compare("c by the regime of points", _stuck(profile) * 1e6, c * 1e6, BAR, "µm"),
-        Check("traction profile, rms / (µ p0)", rms, BAR),
-        Check(
-            "traction off the edges, max / (µ p0)",
-            float(np.abs(apart[profile.middle]).max()),
-            BAR,
-        ),
+        *_along_profile("traction", "(µ p0)", apart, profile),
     )
 
 

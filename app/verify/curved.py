@@ -566,6 +566,7 @@ def slip_integral(
     at = np.linspace(found.left, found.right, 801)
     here = CubicSpline(rubber[:, 0], rubber[:, 1])
     slope = here(at, 1)
+    # Both sides at the same x, between their nodes: those of the rubber face none of the tool.
     moved = [
         np.stack([np.interp(at, new[:, 0], (new - old)[:, i]) for i in (0, 1)], axis=1)
         for new, old in zip(now, before, strict=True)

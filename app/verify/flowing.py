@@ -15,12 +15,12 @@ from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dof
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare, solve
+from tribox.app.verify.result import Check, Line, Panel, Verification, apart, compare, solve
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Hardening, Swift, Voce
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import FollowerPressure, Load
-from tribox.forms.bodies.materials import Material
+from tribox.forms.bodies.materials import Material, young_and_poisson
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Formulation
 from tribox.forms.closed_forms.metal_bar import inner_pressure, load_maximum, stress_at
@@ -164,7 +164,7 @@ class Tube:
     @property
     def error(self) -> float:
         """Largest difference of a pressure, over the closed form's."""
-        return float(np.abs(self.pressure / self.exact - 1.0).max())
+        return apart(self.pressure, self.exact)
 
 
 def _tube(displacement: Floats, pressure: Floats, material: ElastoPlastic) -> Tube:
@@ -332,11 +332,7 @@ def considere() -> Verification:
         checks += [
             compare(f"{name}: largest force / area", top[1] * 1e-6, stress * 1e-6, 5e-3, "MPa"),
             compare(f"{name}: strain there", np.log(top[0]), float(np.log(stretch)), 5e-3),
-            Check(
-                f"{name}: force all the way",
-                float(np.abs(bar.stress / exact - 1.0).max()),
-                1e-3,
-            ),
+            Check(f"{name}: force all the way", apart(bar.stress, exact), 1e-3),
         ]
         fine = np.geomspace(strains[0], most, 200)
         curve = stress_at(np.exp(fine), YOUNG, law)
@@ -406,12 +402,11 @@ def billet(overrides: Sequence[str] = ()) -> Billet:
     (solid,) = simulation.model.problem.solids
     material = solid.material
     assert isinstance(material, ElastoPlastic)
-    G, K = material.shear_modulus, material.bulk_modulus
     return Billet(
         travelled=travelled,
         stretch=travelled + np.array([row.max_penetration for row in rows]) / height,
         force=np.array([row.normal_force for row in rows]),
-        young=9.0 * K * G / (3.0 * K + G),
+        young=young_and_poisson(material.shear_modulus, material.bulk_modulus)[0],
         hardening=material.hardening,
         area=np.pi * block.x[1] ** 2,
     )
@@ -442,11 +437,6 @@ def upset() -> Verification:
         tuple(checks),
         (Panel("reduction of height (%)", "force (kN)", tuple(lines)),),
     )
-
-
-def apart(force: Floats, exact: Floats) -> float:
-    """Largest difference of a force, over the closed form's."""
-    return float(np.abs(force / exact - 1.0).max())
 
 
 def _line(name: str, stretch: Floats, force: Floats, exact: bool = False) -> Line:

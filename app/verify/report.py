@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.table import nearest
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.figures.style import COLOURS, MARKERS, STYLE, save
+from tribox.app.figures.style import STYLE, colour_of, marker_of, save
 from tribox.app.results.claim import claimed
 from tribox.app.results.directory import write_text
 from tribox.app.results.fields import StressField
@@ -299,19 +299,9 @@ def _draw_panel(panel: Panel, axes: Axes) -> None:
     for line in panel.lines:
         number = seen[line.exact]
         seen[line.exact] += 1
-        if line.exact:
-            axes.plot(line.x, line.y, color=COLOURS[number % 6], lw=1.2, label=line.label)
-        else:
-            axes.plot(
-                line.x,
-                line.y,
-                MARKERS[number % 6],
-                color=COLOURS[number % 6],
-                ms=3,
-                mfc="none",
-                mew=0.8,
-                label=line.label,
-            )
+        points = {"marker": marker_of(number), "ms": 3, "mfc": "none", "mew": 0.8, "ls": "none"}
+        look = {"lw": 1.2} if line.exact else points
+        axes.plot(line.x, line.y, color=colour_of(number), label=line.label, **look)
     if panel.log:
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -53,6 +53,11 @@ def compare(quantity: str, computed: float, exact: float, bar: float, unit: str 
     return Check(quantity, error, bar, computed, exact, unit)
 
 
+def apart(computed: Floats, exact: Floats | float) -> float:
+    """Largest difference of values, each over the closed form's."""
+    return float(np.abs(computed / exact - 1.0).max())
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """One curve of a figure.

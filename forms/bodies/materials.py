@@ -81,6 +81,12 @@ def oedometric_modulus(material: Material) -> float:
     return material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus
 
 
+def young_and_poisson(shear: float, bulk: float) -> tuple[float, float]:
+    """E, Pa, and ν of an isotropic body with the moduli G and K, Pa."""
+    young = 9.0 * bulk * shear / (3.0 * bulk + shear)
+    return young, (3.0 * bulk - 2.0 * shear) / (6.0 * bulk + 2.0 * shear)
+
+
 def contact_shear_modulus(material: Material) -> float:
     """The modulus, Pa, that stands for a body in the default stiffnesses of its contacts.
 
