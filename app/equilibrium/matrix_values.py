@@ -21,17 +21,16 @@ _PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
 _SIGNATURES = {
     "MatSeqAIJGetArray": _VALUES,
     "MatSeqAIJRestoreArray": _VALUES,
-    "MatSeqBAIJGetArray": _VALUES,
-    "MatSeqBAIJRestoreArray": _VALUES,
     "MatGetRowIJ": _PATTERN,
     "MatRestoreRowIJ": _PATTERN,
+    "MatMPIAIJGetSeqAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatMPIBAIJGetSeqBAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatGetSize": [ctypes.c_void_p, *2 * [ctypes.POINTER(ctypes.c_int32)]],
     "MatMultAdd": 4 * [ctypes.c_void_p],
+    "MatMultTransposeAdd": 4 * [ctypes.c_void_p],
 }
 _NUMBERS = ctypes.POINTER(ctypes.c_int32)
 _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
-_BLOCKS = 0, 0, 1  # rows and columns of blocks
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 
 
@@ -81,71 +80,44 @@ def values_in_place(A: PETSc.Mat) -> Iterator[Floats]:
 @contextmanager
 def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
     """Within a ``with`` block the pattern of :func:`own_block`: ends of rows, and columns."""
-    with _pattern(own_block(A), _PLAIN) as found:
-        yield found
-
-
-@contextmanager
-def blocks_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """Within a ``with`` block this rank's own blocks of ``A``: ends of rows, columns, values.
-
-    Args:
-        A: in blocks (BAIJ), assembled, with numbers of 32 bits; values of a block go by columns.
-    """
-    petsc, block, first = _petsc(), A, ctypes.POINTER(ctypes.c_double)()
-    if A.getType() == PETSc.Mat.Type.MPIBAIJ:
-        block = A.getDiagonalBlock()
-    assert petsc is not None
-    if petsc.MatSeqBAIJGetArray(block.handle, ctypes.byref(first)):
-        raise PETSc.Error("the values of the matrix cannot be had")
-    try:
-        with _pattern(block, _BLOCKS) as (indptr, indices):
-            count = len(indices) * A.getBlockSize() ** 2
-            values = np.ctypeslib.as_array(first, shape=(count,)) if count else np.empty(0)
-            yield indptr, indices, values
-    finally:
-        petsc.MatSeqBAIJRestoreArray(block.handle, ctypes.byref(first))
-
-
-def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
-    """The part of ``A`` with this rank's rows and others' columns, PETSc's, and these columns.
-
-    Args:
-        A: in blocks, on several ranks; columns are those of blocks.
-    """
-    petsc, of, size = _petsc(), ctypes.byref, ctypes.c_int32()
-    own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
-    assert petsc is not None
-    if petsc.MatMPIBAIJGetSeqBAIJ(A.handle, of(own), of(other), of(columns)) or petsc.MatGetSize(
-        other, None, of(size)
-    ):
-        raise PETSc.Error("the parts of the matrix cannot be had")
-    count, first = size.value // A.getBlockSize(), ctypes.cast(columns, _NUMBERS)
-    found = np.ctypeslib.as_array(first, (count,)).copy() if count else np.empty(0, np.int32)
-    return int(other.value or 0), found
-
-
-def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec) -> None:
-    """Add what :func:`columns_of_others` has found, times ``x``, to ``y``."""
-    petsc = _petsc()
-    assert petsc is not None
-    if petsc.MatMultAdd(part, x.handle, y.handle, y.handle):
-        raise PETSc.Error("a product failed")
-
-
-@contextmanager
-def _pattern(block: PETSc.Mat, kind: tuple[int, int, int]) -> Iterator[tuple[Ints, Ints]]:
-    """Within a ``with`` block the pattern of a rank's matrix: ends of rows, and columns."""
-    petsc = _petsc()
+    petsc, block = _petsc(), own_block(A)
     assert petsc is not None and np.dtype(PETSc.IntType) == np.int32
     size, done = ctypes.c_int32(), ctypes.c_int()
     ends, columns = (ctypes.POINTER(ctypes.c_int32)() for _ in range(2))
     found = (*map(ctypes.byref, (size, ends, columns, done)),)
-    if petsc.MatGetRowIJ(block.handle, *kind, *found) or not done.value:
+    if petsc.MatGetRowIJ(block.handle, *_PLAIN, *found) or not done.value:
         raise PETSc.Error("the pattern of the matrix cannot be had")
     try:
         indptr = np.ctypeslib.as_array(ends, shape=(size.value + 1,))
         count = int(indptr[-1])
         yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
     finally:
-        petsc.MatRestoreRowIJ(block.handle, *kind, *found)
+        petsc.MatRestoreRowIJ(block.handle, *_PLAIN, *found)
+
+
+def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
+    """The part of ``A`` with this rank's rows and others' columns, PETSc's, and these columns.
+
+    Args:
+        A: on several ranks, by entries or in blocks; columns are those of blocks.
+    """
+    petsc, of, size = _petsc(), ctypes.byref, ctypes.c_int32()
+    own, other, columns = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
+    assert petsc is not None
+    in_blocks = A.getType() == PETSc.Mat.Type.MPIBAIJ
+    parts = petsc.MatMPIBAIJGetSeqBAIJ if in_blocks else petsc.MatMPIAIJGetSeqAIJ
+    if parts(A.handle, of(own), of(other), of(columns)) or petsc.MatGetSize(other, None, of(size)):
+        raise PETSc.Error("the parts of the matrix cannot be had")
+    count = size.value // (A.getBlockSize() if in_blocks else 1)
+    first = ctypes.cast(columns, _NUMBERS)
+    found = np.ctypeslib.as_array(first, (count,)).copy() if count else np.empty(0, np.int32)
+    return int(other.value or 0), found
+
+
+def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False) -> None:
+    """Add what :func:`columns_of_others` has found, times ``x``, to ``y``."""
+    petsc = _petsc()
+    assert petsc is not None
+    product = petsc.MatMultTransposeAdd if transposed else petsc.MatMultAdd
+    if product(part, x.handle, y.handle, y.handle):
+        raise PETSc.Error("a product failed")

@@ -10,6 +10,7 @@ Where iterations take longer than factorisations would, these may take their pla
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from weakref import ref
 
@@ -34,7 +35,6 @@ from tribox.app.implicit.factor import (
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.multigrid import (
     KRYLOV,
-    SYMMETRIC,
     Multigrid,
     MultigridSolver,
     damped,
@@ -238,7 +238,7 @@ class BodyBlocks:
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         if not self.direct:
-            share = max(share, CLOSE) if on_path else LEFT
+            share = max(share, CLOSE if on_path else LEFT)
         self._share = share
 
     @property
@@ -373,6 +373,11 @@ slipped than by a factorisation of the whole: 651 Newton iterations instead of 1
 unknowns."""
 HALF = 0.5  # of the forces of two solves before, that must not be left
 MARGIN = 0.5  # of the forces that may be left: what a solve by iterations leaves
+FELT = 2e-4, 1e-2
+"""Shares of the forces on the stiff bodies, and on the others, by more than which these put the
+other ones out of balance when they are solved for in turn: no solve before need leave less. With
+2e-3 and 5e-2 there were as many iterations, and a Newton iteration more in every fifth step."""
+STIFF = dict(KRYLOV)  # options for stiff bodies beyond
 KEPT_LIMIT = 30_000
 """Unknowns of stiff bodies up to which they are factorised in any case. At 34 680 both ways take
 the same time where cells are even; graded ones take many more iterations."""
@@ -427,7 +432,7 @@ class BodyByBody:
         if self._count is None or self.factorised or K.size[0] <= KEPT_LIMIT:
             return Factor(K, self._prefix, symmetric=True, solver=positive_solver(K.comm))
         near = rigid_motions_of(self._problem, self._kept)
-        return MultigridSolver(K, near, f"{self._prefix}kept_", SYMMETRIC, self._count, True)
+        return MultigridSolver(K, near, f"{self._prefix}kept_", STIFF, self._count, True)
 
     def _factorise_kept(self) -> Factor | None:
         """Factorise the stiff bodies after all, if memory allows; collective.
@@ -473,6 +478,11 @@ class BodyByBody:
                     block.destroy()
                 self._block = source
                 return True
+            if matrix.comm.size == 1:  # what does not depend on the tangent's pattern serves again
+                source.copy(block, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+                source.destroy()
+                self._source = block
+                return False
         else:
             matrix.createSubMatrix(self._rows, self._rows, source)
         if block is not source:
@@ -524,13 +534,14 @@ class BodyByBody:
         x.set(0.0)
         lefts, most = [norm], share * norm
         for number in range(LIMIT):
+            stirred = self._on_others(self._left)
             if number % 2:
-                self._move_kept(x, MARGIN * most)
+                self._move_kept(x, max(MARGIN * most, FELT[1] * stirred))
             else:
                 # What kept bodies that are moved do to the others is followed as closely.
-                stirred = self._on_others(self._left)
                 follow = share * stirred if stirred > others else np.inf
-                self._move_others(x, min(MARGIN * most, follow))
+                on_kept = math.sqrt(max(lefts[-1] ** 2 - stirred**2, 0.0))
+                self._move_others(x, min(max(MARGIN * most, FELT[0] * on_kept), follow))
             lefts.append(self._left.norm())
             if len(lefts) <= LEAST:
                 continue

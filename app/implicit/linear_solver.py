@@ -206,7 +206,7 @@ class LinearSolver:
         solve may have to get to, however dear that is.
         """
         closest = min(self.way.closest, least)
-        self.way.aim(float(np.clip(ENDING * share, closest, LEFT)), on_path)
+        self.way.aim(float(np.clip(ENDING * share, closest, LEFT if self.direct else 1.0)), on_path)
 
     def forget_failure(self) -> bool:
         """Drop a factorisation that failed, over which the next solve would stumble.

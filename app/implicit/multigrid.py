@@ -19,8 +19,10 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import (
     add_product,
-    blocks_in_place,
     columns_of_others,
+    is_direct,
+    pattern_in_place,
+    values_in_place,
 )
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.implicit.factor import CLOSEST, petsc_kinds
@@ -28,6 +30,7 @@ from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 SOURCE = "block_sweeps.c"
+WIDTH = 8  # lanes that interpolations take at once
 
 KRYLOV: dict[str, str | float | bool] = {
     "ksp_type": "fgmres",
@@ -42,9 +45,6 @@ KRYLOV: dict[str, str | float | bool] = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "sor",
 }
-# For matrices that are symmetric and positive.
-SYMMETRIC = {key: value for key, value in KRYLOV.items() if key != "ksp_gmres_restart"}
-SYMMETRIC |= {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned"}
 # A solve that takes more than MANY iterations, and more than WORN times as many as the first with
 # the preconditioner, has the next one made anew: that costs as much as some 35 iterations.
 MANY, WORN = 30, 1.5
@@ -146,8 +146,8 @@ class Multigrid:
 class MultigridSolver:
     """Solves with a matrix as a factorisation would, by iterations.
 
-    Products with the matrix and sweeps over it take a fraction of the time in blocks of a node's
-    unknowns (BAIJ), so that the finest level is copied into them. GAMG cannot coarsen these.
+    Sweeps over the matrix take a fraction of the time in blocks of a node's unknowns in single
+    precision, so that the finest level is copied into them. GAMG cannot coarsen these.
 
     Attributes:
         multigrid: the preconditioner that is kept.
@@ -167,7 +167,7 @@ class MultigridSolver:
         """Prepare to solve with ``matrix``; collective.
 
         Args:
-            constant: its values never change, and it serves nothing else: no copy is made of it.
+            constant: its values never change, and it serves nothing else: it becomes one of blocks.
         """
         at_hand = PETSc.Options(prefix)
         for key, value in damped(options, matrix.comm.size).items():
@@ -180,7 +180,6 @@ class MultigridSolver:
         self._matrix, self._count, self._constant = matrix, count, constant
         self._cycle = PETSc.PC().create(matrix.comm)
         self._cycle.setType(PETSc.PC.Type.PYTHON)
-        self._blocks: PETSc.Mat | None = None
         self._finest: FinestLevel | None = None
         self._product = matrix
         self.solution, self._rhs = matrix.createVecs()
@@ -196,19 +195,17 @@ class MultigridSolver:
             self._finest.release()
         self._ksp.setPC(self.multigrid.pc)
         self.multigrid.set_up(widened)
-        if widened and self._blocks is not None:
-            self._blocks.destroy()
-            self._blocks = None
         if not can_sweep(self._matrix) or self.multigrid.pc.getMGLevels() == 1:
             return True
-        into = self._matrix if self._constant else self._blocks or PETSc.Mat()
-        self._blocks = self._matrix.convert(PETSc.Mat.Type.BAIJ, into)
         if self._finest is None:
             self._finest = FinestLevel(self._matrix)
             self._product = PETSc.Mat().createPython(
                 self._matrix.getSizes(), self._finest, self._matrix.comm
             )
-        if self._finest.take(self._blocks, self.multigrid.pc):
+        if self._finest.take(self.multigrid.pc):
+            if self._constant:
+                self._matrix.convert(PETSc.Mat.Type.BAIJ, self._matrix)
+            self._finest.meet_others(widened)
             self._cycle.setPythonContext(self._finest)
             self._ksp.setPC(self._cycle)
             self._ksp.setOperators(self._product, self._matrix)
@@ -234,7 +231,7 @@ class MultigridSolver:
 
     def image(self) -> PETSc.Vec:
         """The matrix times the last solution, N; collective."""
-        self._ksp.getOperators()[0].mult(self.solution, self._image)
+        self._matrix.mult(self.solution, self._image)
         return self._image
 
     @property
@@ -244,123 +241,145 @@ class MultigridSolver:
 
     def destroy(self) -> None:
         """Give the memory back; collective."""
-        for part in (self._ksp, self.multigrid.pc, self._cycle, self._blocks):
-            if part is not None:
-                part.destroy()
+        for part in (self._ksp, self.multigrid.pc, self._cycle):
+            part.destroy()
         if self._finest is not None:
             self._product.destroy()
             self._finest.free()
 
 
 def can_sweep(matrix: PETSc.Mat) -> bool:
-    """Whether a matrix is one of blocks that :class:`FinestLevel` knows."""
-    return matrix.getBlockSize() in (2, 3) and np.dtype(PETSc.IntType) == np.int32
+    """Whether a matrix is one that :class:`FinestLevel` knows."""
+    known = matrix.getBlockSize() in (2, 3) and np.dtype(PETSc.IntType) == np.int32
+    return known and is_direct(matrix)
 
 
 class FinestLevel:
     """A V-cycle whose finest level is swept in blocks, as PETSc's preconditioner in Python.
 
     Symmetric sweeps of Gauss-Seidel within each rank, in single precision, beyond two ranks by
-    :data:`DAMPED` of what they find. The first leaves its residual for half a product; the second
-    begins with what the coarse levels found, for half a product more. It is the matrix, too, as
-    PETSc's in Python, in double precision.
+    :data:`DAMPED` of what they find. Each leaves its residual for half a product; the second
+    begins with what the coarse levels found, for half a product more. What it leaves is also what
+    the matrix makes of all that was found: this is the matrix, too, as PETSc's in Python.
     """
 
     def __init__(self, matrix: PETSc.Mat) -> None:
-        """Make room for sweeps over what is of the size of ``matrix``."""
+        """Make room for sweeps over ``matrix``."""
         self._code = library(SOURCE)
-        self._code.tribox_split_blocks.restype = ctypes.c_int64
-        self._size, self._count = matrix.getBlockSize(), matrix.getLocalSize()[0]
-        self._count //= self._size
+        self._matrix, self._blocks = matrix, Blocks(self._code, matrix.getBlockSize())
+        self._count = matrix.getLocalSize()[0] // matrix.getBlockSize()
         self._share = ctypes.c_double(DAMPED if matrix.comm.size > 2 else 1.0)
-        self._parts: tuple[NDArray[Any], ...] = ()
-        self._matrix: tuple[NDArray[Any], ...] = ()
-        self._work = np.zeros(3 * 4 * self._count, np.float32)
-        self._left = matrix.createVecLeft()
+        self._work = np.zeros(2 * 4 * self._count, np.float32)
+        self._start = np.zeros(4 * self._count)
+        self._left, self._felt, self._product = (matrix.createVecLeft() for _ in range(3))
+        self._found = 0, 0  # the vector found last, and its state
         self._levels: CoarseLevels | None = None
-        self._blocks: PETSc.Mat | None = None
         self._others: OtherRanks | None = None
 
-    def take(self, blocks: PETSc.Mat, aggregates: PETSc.PC) -> bool:
-        """Take over the values of a matrix in blocks; whether sweeps can be used; collective.
+    def take(self, aggregates: PETSc.PC) -> bool:
+        """Take over the values of the matrix; whether sweeps can be used; collective.
 
         Args:
-            blocks: if it is the last one, of the same pattern.
             aggregates: the coarse levels.
         """
         self.release()
         self._levels = CoarseLevels(aggregates)
-        if blocks.comm.size > 1 and blocks is not self._blocks:
+        missing = self._blocks.take(self._matrix)
+        return self._matrix.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
+
+    def meet_others(self, widened: bool) -> None:
+        """Learn what other ranks have, if that is to be done anew; collective."""
+        if self._matrix.comm.size > 1 and (widened or self._others is None):
             if self._others is not None:
                 self._others.destroy()
-            self._others = OtherRanks(blocks)
-        self._blocks = blocks
-        with blocks_in_place(blocks) as (start, column, values):
-            # PETSc keeps these where they are.
-            self._matrix = start, column, values
-            n, entries, more = self._count, self._size**2, 4  # a block is read by fours
-            if not self._parts or len(self._parts[1]) != len(column):
-                ends, columns = np.empty((2, n + 1), np.int32), np.empty(len(column), np.int32)
-                sizes = (entries * size + more for size in (len(column), n, n))
-                self._parts = ends, columns, *(np.zeros(size, np.float32) for size in sizes)
-            every: tuple[NDArray[Any], ...] = (*self._matrix, *self._parts)
-            missing = self._code.tribox_split_blocks(*self._sizes(), *map(_at, every))
-        return blocks.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
-
-    def _sizes(self) -> tuple[ctypes.c_int64, ctypes.c_int64]:
-        return ctypes.c_int64(self._size), ctypes.c_int64(self._count)
+            self._others = OtherRanks(self._matrix)
 
     def release(self) -> None:
         """Let go of the coarse levels, which PETSc may then make anew; collective."""
         if self._levels is not None:
             self._levels.destroy()
             self._levels = None
+        self._found = 0, 0
 
     def free(self) -> None:  # `destroy` is what PETSc calls of its Python contexts
         """Give the memory back; collective."""
         self.release()
-        self._left.destroy()
+        for vector in (self._left, self._felt, self._product):
+            vector.destroy()
         if self._others is not None:
             self._others.destroy()
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Put the matrix times ``x`` into ``y``; collective."""
-        arrays = *map(_at, self._matrix), _at(x.array_r), _at(y.array)
-        self._code.tribox_multiply(*self._sizes(), *arrays)
-        if self._others is not None:
-            self._others.add(x, y)
+        if self._found == (x.handle, x.stateGet()):
+            self._product.copy(y)
+        else:
+            self._matrix.mult(x, y)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Put into ``x`` what a V-cycle finds for the right-hand side ``b``; collective."""
         assert self._levels is not None
-        left = self._left
-        self.sweep(b, x, left)
+        left, right, product = self._left, b, self._product
+        self.sweep(b, x, left, from_zero=True)
         if self._others is not None:
-            self._others.take_off(x, left)
+            self._others.add(x, left, -1.0)
         self._levels.correct(left, x)
-        right = b
+        b.copy(product)
         if self._others is not None:
-            b.copy(left)
-            self._others.take_off(x, left)
-            right = left
-        self.sweep(right, x)
+            right = self._felt
+            b.copy(right)
+            self._others.add(x, right, -1.0)
+            right.copy(product)
+        self.sweep(right, x, left)
+        product.axpy(-1.0, left)
+        if self._others is not None:  # `right` had what there was of `x` before
+            self._others.add(x, product)
+        self._found = x.handle, x.stateGet()
 
-    def sweep(self, b: PETSc.Vec, x: PETSc.Vec, left: PETSc.Vec | None = None) -> None:
-        """Sweep over this rank's own unknowns; from zero to find what is ``left`` of ``b``."""
-        from_zero = ctypes.c_int64(left is not None)
-        rest = None if left is None else _at(left.array)
-        vectors = _at(b.array_r), _at(x.array), rest, self._share, from_zero, _at(self._work)
-        self._code.tribox_sweep(*self._sizes(), *map(_at, self._parts), *vectors)
+    def sweep(self, b: PETSc.Vec, x: PETSc.Vec, left: PETSc.Vec, from_zero: bool = False) -> None:
+        """Sweep over this rank's own unknowns, to find what is ``left`` of ``b``, too."""
+        vectors = _at(b.array_r), _at(x.array), _at(left.array)
+        work = self._share, ctypes.c_int64(from_zero), _at(self._work), _at(self._start)
+        self._code.tribox_sweep(*self._blocks.arguments(), *vectors, *work)
+
+
+class Blocks:
+    """A rank's own part of a matrix, in blocks of a node's unknowns and single precision."""
+
+    def __init__(self, code: ctypes.CDLL, size: int) -> None:
+        """Make no room yet for blocks (size, size)."""
+        self._code, self._size, self._count = code, size, 0
+        self._code.tribox_split_blocks.restype = ctypes.c_int64
+        self._parts: tuple[NDArray[Any], ...] = ()
+
+    def take(self, matrix: PETSc.Mat) -> int:
+        """Take over its values; the first row without a block on the diagonal, or −1."""
+        size, self._count = self._size, matrix.getLocalSize()[0] // self._size
+        n, entries, more = self._count, size**2, 4  # a block is read by fours
+        with pattern_in_place(matrix) as (start, column), values_in_place(matrix) as values:
+            blocks = _count_blocks(self._code, (size, size, n), start, column) - n
+            if not self._parts or len(self._parts[1]) != blocks:
+                ends, columns = np.empty((2, n + 1), np.int32), np.empty(blocks, np.int32)
+                floats = (np.zeros(entries * one + more, np.float32) for one in (blocks, n, n))
+                self._parts = ends, columns, *floats, np.empty(entries * n)
+            every: tuple[NDArray[Any], ...] = (start, column, values, *self._parts)
+            split = self._code.tribox_split_blocks
+            return int(split(*_numbers(size, n, blocks), *map(_at, every)))
+
+    def arguments(self) -> tuple[Any, ...]:
+        """What C functions are told of the blocks."""
+        return *_numbers(self._size, self._count), *map(_at, self._parts)
 
 
 class OtherRanks:
-    """What this rank's rows of a matrix in blocks have in the columns of other ranks."""
+    """What this rank's rows of a matrix have in the columns of other ranks."""
 
-    def __init__(self, blocks: PETSc.Mat) -> None:
+    def __init__(self, matrix: PETSc.Mat) -> None:
         """Learn which unknowns these are; collective."""
-        self._part, columns = columns_of_others(blocks)
-        self._x = PETSc.Vec().createSeq(len(columns) * blocks.getBlockSize(), comm=MPI.COMM_SELF)
-        source, size = blocks.createVecRight(), blocks.getBlockSize()
+        self._part, columns = columns_of_others(matrix)
+        in_blocks = matrix.getType() == PETSc.Mat.Type.MPIBAIJ
+        source, size = matrix.createVecRight(), matrix.getBlockSize() if in_blocks else 1
+        self._x = PETSc.Vec().createSeq(len(columns) * size, comm=MPI.COMM_SELF)
         wanted = PETSc.IS().createBlock(size, columns, comm=MPI.COMM_SELF)
         self._scatter = PETSc.Scatter().create(source, wanted, self._x, None)
         source.destroy()
@@ -371,16 +390,69 @@ class OtherRanks:
         self._scatter.destroy()
         self._x.destroy()
 
-    def add(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def add(self, x: PETSc.Vec, y: PETSc.Vec, times: float = 1.0) -> None:
         """Add their part of the matrix times ``x`` to ``y``; collective."""
         self._scatter.scatter(x, self._x)
+        self._x.scale(times)
         add_product(self._part, self._x, y)
 
-    def take_off(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Take it off ``y``; collective."""
-        self._scatter.scatter(x, self._x)
-        self._x.scale(-1.0)
-        add_product(self._part, self._x, y)
+    def add_transposed(self, y: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Add the transpose of their part times ``y`` to ``x``; collective."""
+        self._x.set(0.0)
+        mine = PETSc.Vec().createWithArray(y.array, comm=MPI.COMM_SELF)
+        add_product(self._part, mine, self._x, transposed=True)
+        mine.destroy()
+        mode = PETSc.Scatter.Mode.REVERSE
+        self._scatter.scatter(self._x, x, addv=PETSc.InsertMode.ADD_VALUES, mode=mode)
+
+
+class Interpolation:
+    """That from the next level to the finest, in blocks and single precision.
+
+    A block has the unknowns of a node and those of an aggregate, as many as rigid motions.
+    """
+
+    def __init__(self, between: PETSc.Mat) -> None:
+        """Take over its values; collective."""
+        self._code, more = library(SOURCE), WIDTH
+        size, width = between.getBlockSizes()
+        rows, columns = between.getLocalSize()[0] // size, between.getLocalSize()[1] // width
+        self._numbers = _numbers(size, width, rows)
+        self._coarse, self._width = np.zeros((columns, WIDTH), np.float32), width
+        with pattern_in_place(between) as (start, column), values_in_place(between) as values:
+            blocks = _count_blocks(self._code, (size, width, rows), start, column)
+            ends, columns = np.empty(rows + 1, np.int32), np.empty(blocks, np.int32)
+            parts = np.zeros(size * width * blocks + more, np.float32)
+            self._parts: tuple[NDArray[Any], ...] = (ends, columns, parts)
+            every: tuple[NDArray[Any], ...] = (start, column, values, *self._parts)
+            self._code.tribox_take_blocks(*self._numbers, *map(_at, every))
+        self._others = OtherRanks(between) if between.comm.size > 1 else None
+
+    def destroy(self) -> None:
+        """Give the memory back; collective."""
+        if self._others is not None:
+            self._others.destroy()
+
+    def multTranspose(self, fine: PETSc.Vec, coarse: PETSc.Vec) -> None:
+        """As PETSc's method of a matrix; collective."""
+        self._coarse[:] = 0.0
+        self._interpolate(_at(fine.array_r), transposed=True)
+        coarse.array.reshape(-1, self._width)[:] = self._coarse[:, : self._width]
+        if self._others is not None:
+            self._others.add_transposed(fine, coarse)
+
+    def multAdd(self, coarse: PETSc.Vec, fine: PETSc.Vec, out: PETSc.Vec) -> None:
+        """As PETSc's method of a matrix, with ``fine`` as ``out``; collective."""
+        assert fine is out
+        self._coarse[:] = 0.0  # a restriction leaves anything beyond the width
+        self._coarse[:, : self._width] = coarse.array_r.reshape(-1, self._width)
+        self._interpolate(_at(fine.array), transposed=False)
+        if self._others is not None:
+            self._others.add(coarse, fine)
+
+    def _interpolate(self, fine: ctypes.c_void_p, transposed: bool) -> None:
+        arrays = *map(_at, self._parts), _at(self._coarse), fine
+        self._code.tribox_interpolate(*self._numbers, *arrays, ctypes.c_int64(transposed))
 
 
 class CoarseLevels:
@@ -393,7 +465,9 @@ class CoarseLevels:
     def __init__(self, pc: PETSc.PC) -> None:
         """Take them out of the multigrid that is set up; collective."""
         numbers = range(1, pc.getMGLevels())
-        self._between = [pc.getMGInterpolation(level) for level in numbers]
+        self._between: list[Any] = [pc.getMGInterpolation(level) for level in numbers]
+        if self._between and can_interpolate(self._between[-1]):
+            self._between[-1] = Interpolation(self._between[-1])
         self._solvers = [pc.getMGCoarseSolve(), *(pc.getMGSmoother(one) for one in numbers[:-1])]
         self._matrices = [solver.getOperators()[0] for solver in self._solvers]
         self._vectors = [(*one.createVecs(), one.createVecLeft()) for one in self._matrices]
@@ -419,6 +493,22 @@ class CoarseLevels:
             solver.setInitialGuessNonzero(True)
             solver.solve(right, found)
         between.multAdd(found, x, x)
+
+
+def can_interpolate(between: PETSc.Mat) -> bool:
+    """Whether :class:`Interpolation` knows a matrix."""
+    size, width = between.getBlockSizes()
+    return is_direct(between) and size in (2, 3) and 1 < width <= WIDTH
+
+
+def _count_blocks(code: ctypes.CDLL, sizes: tuple[int, ...], start: Ints, column: Ints) -> int:
+    """Number of blocks (rows, columns) in so many rows of them."""
+    code.tribox_count_blocks.restype = ctypes.c_int64
+    return int(code.tribox_count_blocks(*_numbers(*sizes), _at(start), _at(column)))
+
+
+def _numbers(*values: int) -> tuple[ctypes.c_int64, ...]:
+    return tuple(map(ctypes.c_int64, values))
 
 
 def _at(array: NDArray[Any]) -> ctypes.c_void_p:

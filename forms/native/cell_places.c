@@ -13,10 +13,14 @@ void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indp
     for (int64_t c = 0; c < cells; ++c, unknown += corners * dim) {
         int all = 1;
         for (int row = 0; row < corners * dim; ++row) {
-            const int32_t end = indptr[unknown[row] + 1];
+            const int32_t first = indptr[unknown[row]], end = indptr[unknown[row] + 1];
             for (int b = 0; b < corners; ++b) {
                 const int32_t wanted = unknown[b * dim];
-                int32_t low = indptr[unknown[row]], high = end;
+                int32_t low = first, high = end;
+                /* The rows of a node mostly have the same columns. */
+                const int32_t above = row % dim ? first + start[-corners] - indptr[unknown[row - 1]] : end;
+                if (above < end && columns[above] == wanted)
+                    low = high = above;
                 while (low < high) {
                     int32_t middle = low + (high - low) / 2;
                     if (columns[middle] < wanted)

@@ -25,7 +25,13 @@ from tribox.app.implicit.body_blocks import IterationBudget
 from tribox.app.implicit.factor import DIRECT, Factor, factors_fit
 from tribox.app.implicit.globalisation import SoftContact
 from tribox.app.implicit.linear_solver import DIRECT_LIMIT, LinearSolver, linear_options
-from tribox.app.implicit.multigrid import KRYLOV, SYMMETRIC, FinestLevel, Multigrid, MultigridSolver
+from tribox.app.implicit.multigrid import (
+    KRYLOV,
+    FinestLevel,
+    Interpolation,
+    Multigrid,
+    MultigridSolver,
+)
 from tribox.app.implicit.newton import Newton
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
@@ -313,15 +319,15 @@ class FailsOnce:
 
 
 def blocks(values, missing=()):
-    """A matrix (n, n, d, d) as PETSc has it in blocks, without some of the blocks."""
+    """A matrix (n, n, d, d) as PETSc has it, without some of the blocks."""
     n, size = len(values), values.shape[-1]
-    at = [[j for j in range(n) if (i, j) not in missing] for i in range(n)]
-    indptr = np.cumsum([0, *map(len, at)]).astype(np.int32)
-    indices = np.concatenate(at).astype(np.int32)
-    kept = np.array([values[i, j] for i in range(n) for j in at[i]])
-    made = PETSc.Mat().createBAIJ(
-        (size * n, size * n), size, csr=(indptr, indices, kept), comm=MPI.COMM_SELF
-    )
+    there = np.array([[(i, j) not in missing for j in range(n)] for i in range(n)])
+    dense = values.transpose(0, 2, 1, 3).reshape(size * n, size * n)
+    rows, indices = np.nonzero(np.kron(there, np.ones((size, size))))
+    indptr = np.searchsorted(rows, np.arange(size * n + 1))
+    csr = indptr.astype(np.int32), indices.astype(np.int32), dense[rows, indices]
+    made = PETSc.Mat().createAIJ((size * n, size * n), csr=csr, comm=MPI.COMM_SELF)
+    made.setBlockSize(size)
     made.assemble()
     return made
 
@@ -347,31 +353,59 @@ def test_sweeps_in_single_precision_are_those_of_gauss_seidel(size, share):
     for i, j in missing:
         values[i, j] = 0.0
     right, start = rng.normal(size=(2, size * n))
-    level = FinestLevel(blocks(values, missing))
+    matrix = blocks(values, missing)
+    level = FinestLevel(matrix)
     level._share.value = share
     whole = values.transpose(0, 2, 1, 3).reshape(size * n, size * n)
     lower = np.kron(np.tri(n), np.ones((size, size))) * whole
     diagonal = np.kron(np.eye(n), np.ones((size, size))) * whole
     swept = np.linalg.solve(lower, np.eye(size * n))  # (D + L) y = r and (D + U) d = D y
     swept = share * np.linalg.solve(whole - lower + diagonal, diagonal @ swept)
+    away = np.full(size * n, 1e4)  # all go far together, and only what they differ by is rounded
     for scale in (1.0, 1e9):  # the values of one pattern may change
-        matrix = blocks(scale * values, missing)
-        assert level.take(matrix, NoCoarseLevels())
+        matrix.scale(scale)
+        assert level.take(NoCoarseLevels())
         b, x = matrix.createVecs()
         left = b.duplicate()
         b.array[:] = scale * right
-        level.sweep(b, x, left)
+        level.sweep(b, x, left, from_zero=True)
         once = swept @ right
         np.testing.assert_allclose(x.array, once, atol=2e-6 * np.abs(once).max())
         rest = scale * (right - whole @ once)
         np.testing.assert_allclose(left.array, rest, atol=2e-6 * np.abs(rest).max())
-        x.array[:] = start
-        level.sweep(b, x)
+        b.array[:] = scale * (right + whole @ away)
+        x.array[:] = start + away
+        level.sweep(b, x, left)
         again = start + swept @ (right - whole @ start)
-        np.testing.assert_allclose(x.array, again, atol=4e-6 * np.abs(again).max())
+        np.testing.assert_allclose(x.array - away, again, atol=4e-6 * np.abs(again).max())
+        rest = scale * (right - whole @ again)
+        np.testing.assert_allclose(left.array, rest, atol=4e-6 * np.abs(rest).max())
         level.mult(matrix, x, left)
         product = scale * (whole @ x.array)
         np.testing.assert_allclose(left.array, product, rtol=1e-12, atol=1e-13 * scale)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_interpolation_in_single_precision_is_that_of_the_matrix(size):
+    """Whether or not rows of a node have all the columns of an aggregate."""
+    rng, fine, coarse, width = np.random.default_rng(4), 9, 4, 3 * size - 3
+    dense = rng.normal(size=(size * fine, width * coarse))
+    dense[rng.random(dense.shape) < 0.4] = 0.0
+    rows, indices = np.nonzero(dense)
+    indptr = np.searchsorted(rows, np.arange(size * fine + 1))
+    csr = indptr.astype(np.int32), indices.astype(np.int32), dense[rows, indices]
+    matrix = PETSc.Mat().createAIJ(dense.shape, csr=csr, comm=MPI.COMM_SELF)
+    matrix.setBlockSizes(size, width)
+    matrix.assemble()
+    between = Interpolation(matrix)
+    below, above = matrix.createVecs()
+    for _ in range(2):  # nothing is left over of the first time
+        above.array[:] = rng.normal(size=size * fine)
+        between.multTranspose(above, below)
+        np.testing.assert_allclose(below.array, dense.T @ above.array, atol=3e-6)
+        expected = above.array + dense @ below.array
+        between.multAdd(below, above, above)
+        np.testing.assert_allclose(above.array, expected, atol=3e-6 * np.abs(expected).max())
 
 
 # -- Iterations that take longer than factorisations would -----------------------------------------
@@ -459,7 +493,7 @@ def test_a_stiff_body_whose_multigrid_does_not_get_there_is_factorised(
 ):
     """It is told, and a run that goes on does not try again."""
     monkeypatch.setattr(body_blocks, "KEPT_LIMIT", 0)
-    monkeypatch.setitem(SYMMETRIC, "ksp_max_it", 1)
+    monkeypatch.setitem(body_blocks.STIFF, "ksp_max_it", 1)
     sim, log = boxes_run("krylov", tmp_path / "out")
     way = sim.stepper.solver.way
     bodies = way._bodies
