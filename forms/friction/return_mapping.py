@@ -118,9 +118,7 @@ def return_mapping(
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
-    # Where μ falls with the path the threshold is that at the end of the step, which the slip
-    # decides itself: path and slopes then come from one scalar equation a point, else they are at
-    # hand.
+    # Where μ falls with the path the threshold is that at the end of the step: an equation a point.
     if isinstance(friction, SlipWeakening):
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
         threshold = friction.coefficient(path) * pressure
@@ -131,8 +129,7 @@ def return_mapping(
             d_pressure=np.where(slipping, mu, 0.0),
             d_stiffness=_where_stuck(slipping, s),
         )
-    # The return is radial: one factor shortens trial slip and traction, and none turns.
-    ratio = _ratio(threshold, elastic, slipping)
+    ratio = _ratio(threshold, elastic, slipping)  # the return is radial: nothing turns
     return Returned(
         elastic_slip=ratio * trial,
         direction=trial / np.maximum(s, TINY),

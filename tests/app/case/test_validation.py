@@ -246,9 +246,9 @@ def test_files_that_cannot_be_read(tmp_path):
     broken.write_text('title = "a"\nsteps = = 3\n')
     [line] = check_case(broken)
     assert line.startswith(f"{broken}:2: not valid TOML: ") and ".toml, is" not in line
-    mesh = tmp_path / "part.msh"
-    mesh.write_text("$MeshFormat\n4.1 0 8\n")
-    assert "a case file, ending in .toml, is asked for" in check_case(mesh)[0]
+    deck = tmp_path / "part.inp"
+    deck.write_text("*NODE\n1, 0.0, 0.0\n")
+    assert "a case file, ending in .toml, is asked for" in check_case(deck)[0]
     with pytest.raises(InputError) as error:
         load_case(gone)
     assert error.value.exit_code == 2
