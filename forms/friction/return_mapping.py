@@ -118,19 +118,13 @@ def return_mapping(
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
-    # Where μ falls with the path the threshold is that at the end of the step, which the slip
-    # decides itself: path and slopes then come from one scalar equation a point, else they are at
-    # hand.
+    # Where μ falls with the path, the threshold at the end of the step depends on the slip itself.
     if isinstance(friction, SlipWeakening):
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
         threshold = friction.coefficient(path) * pressure
         slopes = _weakening_slopes(s, stiffness, pressure, path, slipping, friction)
     else:
-        slopes = _Slopes(
-            tangent=_where_stuck(slipping, stiffness),
-            d_pressure=np.where(slipping, mu, 0.0),
-            d_stiffness=_where_stuck(slipping, s),
-        )
+        slopes = _slopes(s, stiffness, mu, slipping)
     # The return is radial: one factor shortens trial slip and traction, and none turns.
     ratio = _ratio(threshold, elastic, slipping)
     return Returned(
@@ -152,6 +146,17 @@ class _Slopes(NamedTuple):
     tangent: Floats
     d_pressure: Floats
     d_stiffness: Floats
+
+
+def _slopes(
+    s: Floats, stiffness: Floats | float, mu: Floats | float, slipping: NDArray[np.bool_]
+) -> _Slopes:
+    """Derivatives of the length of the traction where μ does not depend on the slip path."""
+    return _Slopes(
+        tangent=_where_stuck(slipping, stiffness),
+        d_pressure=np.where(slipping, mu, 0.0),
+        d_stiffness=_where_stuck(slipping, s),
+    )
 
 
 def _weakening_slopes(
