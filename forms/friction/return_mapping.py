@@ -118,18 +118,15 @@ def return_mapping(
     threshold = mu * pressure
     elastic = stiffness * s
     slipping = elastic > ROUND_OFF * threshold
-    # Where μ falls with the path the threshold is that at the end of the step: an equation a point.
+    # Where μ falls with the path, the threshold at the end of the step depends on the slip itself.
     if isinstance(friction, SlipWeakening):
         path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
         threshold = friction.coefficient(path) * pressure
         slopes = _weakening_slopes(s, stiffness, pressure, path, slipping, friction)
     else:
-        slopes = _Slopes(
-            tangent=_where_stuck(slipping, stiffness),
-            d_pressure=np.where(slipping, mu, 0.0),
-            d_stiffness=_where_stuck(slipping, s),
-        )
-    ratio = _ratio(threshold, elastic, slipping)  # the return is radial: nothing turns
+        slopes = _slopes(s, stiffness, mu, slipping)
+    # The return is radial: one factor shortens trial slip and traction, and none turns.
+    ratio = _ratio(threshold, elastic, slipping)
     return Returned(
         elastic_slip=ratio * trial,
         direction=trial / np.maximum(s, TINY),
@@ -149,6 +146,17 @@ class _Slopes(NamedTuple):
     tangent: Floats
     d_pressure: Floats
     d_stiffness: Floats
+
+
+def _slopes(
+    s: Floats, stiffness: Floats | float, mu: Floats | float, slipping: NDArray[np.bool_]
+) -> _Slopes:
+    """Derivatives of the length of the traction where μ does not depend on the slip path."""
+    return _Slopes(
+        tangent=_where_stuck(slipping, stiffness),
+        d_pressure=np.where(slipping, mu, 0.0),
+        d_stiffness=_where_stuck(slipping, s),
+    )
 
 
 def _weakening_slopes(
