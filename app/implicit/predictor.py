@@ -40,6 +40,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
 FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
+ASTRAY = (
+    1.5  # the same, relative to the force of the last state, of a path that contacts may rub on
+)
 NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that is none
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
@@ -114,12 +117,13 @@ class Predictor:
         continuation opens many of them, or presses others by many times the force of the solution:
         what is left is therefore compared with the force of the last one too. The linear step holds
         them together; that its residual is as large says little, for it is the volume's, not the
-        contact's. Where metal slides, the path is the better guide all the same.
+        contact's. Where contacts slide, the path is the better guide unless it is so far off, and
+        where metal slides even then.
         """
         left = self._residual_norm(trial, step)
-        force = min(self._force, self.problem.reference_force)
-        near = left <= FAR_OFF * max(force, self.problem.roundoff)
-        return not near and not (self.problem.flows and self.rubbing())
+        rubs, force = self.rubbing(), max(self._force, self.problem.roundoff)
+        astray = not left <= ASTRAY * force and not (rubs and self.problem.flows)
+        return astray or not (rubs or left <= FAR_OFF * self.problem.reference_force)
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
