@@ -260,6 +260,7 @@ def _made_for_us(directory: Path) -> bool:
 # -- How a process ends: one line, an exit code, and no rank that waits for another ----------------
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+_NO_WAY = (errno.ENAMETOOLONG, errno.EACCES, errno.EPERM)  # to a file, for this user
 
 
 def end_with(error: Exception) -> NoReturn:
@@ -271,7 +272,7 @@ def end_with(error: Exception) -> NoReturn:
         where = error.filename or "what is printed"
         _say_once(f"{where}: cannot be written ({error.strerror})")
         _abort(OutputError.exit_code)
-    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+    if isinstance(error, OSError) and error.filename and error.errno in _NO_WAY:
         _say_once(f"{as_line(str(error.filename))}: {error.strerror}")
         _abort(InputError.exit_code)
     if isinstance(error, RuntimeError) and (line := _of_a_kernel(error)):

@@ -1,5 +1,6 @@
 """How a process ends for what no case is to blame for."""
 
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -18,6 +19,14 @@ def test_a_source_that_does_not_compile_is_one_line(capsys):
     assert ended.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("tribox: plane_kernel.c cannot be compiled") and "undeclared" in line
+
+
+def test_a_directory_that_may_not_be_entered_is_one_line(capsys):
+    """Whatever looks for results, a mesh or a starter there; root may, so that no test can try."""
+    with pytest.raises(SystemExit) as ended:
+        end_with(PermissionError(errno.EACCES, "Permission denied", "closed/x/case.toml"))
+    assert ended.value.code == InputError.exit_code
+    assert capsys.readouterr().err == "tribox: closed/x/case.toml: Permission denied\n"
 
 
 # -- A cache that cannot be written is replaced by one that can, or it is one line -----------------
