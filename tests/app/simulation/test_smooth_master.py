@@ -251,7 +251,10 @@ def sunk_in_space(comm, directory, cut, contact):
     return np.array(values).tolist(), read_log(directory / "out").replace("\n", " ")
 
 
-@pytest.mark.parametrize("contact", [{"friction": {"law": "coulomb", "mu": 0.3}}, FILM])
+FADING = {"fade_length": "2 mm"}
+
+
+@pytest.mark.parametrize("contact", [{"friction": {"law": "coulomb", "mu": 0.3}}, FILM | FADING])
 def test_parts_of_a_model_in_space_are_those_of_the_whole(tmp_path, contact):
     whole, _ = sunk_in_space(MPI.COMM_SELF, tmp_path, "", contact)
     for cut in ("z", "xz"):
@@ -266,7 +269,8 @@ def half_model(comm, directory):
 
 
 def quarter_model(comm, directory):
-    return sunk_in_space(comm, directory, "xz", {"friction": {"law": "coulomb", "mu": 0.3}})[0]
+    contact = {"friction": {"law": "coulomb", "mu": 0.3}} | FADING
+    return sunk_in_space(comm, directory, "xz", contact)[0]
 
 
 @pytest.mark.mpi(half_model, 2)
