@@ -253,13 +253,12 @@ class ContactBuilder:
         slave, tool = self.named.facets(contact.slave), self.tools.get(contact.master)
         quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[self.named.mesh.geometry.dim]
         ring = self.section == "axisymmetric"
+        held = self.loads.held() if self.loads is not None else ()
         try:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
-                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
+                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring, held)
             master = self.named.facets(contact.master)
-            smooth = contact.smoothing_angle is not None and self.loads is not None
-            held = self.loads.held() if smooth and self.loads is not None else ()
             ends = contact.smoothing_angle, contact.fade_length, held
             return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:

@@ -89,6 +89,13 @@ class Look:
         """Faces (f,) between vertices that count to the width of the contact."""
         return (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
 
+    @property
+    def width(self) -> float:
+        """Half-width, m, of the contact: all of what is pressed up to a plane of symmetry."""
+        pressed = self.pressed
+        whole = self.term.places.closed[self.faces[pressed]].any()
+        return float(self.length[pressed].sum()) * (1.0 if whole else 0.5)
+
 
 Found = Iterator[tuple[str, float, str]]
 """What is wrong with a film: a word for it, how bad it is, and what is said of it."""
@@ -211,7 +218,7 @@ def inlet(look: Look) -> Found:
             f"edges of the contact to {most * size:.2g} m"
             + (", or give film.cells = 4" if most < COARSE else ""),
         )
-    width = 0.5 * float(length[look.pressed].sum())
+    width = look.width
     ahead, begin = _ahead(upstream, downstream, length, first)
     ring = not look.solver.cells.last().any()
     if width > 0.0 and ahead < AHEAD * width and not (ring or _bounded(look, begin)):
@@ -262,7 +269,7 @@ def cells_below(look: Look) -> Found:
     pressed, modulus = look.pressed, look.term.modulus
     if modulus is None or not pressed.any():
         return
-    width, deepest = 0.5 * float(look.length[pressed].sum()), float(look.depth[pressed].max())
+    width, deepest = look.width, float(look.depth[pressed].max())
     gives = look.carried.max() * deepest / modulus
     if deepest > DEEP * width and gives > GIVES * float(look.film.film[look.faces[pressed]].min()):
         yield (
@@ -349,6 +356,7 @@ def oil(look: Look) -> Found:
         members, count = look.film.members, len(step.film)
         outwards = np.bincount(b, step.speed > 0.0, count) + np.bincount(a, step.speed < 0.0, count)
         edge = np.bincount(look.term.faces.reshape(-1), minlength=len(members)) < 2
+        edge &= ~look.term.places.closed
         at_edge: Bools = np.zeros(count, dtype=bool)
         at_edge[: np.count_nonzero(members)] = edge[members]  # vertices come first
         piled = float(solution.volume[at_edge & (outwards > 0.0)].sum())
@@ -363,6 +371,7 @@ def oil(look: Look) -> Found:
                 "smaller film.h_max, so that the film ends before it",
             )
         end = cells.last() & (solution.pressure > FILLED * solution.pressure.max())
+        end[: np.count_nonzero(members)] &= ~look.term.places.closed[members]
         if end.any() and solution.pressure.max() > 0.0:
             yield (
                 "oil",
@@ -453,7 +462,8 @@ def corners(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats,
 
     Returns:
         Also the angles (f, 2), rad, by which the way along a facet turns to the left from what is
-        before it, and to what is behind it, 0 at ends; and the facets (f, 2) that are there.
+        before it, and to what is behind it (at planes of symmetry its image), 0 at ends; and the
+        facets (f, 2) that are there.
     """
     near = target.neighbours.tocoo()
     facet, other = (index[near.row != near.col] for index in (near.row, near.col))
@@ -473,10 +483,22 @@ def corners(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats,
             a, b = way[end, one], way[begin, two] * (1.0 if end != begin else -1.0)
             if end == 0:
                 a, b = b, a
-            cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-            turn[one, end] = np.arctan2(cross, np.einsum("pi,pi->p", a, b))
+            turn[one, end] = _turned(a, b)
             beside[one, end] = two
+    if isinstance(target, FacetSurface):
+        for axis, on in target.ends.planes:
+            at, last = np.nonzero(on[target.facets[:, :2]])
+            mine = way[last, at]
+            image = np.where(np.arange(mine.shape[1]) == axis, mine, -mine)
+            turn[at, last] = _turned(mine, image) * np.where(last == 0, -1.0, 1.0)
     return length, turn, beside
+
+
+def _turned(a: Floats, b: Floats) -> Floats:
+    """Angles (p,), rad, from directions (p, i) in the plane to others, to the left."""
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    angle: Floats = np.arctan2(cross, np.einsum("pi,pi->p", a, b))
+    return angle
 
 
 def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Floats:

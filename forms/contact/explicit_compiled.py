@@ -324,7 +324,7 @@ def explicit_contact(term: ContactTerm, compiled: bool = True) -> ExplicitContac
     known = (
         isinstance(target, FacetSurface)
         and target.shape.degree == 1
-        and target.fade_length is None
+        and target.ends.fade_length is None
         and not surface.axisymmetric
         and not term.neighbours
     )

@@ -106,8 +106,7 @@ class LubricatedTerm(ContactTerm):
         ends = surface.vertices.position[self.faces]
         self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         self._own = self._parts(np.ones(len(self._face)))
-        self._closed = np.zeros(self.places.count, dtype=bool)
-        self._closed[: surface.vertices.count] = self._unfed_ends(held)
+        self.places.close(self._unfed_ends(held))
         self._guess: Floats | None = None
         self._known: tuple[FilmHistory | None, list[tuple[FilmPart, FilmCells, Floats]]] = None, []
         self.state.film = self._initial()
@@ -285,7 +284,7 @@ class LubricatedTerm(ContactTerm):
         length = history.length[part.inside]
         thickness, by_gap = model.rough.film(part.gaps(normal.gap, length))
         fixed = cells.last() & self._fed
-        fixed[: part.count] &= ~self._closed[part.here]
+        fixed[: np.count_nonzero(part.members)] &= ~self.places.closed[part.members]
         unfed = np.bincount(part.ring, fixed) == 0
         if model.steady and unfed.any():  # nothing else says how much oil a ring has
             fixed |= part.widest(thickness, unfed)

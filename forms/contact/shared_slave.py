@@ -89,7 +89,7 @@ def introduce(terms: Sequence[Pair]) -> None:
             theirs = other.term.surface
             # Rigid shapes have fillets at their ends, or go on straight.
             if isinstance(target, FacetSurface) and isinstance(theirs.target, FacetSurface):
-                target.join(theirs.master.position, MEETING * term.surface.facet_length)
+                target.ends.join(theirs.master.position, MEETING * term.surface.facet_length)
 
 
 def _neighbour(term: Pair, other: Pair) -> Neighbour | None:

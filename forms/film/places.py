@@ -321,17 +321,22 @@ def _senses(beside: Longs, turned: Floats) -> Floats:
     """
     count = len(beside)
     own, ends = np.arange(2 * count), np.concatenate([beside, beside + count])
-    other = np.where(np.concatenate([turned, turned]) > 0.0, ends, (ends + count) % (2 * count))
+    # A facet that follows itself, its image at a plane of symmetry, says nothing of the line.
+    same = (turned > 0.0) | (beside == np.arange(count)[:, None])
+    other = np.where(np.concatenate([same, same]), ends, (ends + count) % (2 * count))
     pairs = np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1)
     chain = _together(pairs, 2 * count)
     return np.where(chain[:count] < chain[count:], 1.0, -1.0)
 
 
-def _beside(facets: Longs) -> tuple[Longs, Floats]:
-    """Which facet (f, 2) follows beyond either end, itself without any, and whether as directed."""
+def _beside(facets: Longs, closed: Bools) -> tuple[Longs, Floats]:
+    """Which facet (f, 2) follows beyond either end, itself without any, and whether as directed.
+
+    At vertices that are ``closed`` (v,) its image follows, which runs the other way.
+    """
     count = len(facets)
     beside = np.repeat(np.arange(count)[:, None], 2, axis=1)
-    turned = np.ones((count, 2))
+    turned = np.where(closed[facets], -1.0, 1.0)
     vertex = facets.reshape(-1)
     order = np.argsort(vertex, kind="stable")
     same = np.nonzero(vertex[order[1:]] == vertex[order[:-1]])[0]
@@ -353,12 +358,14 @@ class FilmPlaces:
         facets: (f, 2) vertices; per_facet: k, cells of the film on each.
         beside, turned: (f, 2), as those of a part.
         count: of places, v + (k − 1) f: the vertices, and those inside the facets, in order.
+        closed: (v,) vertices at planes of symmetry or on the axis of revolution.
     """
 
     def __init__(self, facets: Longs, vertices: int, per_facet: int) -> None:
         """Divide ``facets`` (f, 2) of so many vertices."""
         self.facets, self.per_facet = facets, per_facet
-        self.beside, self.turned = _beside(facets)
+        self.closed: Bools = np.zeros(vertices, dtype=bool)
+        self.beside, self.turned = _beside(facets, self.closed)
         inner = vertices + np.arange(len(facets) * (per_facet - 1)).reshape(len(facets), -1)
         self.count = vertices + inner.size
         line = np.concatenate([facets[:, :1], inner, facets[:, 1:]], axis=1)
@@ -372,6 +379,11 @@ class FilmPlaces:
         place = row, np.concatenate([every, *ends])
         self._shares = scipy.sparse.csr_matrix((data, place), (self.count, vertices))
         self._parts: dict[tuple[bytes, bytes, bool], FilmPart] = {}
+
+    def close(self, vertices: Bools) -> None:
+        """Let the film go on as its image beyond the ``vertices`` (v,), before it has parts."""
+        self.closed = vertices
+        self.beside, self.turned = _beside(self.facets, vertices)
 
     def part(self, members: Bools, covered: Bools | None = None, fed: bool = False) -> FilmPart:
         """Places between vertices (v,) that are members; those asked for last are kept.
@@ -403,10 +415,10 @@ class FilmPlaces:
         # What presses at an edge of the master is felt by the slave's vertex before it.
         shared = scipy.sparse.vstack([shared, shared[last]]).T.tocsr()
         band = Band(ends, count + len(edges))
+        beside = _beside(facets, self.closed)
         given = members.copy(), inside, here, facets, shared, ends, faces, band, self.per_facet
-        beside, turned = _beside(facets)
-        ring, sense = _together(ends, len(band.number)), _senses(beside, turned)
-        part = FilmPart(*given, edges, ring, beside, turned, sense)
+        senses = _senses(*beside)
+        part = FilmPart(*given, edges, _together(ends, len(band.number)), *beside, senses)
         self._parts[asked] = part
         if len(self._parts) > _KEPT:
             del self._parts[next(iter(self._parts))]

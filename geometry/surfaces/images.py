@@ -9,6 +9,7 @@ nothing flows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,42 @@ from tribox.geometry.surfaces.facets import (
 
 ACROSS = 0.7  # of the normal along that of a plane, up to which a facet may go on beyond it
 ON_PLANE = 1e-9  # of a surface's extent, within which nodes are on one plane
+ALONG = 1.0 - 1e-6  # the same as ACROSS, from which a facet lies in the plane itself
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """Nodes that stay where they are along axes, and so may be on planes of symmetry.
+
+    Attributes:
+        nodes: by axis, global nodes (n,) of all ranks that stay where they are along it.
+        levels: by axis, m, where those are that the other surface of a pair has.
+    """
+
+    nodes: Sequence[Longs]
+    levels: Sequence[Floats]
+
+    def shared(
+        self, planes: Sequence[tuple[int, Bools]], position: Floats, extent: float
+    ) -> list[tuple[int, Bools]]:
+        """Those planes, each with the nodes (n,) on it, which the other surface has nodes on too.
+
+        Args:
+            planes: see above.
+            position: (n, i), m; extent: m, of the surface.
+        """
+        within = ON_PLANE * extent
+        return [
+            (axis, on)
+            for axis, on in planes
+            if np.any(np.abs(self.levels[axis] - position[on, axis].mean()) <= within)
+        ]
+
+
+def held_along(held: Sequence[Longs], nodes: Longs) -> Bools:
+    """Along which axes (n, i) global nodes (n,) are among those that stay where they are."""
+    out: Bools = np.stack([np.isin(nodes, those) for those in held], axis=1)
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +111,7 @@ def images_beyond(
     held: Bools,
     smoothing_angle: float,
     is_open: Bools | None = None,
+    extent: float | None = None,
 ) -> Images:
     """Images of the facets that touch planes of symmetry: of one plane after the other.
 
@@ -87,8 +125,9 @@ def images_beyond(
         held: (n, i) whether a node stays where it is along an axis.
         smoothing_angle: rad, from which on an angle is sharp.
         is_open: (f, s) sides at which the surface ends; None: those of one facet alone.
+        extent: m, largest along an axis of the surface that these are facets of; None: theirs.
     """
-    planes = planes_of_symmetry(shape, facets, nodes, held, smoothing_angle, is_open)
+    planes = planes_of_symmetry(shape, facets, nodes, held, smoothing_angle, is_open, extent)
     of: Longs = np.arange(len(nodes))
     across: Longs = np.repeat(of[:, None], nodes.shape[1], axis=1)
     every, place, signs = facets, nodes, np.ones_like(nodes)
@@ -133,14 +172,16 @@ def planes_of_symmetry(
     facets: Ints,
     nodes: Floats,
     held: Bools,
-    smoothing_angle: float = np.pi,
+    smoothing_angle: float | None = None,
     is_open: Bools | None = None,
+    extent: float | None = None,
 ) -> list[tuple[int, Bools]]:
     """Axes across which there are planes of symmetry, each with the nodes (n,) that are on it.
 
     Nodes there are free to move in the plane, and all facets round them are on one side of it.
 
-    Arguments as for :func:`images_beyond`.
+    Arguments as for :func:`images_beyond`; without a smoothing angle the surface may go on beyond
+    the plane as sharply as it will.
     """
     sides = np.stack([facets[:, list(side.nodes)] for side in shape.sides], axis=1)
     if is_open is None:
@@ -150,9 +191,9 @@ def planes_of_symmetry(
     middle: Floats = shape.points.mean(axis=0)[None]
     tangents = np.einsum("ba,fai->fbi", shape.first(middle)[0], nodes[facets])
     # Across the plane the surface goes on nearly straight: its normal is in the plane.
-    most = min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
+    most = ALONG if smoothing_angle is None else min(float(np.sin(0.5 * smoothing_angle)), ACROSS)
     found: list[tuple[int, Bools]] = []
-    within = ON_PLANE * float(np.ptp(nodes, axis=0).max())
+    within = ON_PLANE * (float(np.ptp(nodes, axis=0).max()) if extent is None else extent)
     clamped: Bools = np.any(np.all(held, axis=1)[sides], axis=2)
     for axis in range(nodes.shape[1]):
         level = nodes[sides, axis]

@@ -33,8 +33,21 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.geometry.surfaces.body_facets import outward_facets, owned_facets, require_facets
-from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, order_by_place
-from tribox.geometry.surfaces.images import Images, images_beyond
+from tribox.geometry.surfaces.facets import (
+    Bools,
+    FacetShape,
+    Floats,
+    Ints,
+    Longs,
+    order_by_place,
+)
+from tribox.geometry.surfaces.images import (
+    Held,
+    Images,
+    held_along,
+    images_beyond,
+    planes_of_symmetry,
+)
 from tribox.geometry.surfaces.projection import FacetSurface, SurfacePart
 from tribox.geometry.surfaces.smoothing import on_axis
 
@@ -56,6 +69,7 @@ class MasterFacets:
         part: what else is known of facets that are not all of them; None: they are.
         images: what continues a smooth surface beyond planes of symmetry: theirs are the last of
             the nodes, each with the number of the node that it is the image of.
+        planes: of symmetry that the slave ends at too, each with the nodes (n,) on it.
     """
 
     nodes: Longs
@@ -65,6 +79,7 @@ class MasterFacets:
     extent: float
     part: SurfacePart | None = None
     images: Images | None = None
+    planes: Sequence[tuple[int, Bools]] = ()
 
     @property
     def number(self) -> Longs:
@@ -83,11 +98,12 @@ class MasterFacets:
         return shortest
 
     def own(self) -> MasterFacets:
-        """The same without images."""
+        """The same without images and planes of symmetry."""
         if self.images is None:
-            return self
+            return replace(self, planes=())
         own = len(self.nodes) - len(self.images.of)
-        return replace(self, nodes=self.nodes[:own], position=self.position[:own], images=None)
+        nodes, position = self.nodes[:own], self.position[:own]
+        return replace(self, nodes=nodes, position=position, images=None, planes=())
 
     def _corners_apart(self) -> Floats:
         """Distances (f, c, c), m, of the corners of each undeformed facet."""
@@ -132,31 +148,37 @@ def own_facets(
 
 def continued(
     master: MasterFacets,
-    held: Sequence[Longs],
+    held: Held | None,
     smoothing_angle: float | None,
     rings: bool = False,
 ) -> MasterFacets:
-    """A surface with its images beyond planes of symmetry, if it is to be smooth.
+    """A surface with its planes of symmetry, and its images beyond them if it is to be smooth.
 
     Args:
-        held: by axis, global nodes (n,) of the mesh that stay where they are along it.
+        held: nodes of the mesh that stay where they are along axes; None: not known.
         smoothing_angle: rad, from which on an angle is sharp; None: the facets are as they are.
         rings: whether it is one of rings: their axis is no plane of symmetry.
     """
-    smooth = master.shape.degree == 1 and master.shape.cell != "triangle"
-    if smoothing_angle is None or not held or not smooth or not len(master.facets):
+    if held is None or not len(master.facets):
         return master
-    here = np.stack([np.isin(master.nodes, nodes) for nodes in held], axis=1)
+    here, position = held_along(held.nodes, master.nodes), master.position
+    whole = None if master.part is None else master.part.is_open, master.extent
+    known = master.shape, master.facets, position
+    planes = planes_of_symmetry(*known, here, None, *whole)
+    master = replace(master, planes=held.shared(planes, position, master.extent))
+    smooth = master.shape.degree == 1 and master.shape.cell != "triangle"
+    if smoothing_angle is None or not smooth:
+        return master
     if rings:
-        here[on_axis(master.position), 0] = False
-    is_open = None if master.part is None else master.part.is_open
-    known = master.shape, master.facets, master.position, here, smoothing_angle
-    images = images_beyond(*known, is_open)
+        here[on_axis(position), 0] = False
+    images = images_beyond(*known, here, smoothing_angle, *whole)
+    none: Bools = np.zeros(len(images.of), dtype=bool)
     return replace(
         master,
         nodes=np.concatenate([master.nodes, master.nodes[images.of]]),
-        position=np.concatenate([master.position, images.position]),
+        position=np.concatenate([position, images.position]),
         images=images,
+        planes=[(axis, np.append(on, none)) for axis, on in master.planes],
     )
 
 
@@ -195,7 +217,7 @@ class MasterSource:
         own: tuple[Longs, Floats],
         ends: tuple[float | None, float | None],
         slave_length: float,
-        held: Sequence[Longs] = (),
+        held: Held | None = None,
     ) -> None:
         """Look at the surface as a whole, on the rank that has read the mesh; collective.
 
@@ -203,7 +225,7 @@ class MasterSource:
             own: what :func:`own_facets` gives.
             ends: smoothing angle and length over which points fade, see ``FacetSurface``.
             slave_length: m, mean length of the slave's facets.
-            held: by axis, global nodes of all ranks that stay where they are along it.
+            held: nodes that stay where they are along axes.
 
         Raises:
             ValueError: on every rank, what ``FacetSurface`` refuses.
@@ -236,7 +258,9 @@ class MasterSource:
         if (gathered := comm.gather(own)) is not None:
             whole, order = whole_master(self._shape, gathered)
             try:
-                surface = FacetSurface(self._shape, whole.facets, whole.position, *self.ends)
+                planes = continued(whole, self.held, None).planes
+                facets = whole.facets, whole.position
+                surface = FacetSurface(self._shape, *facets, *self.ends, planes=planes)
             except ValueError as error:
                 problem = str(error)
             else:

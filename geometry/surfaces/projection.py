@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse
 
 from tribox.geometry.surfaces.compiled_facets import CORNER, INTERIOR, Candidates, CompiledFacets
+from tribox.geometry.surfaces.ends import SurfaceEnds
 from tribox.geometry.surfaces.facet_search import TIE, FacetSearch, RaySearch
 from tribox.geometry.surfaces.facets import (
     Bools,
@@ -29,7 +30,7 @@ from tribox.geometry.surfaces.facets import (
 from tribox.geometry.surfaces.images import Images
 from tribox.geometry.surfaces.slave_points import PointNormals
 from tribox.geometry.surfaces.smoothing import Patches, smooth_patches
-from tribox.geometry.surfaces.target import Projection, fade_at_ends
+from tribox.geometry.surfaces.target import Projection
 
 __all__ = ["FacetSurface", "Projection"]
 
@@ -75,7 +76,7 @@ class FacetSurface:
     Attributes:
         facets: (f, a) node numbers; shape: of all facets, or of the smooth patches over them.
         stencil: (f, m) nodes that move each facet: its own, or those of its patch.
-        fade_length: m, way before an open end over which points fade; None: as each point asks.
+        ends: where it ends, and how points fade there.
         neighbours: (f, f) sparse; facets that share a corner, and each facet itself.
     """
 
@@ -89,6 +90,7 @@ class FacetSurface:
         part: SurfacePart | None = None,
         images: Images | None = None,
         rings: bool = False,
+        planes: Sequence[tuple[int, Bools]] = (),
     ) -> None:
         """Prepare the connectivity.
 
@@ -102,6 +104,7 @@ class FacetSurface:
             part: in space, of which surface these are some of the facets; None: it is whole.
             images: what continues it beyond planes of symmetry; theirs are the last of the nodes.
             rings: whether it is a line of rings, x being the distance from their axis.
+            planes: of symmetry, each with the nodes (n,) on it: there it does not end.
 
         Raises:
             ValueError: more than two facets meet at a side, or two with opposite normals; or
@@ -116,21 +119,27 @@ class FacetSurface:
             self._patches = smooth_patches(shape, self.facets, nodes, *asked)
             self.shape, self.stencil = self._patches.shape, self._patches.stencil
         self._code = CompiledFacets(self.shape, len(self.facets))
-        self.fade_length, self._undeformed = fade_length, nodes
+        self._undeformed = nodes
         known = () if part is None else (part.number, part.slack)
         self.search = FacetSearch(self.shape, self._controls(nodes), self._code, *known)
-        self._connect(shape, nodes, None if part is None else part.is_open)
-        self._fading_ends = self._open.copy()
-        self._joined = np.zeros_like(self._open)
-        if part is None or part.ends is None or fade_length is None:
-            self._measure_ends()
-        else:
-            self._end = EndDistance(facet_shape(shape.cell, 1), fade_length, part.ends)
+        is_open = self._connect(shape, nodes, None if part is None else part.is_open, planes)
+        known_ends = None if part is None else part.ends
+        line = facet_shape(shape.cell, 1), self.facets, nodes
+        self.ends = SurfaceEnds(*line, is_open, fade_length, planes, known_ends)
 
-    def _connect(self, shape: FacetShape, nodes: Floats, is_open: Bools | None) -> None:
-        """Find neighbours and open ends of facets of a shape on nodes (n, i), m, undeformed.
+    def _connect(
+        self,
+        shape: FacetShape,
+        nodes: Floats,
+        is_open: Bools | None,
+        planes: Sequence[tuple[int, Bools]],
+    ) -> Bools:
+        """Find neighbours of facets of a shape on nodes (n, i), m, undeformed.
 
         Of a part of a surface it is known which sides (f, s) are open.
+
+        Returns:
+            Nodes (n,) at open ends, those on ``planes`` of symmetry left out.
         """
         count = len(nodes)
         corners = self.facets[:, : shape.corners]
@@ -149,27 +158,22 @@ class FacetSurface:
         self._rays: RaySearch | None = None
         if shape.directions == 1:
             _require_one_each(corners)
-            self._open = np.count_nonzero(self._around >= 0, axis=1) < 2
+            at_end = np.count_nonzero(self._around >= 0, axis=1) < 2
+            for _, on in planes:
+                at_end &= ~on
             self._rays = RaySearch(self.shape, self.facets, self._controls(nodes))
-            ends = nodes[self.facets[:, :2]]
-            self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         else:
             self._across, self._across_side = _facets_across(shape, corners)
-            self._open = np.zeros(count, dtype=bool)
+            at_end = np.zeros(count, dtype=bool)
             open_sides = self._across < 0 if is_open is None else is_open
+            self._goes_on = self._across >= 0
             for number, side in enumerate(shape.sides):
-                free = open_sides[:, number]
-                self._open[corners[free][:, side.nodes[:2]]] = True
-        incidence = scipy.sparse.csr_matrix(
-            (
-                np.ones(corners.size, dtype=np.int32),
-                corners.reshape(-1),
-                np.arange(0, corners.size + 1, shape.corners),
-            ),
-            shape=(len(corners), count),
-        )
-        self.neighbours = (incidence @ incidence.T).tocsr()
-        self.neighbours.data[:] = 1
+                ends = corners[:, side.nodes[:2]]
+                for _, on in planes:
+                    self._goes_on[:, number] |= open_sides[:, number] & on[ends].all(axis=1)
+                at_end[ends[open_sides[:, number] & ~self._goes_on[:, number]]] = True
+        self.neighbours = _sharing_corners(corners, count)
+        return at_end
 
     def for_others(self) -> FacetSurface:
         """The same for other points than those whose search goes on from the last one."""
@@ -186,30 +190,9 @@ class FacetSurface:
 
     def part(self) -> SurfacePart:
         """All facets of a whole surface in space, as parts of it."""
-        ends = None if self.fade_length is None else self._end.corners
+        ends = None if self.ends.distance is None else self.ends.distance.corners
         number = np.arange(len(self.facets))
         return SurfacePart(number, self._across < 0, self.search.slack, ends)
-
-    def _measure_ends(self) -> None:
-        if self.fade_length is not None:
-            shape, nodes = facet_shape(self.shape.cell, 1), self._undeformed
-            ends = self._fading_ends
-            self._end = EndDistance.measured(shape, self.facets, nodes, ends, self.fade_length)
-
-    def join(self, others: Floats, within: float) -> None:
-        """Let nothing fade at open ends, in the plane, that meet those of another surface.
-
-        Args:
-            others: (m, i), m, undeformed nodes of the other surface.
-            within: m, distance up to which ends meet.
-        """
-        if self.shape.directions == 2:
-            return
-        ends = np.nonzero(self._fading_ends)[0]
-        apart = np.linalg.norm(self._undeformed[ends][:, None] - others, axis=2)
-        self._fading_ends[ends[apart.min(axis=1) <= within]] = False
-        self._joined = self._open & ~self._fading_ends
-        self._measure_ends()
 
     def project(
         self,
@@ -236,7 +219,7 @@ class FacetSurface:
         """
         controls = self._controls(nodes)
         facet, xi, entity = self._closest(points, controls, frozen_facets)
-        if fading is not None and self._joined.any():
+        if fading is not None and self.ends.joined.any():
             facet, xi, entity = self._go_on((facet, xi, entity), points, controls, fading)
         if rays is not None:
             assert self._rays is not None
@@ -247,8 +230,8 @@ class FacetSurface:
             out.normal = rays.normal
             out.gap = np.einsum("qi,qi->q", points - out.foot, out.normal)
             out.on_surface, out.rays = met, rays
-        self._fade(out, fading)
-        self._share_ends(out, fading)
+        if fading is not None:
+            self.ends.fade(out, fading)
         return out
 
     def _go_on(
@@ -260,11 +243,11 @@ class FacetSurface:
         """
         facet, xi, entity = found
         rows = np.nonzero(entity >= CORNER)[0]
-        rows = rows[self._joined[self.facets[facet[rows], entity[rows] - CORNER]]]
+        rows = rows[self.ends.joined[self.facets[facet[rows], entity[rows] - CORNER]]]
         if not len(rows):
             return found
         there, known = self._as_if_going_on(points[rows], controls, facet[rows])
-        past = self.shape.excess(there) * self._length[facet[rows]]
+        past = self.shape.excess(there) * self.ends.length[facet[rows]]
         near = known & (past <= reach[rows])
         xi, entity = xi.copy(), entity.copy()
         xi[rows[near]], entity[rows[near]] = there[near], INTERIOR
@@ -279,28 +262,6 @@ class FacetSurface:
         _, xi, entity = self._code.closest(points, controls, among, 0.0, (facet, np.inf))
         return xi, entity == INTERIOR
 
-    def _share_ends(self, out: Projection, reach: Floats | None) -> None:
-        """Let points pass from one surface to the next, over twice ``reach`` (q,), m."""
-        if reach is None or self.shape.directions == 2 or not self._joined.any():
-            return
-        ends = self._joined[self.facets[out.facet, :2]]
-        at = np.nonzero(ends.any(axis=1) & out.on_surface)[0]
-        length, xi = self._length[out.facet[at]], out.xi[at, 0]
-        # ½ at the end itself, where both surfaces have the same point: the shares of both add up to
-        # 1 over ± reach.
-        per_length = 0.5 * length / np.minimum(reach[at], length)
-        inside = np.stack([xi, 1.0 - xi], axis=1) * per_length[:, None] + 0.5
-        inside = np.where(ends[at], inside, np.inf)
-        end = np.argmin(inside, axis=1)
-        share = np.clip(inside[np.arange(len(at)), end], 0.0, 1.0)
-        slope = np.where(end == 0, 1.0, -1.0) * per_length * ((share > 0.0) & (share < 1.0))
-        if out.share is None or out.share_slope is None:
-            out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
-        # Product rule: a point may fade at an end and pass over to a neighbour at another.
-        out.share_slope[at] *= share[:, None]
-        out.share_slope[at, 0] += out.share[at] * slope
-        out.share[at] *= share
-
     def _closest(
         self, points: Floats, controls: Floats, frozen_facets: Ints | None
     ) -> tuple[Ints, Floats, Ints]:
@@ -308,27 +269,6 @@ class FacetSurface:
         among = self.search.candidates(points, controls)
         kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
         return self._code.closest(points, controls, among, TIE * self.search.slack, kept)
-
-    def _fade(self, out: Projection, reach: Floats | None) -> None:
-        """Let points fade over the last way ``reach`` (q,), m, up to the end of the surface.
-
-        A point that loses its force at once when it runs past the end may leave no equilibrium.
-        """
-        if reach is None:
-            return
-        if self.fade_length is not None:
-            out.share, out.share_slope = self._end.share(out.facet, out.xi)
-            return
-        if self.shape.directions == 2:
-            return
-        open_ends = self._fading_ends[self.facets[out.facet, :2]]
-        at = np.nonzero(open_ends.any(axis=1) & out.on_surface)[0]
-        if not len(at):
-            return
-        out.share, out.share_slope = np.ones(len(reach)), np.zeros((len(reach), 1))
-        out.share[at], out.share_slope[at, 0] = fade_at_ends(
-            open_ends[at], out.xi[at, 0], self._length[out.facet[at]], reach[at]
-        )
 
     @property
     def extraction(self) -> Floats | None:
@@ -344,7 +284,7 @@ class FacetSurface:
             facets (f, s) across each side, −1 at an end, and which of their sides it is (f, s);
             nodes (n,) at an open end.
         """
-        return self._around, self._corner, self._across, self._across_side, self._open
+        return self._around, self._corner, self._across, self._across_side, self.ends.is_open
 
     @property
     def has_kinks(self) -> bool:
@@ -365,6 +305,9 @@ class FacetSurface:
             return unit_normals(self.places(facet, xi, nodes)[1])
         corner = self.facets[facet, : self.shape.corners]
         normal = self._corner_outward(corner.reshape(-1), self._controls(nodes))
+        for axis, on in self.ends.planes:  # where the surface goes on as its image
+            normal[on[corner.reshape(-1)], axis] = 0.0
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
         share = facet_shape(self.shape.cell, 1).values(xi)
         out: Floats = np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
         return out
@@ -432,12 +375,11 @@ class FacetSurface:
             rows = at[corner]
             vertex = self.facets[out.facet[rows], entity[corner] - CORNER]
             outward[corner] = self._corner_outward(vertex, controls)
-            out.on_surface[rows] = ~self._open[vertex]
+            out.on_surface[rows] = ~self.ends.is_open[vertex]
         if not corner.all():
             rows, side = at[~corner], entity[~corner]
-            other = self._across[out.facet[rows], side]
             outward[~corner] = self._edge_outward(out, rows, side, controls)
-            out.on_surface[rows] = other >= 0
+            out.on_surface[rows] = self._goes_on[out.facet[rows], side]
             assert out.along is not None
             out.along[rows] = np.array([s.direction for s in self.shape.sides])[side]
         out.clamp(at, points, outward)
@@ -484,6 +426,17 @@ class FacetSurface:
         return unit
 
 
+def _sharing_corners(corners: Ints, count: int) -> scipy.sparse.csr_matrix:
+    """Facets (f, f) with a node of the ``count`` in common, by their corners (f, v)."""
+    start = np.arange(0, corners.size + 1, corners.shape[1])
+    ones = np.ones(corners.size, dtype=np.int32)
+    given = ones, corners.reshape(-1), start
+    incidence = scipy.sparse.csr_matrix(given, shape=(len(corners), count))
+    out = (incidence @ incidence.T).tocsr()
+    out.data[:] = 1
+    return out
+
+
 def _require_one_each(corners: Ints) -> None:
     """In the plane at most one segment starts and one ends at each node."""
     for column, word in ((0, "start"), (1, "end")):
@@ -510,102 +463,3 @@ def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
     across = np.where(found, match // len(shape.sides), -1).astype(np.int32)
     side = np.where(found, match % len(shape.sides), 0).astype(np.int32)
     return across.reshape(-1, len(shape.sides)), side.reshape(-1, len(shape.sides))
-
-
-# -- How far places on a surface are from its open end, and how much of a contact counts there -----
-#
-# Axis letters: n nodes, f facets, v corners, q places, i space, α surface directions. Distances are
-# those of the undeformed surface: in the plane along it, in space straight to the nearest open
-# edge, both linear between the corners of a facet.
-
-
-class EndDistance:
-    """Distances of the corners from the open end of a surface.
-
-    Attributes:
-        length: m, way over which a contact fades; corners: (f, v), m, distances of the corners.
-    """
-
-    def __init__(self, shape: FacetShape, length: float, corners: Floats) -> None:
-        """Take the distances; ``shape`` is that of facets of the first degree."""
-        self.length, self.corners, self._shape = length, corners, shape
-
-    @classmethod
-    def measured(
-        cls, shape: FacetShape, facets: Ints, nodes: Floats, is_open: Bools, length: float
-    ) -> EndDistance:
-        """Measure them.
-
-        Args:
-            facets: (f, a) their nodes; corners come first.
-            nodes: (n, i), m, undeformed.
-            is_open: (n,) whether a corner lies at an open end.
-            length: m, way over which a contact fades.
-
-        Raises:
-            ValueError: no part of the surface would count in full.
-        """
-        corners = facets[:, : shape.corners]
-        distance: Floats
-        if not is_open.any():
-            distance = np.full(len(nodes), np.inf)
-        elif shape.directions == 1:
-            distance = _along(corners, nodes, is_open)
-        else:
-            distance = _to_edges(_open_edges(shape, corners), nodes)
-        largest = float(distance[corners].max())
-        if largest < length:
-            raise ValueError(
-                f"fade_length = {length:g} m: no part of the master is so far from its ends "
-                f"({largest:.3g} m at most)"
-            )
-        far = 1e3 * length  # without an open end all counts
-        found: Floats = np.where(np.isfinite(distance), distance, far)[corners]
-        return cls(facet_shape(shape.cell, 1), length, found)
-
-    def share(self, facet: Ints, xi: Floats) -> tuple[Floats, Floats]:
-        """How much counts (q,) at places ξ (q, α) of facets (q,), and its derivatives (q, α) for ξ.
-
-        s² (3 − 2 s) of s = d/L at the distance d from the end, 1 from L on.
-        """
-        mine = self.corners[facet]
-        s = np.einsum("qv,qv->q", self._shape.values(xi), mine) / self.length
-        slope = np.einsum("qav,qv->qa", self._shape.first(xi), mine) / self.length
-        s = np.clip(s, 0.0, 1.0)
-        return s * s * (3.0 - 2.0 * s), (6.0 * s * (1.0 - s))[:, None] * slope
-
-
-def _along(corners: Ints, nodes: Floats, is_open: Bools) -> Floats:
-    """Way (n,), m, along segments to the nearest open end."""
-    from scipy.sparse.csgraph import dijkstra
-
-    length = np.linalg.norm(nodes[corners[:, 1]] - nodes[corners[:, 0]], axis=1)
-    size = (len(nodes), len(nodes))
-    graph = scipy.sparse.csr_matrix((length, (corners[:, 0], corners[:, 1])), shape=size)
-    ends = np.nonzero(is_open)[0]
-    out: Floats = dijkstra(graph, directed=False, indices=ends, min_only=True)
-    return out
-
-
-def _open_edges(shape: FacetShape, corners: Ints) -> Ints:
-    """Corners (e, 2) of the edges that one facet alone has."""
-    edges = np.concatenate([corners[:, side.nodes[:2]] for side in shape.sides])
-    _, first, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    out: Ints = edges[first[count == 1]]
-    return out
-
-
-def _to_edges(edges: Ints, nodes: Floats) -> Floats:
-    """Distance (n,), m, of nodes from the nearest of some edges (e, 2)."""
-    start, way = nodes[edges[:, 0]], nodes[edges[:, 1]] - nodes[edges[:, 0]]
-    squared = np.einsum("ei,ei->e", way, way)
-    out = np.empty(len(nodes))
-    # A million pairs at once, for memory's sake.
-    for rows in np.array_split(np.arange(len(nodes)), max(1, len(nodes) * len(edges) // 10**6)):
-        apart = nodes[rows][:, None] - start
-        along = np.clip(np.einsum("nei,ei->ne", apart, way) / squared, 0.0, 1.0)
-        rest = apart - along[..., None] * way
-        out[rows] = np.sqrt(np.einsum("nei,nei->ne", rest, rest).min(axis=1))
-    return out

@@ -28,7 +28,7 @@ from tribox.geometry.surfaces.facets import (
     measure,
     unit_normals,
 )
-from tribox.geometry.surfaces.images import Images
+from tribox.geometry.surfaces.images import Held, Images
 from tribox.geometry.surfaces.master import (
     FacetRows,
     MasterFacets,
@@ -118,8 +118,8 @@ class ContactSurface:
             smoothing_angle: rad; a smooth master, but for sides where its facets' normals differ by
                 more. None: the facets as they are.
             fade_length: m, way before an open end over which averaged pressure fades, if given.
-            held: by axis, global nodes of all ranks that stay where they are along it: a smooth
-                master that ends at some in a plane goes on as its image.
+            held: by axis, global nodes of all ranks that stay where they are along it: a surface
+                that ends at some in a plane goes on as its image.
 
         Raises:
             ValueError: on every rank, if a surface has no facet or folds onto itself, the degree of
@@ -134,11 +134,13 @@ class ContactSurface:
         if axisymmetric:
             # Whole rings: forces are totals and not per radian.
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
-        self._find_master(master, (smoothing_angle, fade_length), held)
         slave = self.slave
-        self.vertices = slave_vertices(
-            space, self.shape, slave.nodes, slave.xi, slave.weight, slave.facet_length
-        )
+        known = slave.nodes, slave.xi, slave.weight, slave.facet_length, held
+        self.vertices = slave_vertices(space, self.shape, *known)
+        nodes, place = self.vertices.nodes, self.vertices.position
+        levels = [place[np.isin(nodes, those), axis] for axis, those in enumerate(held)]
+        planes = Held(held, levels) if held else None
+        self._find_master(master, (smoothing_angle, fade_length), planes)
         self.normals = self._find_normals() if self.target.has_kinks else None
         self._number_nodes()
         self._scatter: PETSc.Scatter | None = None
@@ -153,6 +155,7 @@ class ContactSurface:
         motion: RigidMotion,
         quadrature_degree: int,
         axisymmetric: bool = False,
+        held: Sequence[Longs] = (),
     ) -> ContactSurface:
         """The pair of a slave and a rigid tool, see the constructor; collective.
 
@@ -162,15 +165,16 @@ class ContactSurface:
             motion: of the surface's control points.
             quadrature_degree: degree integrated exactly on an affine slave facet.
             axisymmetric: whether x is the distance from an axis of symmetry.
+            held: see the constructor.
         """
         master = RigidMaster(np.asarray(reference_nodes, dtype=np.int64), surface, motion)
-        return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
+        return cls(space, slave_facets, master, quadrature_degree, axisymmetric, held=held)
 
     def _find_master(
         self,
         master: NDArray[np.int32] | RigidMaster,
         ends: tuple[float | None, float | None],
-        held: Sequence[Longs],
+        held: Held | None,
     ) -> None:
         """Find the master, on several ranks in space what is within reach of it; collective."""
         self.follows, self.parts = True, 0
@@ -190,8 +194,7 @@ class ContactSurface:
         if self.dim == 2 or comm.size == 1:
             rings, whole = self.axisymmetric, whole_master(self.shape, comm.allgather(own))[0]
             self.master = continued(whole, held, ends[0], rings)
-            facets, images = (self.master.facets, self.master.position), self.master.images
-            self.target = FacetSurface(self.shape, *facets, *ends, images=images, rings=rings)
+            self.target = self._searched(self.master, ends, rings)
             return
         known = self.space, self.shape, own, ends, self.facet_length, held
         self._source = MasterSource(*known)
@@ -199,6 +202,13 @@ class ContactSurface:
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
         rows = self._source.fetch(self.slave.position, still, self.master.number)
         self._take(rows)
+
+    def _searched(
+        self, master: MasterFacets, ends: tuple[float | None, float | None], rings: bool = False
+    ) -> FacetSurface:
+        """The facets of a master, to search; ``ends`` and ``rings`` as ``FacetSurface`` takes."""
+        facets, known = (master.facets, master.position), (master.part, master.images)
+        return FacetSurface(self.shape, *facets, *ends, *known, rings, master.planes)
 
     def _take(self, rows: FacetRows) -> None:
         """Know more facets."""
@@ -208,8 +218,7 @@ class ContactSurface:
         ends, more = self._source.ends, grown(self.master.own(), rows)
         self.master = master = continued(more, self._source.held, ends[0])
         searches = self.target.search.searches if self.parts else 0
-        facets, images = (master.facets, master.position), master.images
-        target = FacetSurface(self.shape, *facets, *ends, part=master.part, images=images)
+        target = self._searched(master, ends)
         target.search.searches, self.target = searches, target
         self.nodes = np.concatenate([self.nodes[: self.first_master], master.nodes])
         self.parts += 1
@@ -384,7 +393,7 @@ class ContactSurface:
         own, other = unit_normals(slave_tangents), unit_normals(at.tangents)
         own *= np.where(np.einsum("qi,qi->q", own, other) < 0.0, -1.0, 1.0)[:, None]
         # All facets around a vertex count alike, whatever their area: they have as many points.
-        nodal = np.stack([vertices.sums(part) for part in own.T], axis=1)
+        nodal = np.stack([vertices.sums(part) for part in own.T], axis=1) * vertices.turns
         length = np.linalg.norm(nodal, axis=1)
         nodal /= np.where(length > 0.0, length, 1.0)[:, None]
         slave = np.einsum("qk,qki->qi", vertices.shape, nodal[vertices.of_point])

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
+from tests.app.read_log import read_log
 from tribox import load_case, read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError, SolutionError
@@ -395,10 +396,18 @@ def test_a_plate_that_ends_within_a_facet_sinks_as_one_on_a_pad_of_its_size(
     assert abs(float(last["energy_error"])) < 1e-3 * float(last["external_work"])
 
 
-def test_half_a_film_is_half_of_the_whole(tmp_path):
+PLATE = {"shape": "plane", "point": ["0 mm", "0.1 mm"], "normal": [0, -1]}
+ROUND = {"shape": "circle", "centre": ["5 mm", "50.1 mm"], "radius": "50 mm"}
+SPREAD = {"oil": "60 g/m^2", "density": "900 kg/m^3", "cells": 4}
+
+
+@pytest.mark.parametrize(("plate", "film"), [(PLATE, {}), (ROUND, SPREAD)])
+def test_half_a_film_is_half_of_the_whole(tmp_path, plate, film):
     """Nothing flows across a plane of symmetry, whatever floods the film at its ends."""
     data, found = tomllib.loads(Path("cases/film/squeeze.toml").read_text()), []
     data["stage"], data["output"] = data["stage"][:2], {"figures": False}
+    data["tools"]["plate"] = plate | {"force": data["tools"]["plate"]["force"]}
+    data["contact"][0]["film"] |= film
     for half in (False, True):
         if half:
             data["geometry"]["blocks"]["pad"] |= {"x": ["5 mm", "10 mm"], "elements": [20, 1]}
@@ -408,6 +417,7 @@ def test_half_a_film_is_half_of_the_whole(tmp_path):
         surface = read(tmp_path / str(half)).contact()
         order = np.argsort(surface.points[:, 0])[-21:]
         found.append([surface.point_data[f"film_{n}"][order] for n in ("thickness", "pressure")])
+        assert "fills the film up to its end" not in read_log(tmp_path / str(half))
     for mine, whole in zip(*found, strict=True):
         np.testing.assert_allclose(mine, whole, rtol=0.0, atol=1e-7 * whole.max())
 

@@ -166,6 +166,10 @@ def pressed_in(comm, directory, half, contact):
     """A pad that sinks deep into a wider base: its pressed vertices by place, from x = 0 on."""
     data = tomllib.loads(HALVES)
     data["contact"][0] |= contact
+    if contact.get("master") == "ridge":
+        points = [["-6 mm", "4 mm"], ["-1 mm", "6 mm"], ["1 mm", "6 mm"], ["6 mm", "4 mm"]]
+        held = {"x": 0, "y": 0}
+        data["tools"] = {"ridge": {"shape": "polyline", "points": points, "displacement": held}}
     side = 1 if half else 2
     data["geometry"]["blocks"] = {
         name: {"x": [0.0 if half else -wide, wide], "y": heights, "elements": [side * n, m]}
@@ -193,8 +197,14 @@ def pressed_in(comm, directory, half, contact):
 
 @pytest.mark.parametrize(
     "contact",
-    [{"friction": {"law": "coulomb", "mu": 0.3}}, {"friction": {"law": "frictionless"}}, FILM],
-    ids=["coulomb", "frictionless", "film"],
+    [
+        {"friction": {"law": "coulomb", "mu": 0.3}},
+        {"friction": {"law": "frictionless"}},
+        FILM,
+        {"friction": {"law": "coulomb", "mu": 0.3}, "fade_length": "2 mm"},
+        {"friction": {"law": "coulomb", "mu": 0.3}, "master": "ridge", "smoothing_angle": None},
+    ],
+    ids=["coulomb", "frictionless", "film", "fading", "kinks"],
 )
 def test_half_a_model_is_half_of_the_whole(tmp_path, contact):
     whole, _ = pressed_in(MPI.COMM_SELF, tmp_path, False, contact)
@@ -241,7 +251,10 @@ def sunk_in_space(comm, directory, cut, contact):
     return np.array(values).tolist(), read_log(directory / "out").replace("\n", " ")
 
 
-@pytest.mark.parametrize("contact", [{"friction": {"law": "coulomb", "mu": 0.3}}, FILM])
+FADING = {"fade_length": "2 mm"}
+
+
+@pytest.mark.parametrize("contact", [{"friction": {"law": "coulomb", "mu": 0.3}}, FILM | FADING])
 def test_parts_of_a_model_in_space_are_those_of_the_whole(tmp_path, contact):
     whole, _ = sunk_in_space(MPI.COMM_SELF, tmp_path, "", contact)
     for cut in ("z", "xz"):
@@ -256,7 +269,8 @@ def half_model(comm, directory):
 
 
 def quarter_model(comm, directory):
-    return sunk_in_space(comm, directory, "xz", {"friction": {"law": "coulomb", "mu": 0.3}})[0]
+    contact = {"friction": {"law": "coulomb", "mu": 0.3}} | FADING
+    return sunk_in_space(comm, directory, "xz", contact)[0]
 
 
 @pytest.mark.mpi(half_model, 2)

@@ -46,7 +46,7 @@ def test_tangent_where_another_master_begins(name):
     surface, term = scene.surface, scene.term
     ends = surface.master.position[np.argmax(surface.master.position[:, 0])][None]
     surface.slave.reach *= 4.0
-    surface.target.join(ends, 1e-6)
+    surface.target.ends.join(ends, 1e-6)
     term.rule.others = 0.6 * surface.vertices.area
     trial = scene.residual(x)[1]
     at = trial.projection

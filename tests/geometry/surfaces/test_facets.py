@@ -6,8 +6,8 @@ import pytest
 
 from tests.grid import grid
 from tribox.geometry.surfaces.body_facets import OuterFacets, displacement_facet, outward_facets
+from tribox.geometry.surfaces.ends import EndDistance
 from tribox.geometry.surfaces.facets import facet_shape
-from tribox.geometry.surfaces.projection import EndDistance
 
 KINDS = [(cell, degree) for cell in ("interval", "triangle", "quadrilateral") for degree in (1, 2)]
 KINDS += [("interval", 3), ("quadrilateral", 3)]
