@@ -229,7 +229,8 @@ class ContactTerm:
         mode: ContactMode,
     ) -> tuple[Floats, FrictionResponse]:
         """Complete the normal contact; film thickness (q,), m, and friction; collective."""
-        self.cover_rim(normal, at, mode.penalty_scale, linearise=not mode.friction_as_load)
+        linearise, inside = not mode.friction_as_load, mode.interior is not None
+        self.cover_rim(normal, at, mode.penalty_scale, linearise, inside)
         return self._friction(kinematics, dt, normal, mode)
 
     def leave_to_others(self) -> None:
@@ -244,6 +245,7 @@ class ContactTerm:
         at: Projection,
         penalty_scale: float = 1.0,
         linearise: bool = False,
+        inside: bool = False,
     ) -> None:
         """Find how much of the facets at the rim of the contact touches; collective.
 
@@ -252,9 +254,11 @@ class ContactTerm:
             at: projections of the points.
             penalty_scale: factor of the penalty that it was found with.
             linearise: whether the tangent will be asked for.
+            inside: whether the pressures are interior points, so that open vertices carry some: a
+                film that rubs on all of them would be of another problem.
         """
         stiffness = penalty_scale * self.rule.penalty
-        normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus)
+        normal.cover, slope = rim_cover(self.surface, normal, stiffness, self.modulus, inside)
         if at.share is not None:
             normal.cover = normal.cover * at.share
             slope = None if slope is None else slope * at.share[:, None]

@@ -296,6 +296,7 @@ def rim_cover(
     normal: NormalContact,
     stiffness: Floats,
     modulus: float | None,
+    only_met: bool = False,
 ) -> tuple[Floats, Floats | None]:
     """Covered share χ (q,) of each point, and ∂χ/∂g (q, k), 1/m, for the gaps of its vertices.
 
@@ -303,17 +304,22 @@ def rim_cover(
         normal: averaged normal contact; point by point all is covered.
         stiffness: (v,), Pa/m, of the vertices.
         modulus: Pa, E*; None: facets at the rim count whole.
+        only_met: whether vertices count as open by their gaps, although they carry pressure.
 
     Returns:
         χ and its derivatives; None for these where all are zero.
     """
     cover = np.ones(len(normal.pressure))
-    if normal.active is None or normal.gap is None or modulus is None:
+    if normal.active is None or normal.gap is None:
         return cover, None
-    vertices = surface.vertices
-    active = normal.active[vertices.of_point]
-    at = np.nonzero(normal.closed & ~active.all(axis=1))[0]
-    if not len(at):
+    vertices, met = surface.vertices, normal.active
+    if only_met:
+        met = met & (normal.gap <= TOUCHING * vertices.length)
+    active = met[vertices.of_point]
+    some = active.any(axis=1)
+    cover[normal.closed & ~some] = 0.0
+    at = np.nonzero(normal.closed & some & ~active.all(axis=1))[0]
+    if not len(at) or modulus is None:
         return cover, None
     inside, number = active[at], vertices.of_point[at]
     gap = normal.gap[number]

@@ -46,6 +46,7 @@ Longs = NDArray[np.int64]
 
 SMALLEST = -600.0  # logarithm of the least (kappa + K_T y_n) over its upper bound
 NO_SLIP = 1e-12  # of the slip at the speed before: less counts as that much
+NO_COVER = 1e-6  # share of the area, so small that what a film carries there is nothing
 CLOSE = 1e-9  # change of a logarithm whose square is below round-off: Newton's method is quadratic
 ITERATIONS = 100  # at most, for kappa; about 8 do
 
@@ -125,7 +126,12 @@ def slowing(parameters: FrictionMapParameters, at: FilmPoint, motion: Motion) ->
     if not points.size:
         return None
     here = motion.at(points)
-    here = replace(here, length=np.maximum(here.length, NO_SLIP * here.speed_before * here.dt))
+    # Beyond the rim of a contact no film gives anything up, and the asperities take over nothing.
+    here = replace(
+        here,
+        length=np.maximum(here.length, NO_SLIP * here.speed_before * here.dt),
+        cover=np.maximum(here.cover, NO_COVER),
+    )
     zero = np.zeros((3, points.size))
     fraction = _fraction(at.alpha[points], zero)
     fraction.slopes[2] = np.broadcast_to(at.d_alpha_d_film, at.alpha.shape)[points]

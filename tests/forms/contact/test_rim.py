@@ -142,6 +142,21 @@ def test_vertices_that_only_touch_give_no_end():
     assert slope is not None and np.all(np.isfinite(slope))
 
 
+@pytest.mark.parametrize("modulus", [MODULUS, None])
+def test_on_the_way_from_inside_a_film_covers_what_gaps_close(modulus):
+    """All vertices press there, most of them by next to nothing: no film rubs on them."""
+    surface = touching("Q4")[0].surface
+    gap = np.random.default_rng(3).uniform(-0.02, 0.03, surface.vertices.count)
+    exact, stiffness = normal_of(surface, gap), np.full(surface.vertices.count, PENALTY)
+    every = np.ones_like(exact.closed), np.ones_like(exact.active)
+    inside = replace(exact, closed=every[0], active=every[1])
+    cover, slope = rim_cover(surface, inside, stiffness, modulus, only_met=True)
+    wanted, wanted_slope = rim_cover(surface, exact, stiffness, modulus)
+    assert 0.0 < np.mean(exact.closed) < 1.0 and np.all(cover[~exact.closed] == 0.0)
+    np.testing.assert_array_equal(cover[exact.closed], wanted[exact.closed])
+    np.testing.assert_equal(slope, wanted_slope)
+
+
 def test_cover_of_points_that_leave_the_master():
     """What is covered of them counts by their share, and so do its derivatives."""
     scene = Scene("Q4", film_map(), degree=5, fine=True, film=0.5)

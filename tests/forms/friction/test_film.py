@@ -98,6 +98,27 @@ def test_without_rates_the_cover_says_nothing(name):
     np.testing.assert_array_equal(out.traction, np.broadcast_to(out.traction[:1], (3, 2)))
 
 
+@pytest.mark.parametrize("name", FLOWS)
+def test_a_point_that_slows_down_beyond_the_rim_is_the_limit_of_little_film(name):
+    """No film gives anything up there; the tangent was not a number."""
+    law, ones = LAWS[name], np.ones(3)
+    film, covers = 150e-9 * ones, np.array([0.0, 1e-9, 1e-7])
+    fast = law.update(np.tile([3e-6, -1e-6], (3, 1)), 1e-4, P * ones, film, law.initial_state(3, 2))
+    for slip in (0.0, 1e-17, 1e-9):
+        out = law.update(
+            np.tile([slip, 0.0], (3, 1)), 1.0, P * ones, film, fast.state, film_cover=covers
+        )
+        assert np.all(out.state.alpha < fast.state.alpha)
+        assert np.all(np.isfinite(out.d_traction_d_film))
+        for value, scale in (
+            (out.traction, P),
+            (out.d_traction_d_slip, K_T),
+            (out.d_traction_d_pressure, 1.0),
+            (out.d_traction_d_elastic, K_T),
+        ):
+            np.testing.assert_allclose(value[0], value[2], rtol=1e-2, atol=1e-3 * scale)
+
+
 # -- The film's flow: limits, derivatives, refusals ------------------------------------------------
 
 rheologies = st.builds(
