@@ -66,13 +66,17 @@ INLINE lanes row_times(int size, part a, int64_t row, const float *x)
     return sums[0] + sums[1] + sums[2];
 }
 
-/* The same of what x (n, LANES) is beyond `here`, and of y (n, LANES), if there is one. */
+/* The same of what x (n, LANES) is beyond `here`, and, of L, of y (n, LANES).
+ *
+ * U, without y, is read from its end to its beginning, and so within each row: else every row would
+ * wait for memory (half the time of a sweep). */
 INLINE lanes row_differences(
     int size, part a, int64_t row, const double *x, wide here, const float *y)
 {
     lanes sums[3] = {{0}, {0}, {0}};
-    for (int64_t k = a.ends[row]; k < a.ends[row + 1]; ++k) {
-        const int64_t at = LANES * (int64_t)a.columns[k];
+    const int64_t first = a.ends[row], end = a.ends[row + 1];
+    for (int64_t l = first; l < end; ++l) {
+        const int64_t k = y ? l : first + end - 1 - l, at = LANES * (int64_t)a.columns[k];
         wide there;
         memcpy(&there, x + at, sizeof there);
         lanes beyond = __builtin_convertvector(there - here, lanes);
