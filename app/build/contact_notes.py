@@ -274,8 +274,7 @@ class PairAtStart:
                 fold onto the master is a contact beside that of the surface it ends at.
             unable: why the master cannot be smooth; None: it can.
         """
-        yield from self._note_on_distance()
-        yield from self._note_on_coarseness()
+        yield from self._notes_on_distance()
         if alone:
             yield from self._note_on_facing()
         yield from self._note_on_radius()
@@ -284,15 +283,12 @@ class PairAtStart:
             yield from self._note_on_overlap()
         yield from self._notes_on_corners(case, unable)
 
-    def _note_on_distance(self) -> Iterator[str]:
-        """A line on surfaces far apart."""
+    def _notes_on_distance(self) -> Iterator[str]:
+        """Lines on surfaces far apart, and on a slave too coarse to see its master."""
         if self.distance > APART * self.lengths[0]:
             far = np.isfinite(self.distance)
             where = f"{self.distance:.3g} m apart" if far else "beside each other"
             yield f"{self.place}: {self.contact.slave} and {self.contact.master} start {where}"
-
-    def _note_on_coarseness(self) -> Iterator[str]:
-        """A line on a slave too coarse to see its master."""
         ratio = self.coarseness()
         if ratio > COARSE:
             yield (

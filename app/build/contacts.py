@@ -113,9 +113,10 @@ class ContactBuilder:
         penalty = _penalty(table, surface, modulus)
         factor = table.penalty_factor or (table.penalty or 0.0) * length / modulus
         ratio = modulus / oedometric_modulus(softer) if self.case.is_explicit else None
+        smooth = asked.model_copy(update={"smoothing_angle": STRAIGHT})  # whether asked for or not
         notes = (
             *stiffer_slave(index, asked, self.named.body_of(asked.slave), *materials),
-            *start.notes(self.case, self._is_alone(asked), self._unable_to_smooth(asked)),
+            *start.notes(self.case, self._is_alone(asked), self._smoothing_problem(smooth)),
             *note_on_idle_film(f"contact.{index}", asked),
             *(() if _is_unknown(table) else notes_on_penalty(index, factor, table.pressure, ratio)),
             *note_on_stick(index, table.friction, contact_shear_modulus(softer) / length),
@@ -155,10 +156,6 @@ class ContactBuilder:
         body = self.named.body_of(asked.slave)
         slaves = [one.slave for one in self.case.contact if one.master == asked.master]
         return sum(self.named.body_of(slave) == body for slave in slaves) == 1
-
-    def _unable_to_smooth(self, asked: Contact) -> str | None:
-        """Why the master cannot be smooth, if it cannot, whether that is asked for or not."""
-        return self._smoothing_problem(asked.model_copy(update={"smoothing_angle": STRAIGHT}))
 
     def _smoothing_problem(self, contact: Contact) -> str | None:
         """Why the master cannot be as smooth as the contact asks, if it cannot."""

@@ -241,20 +241,15 @@ def scene_of(
     bodies: Bodies, scale: ColourScale, low: Floats | None = None, high: Floats | None = None
 ) -> Scene:
     """A state to render; in a given frame, m, or one round the bodies."""
+    colours = colormaps[scale.colours](scale.norm(bodies.field.values * scale.unit.factor))
     return Scene(
         bodies.position,
         bodies.polygons,
-        polygon_colours(bodies, scale)[:, :3],
+        np.asarray(colours, dtype=np.float64)[:, :3],
         bodies.body,
         bodies.position.min(axis=0) if low is None else low,
         bodies.position.max(axis=0) if high is None else high,
     )
-
-
-def polygon_colours(bodies: Bodies, scale: ColourScale) -> Floats:
-    """Colours (f, 4) of the outer facets."""
-    shade = colormaps[scale.colours](scale.norm(bodies.field.values * scale.unit.factor))
-    return np.asarray(shade, dtype=np.float64)
 
 
 def show(axes: Axes, view: View) -> None:

@@ -126,7 +126,8 @@ def _columns(
     strange = {
         place: _name(text)
         for place, text in enumerate(header)
-        if place not in unread and _is_strange(standard[place], known)
+        if place not in unread
+        and not difflib.get_close_matches(standard[place][:_SHOWN].lower(), known, n=1)
     }
     if strange:
         words = ", ".join(f'"{header[place].strip()[:_SHOWN]}"' for place in strange)
@@ -185,11 +186,6 @@ def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str
     if plain in known:
         return plain
     return next((column for column, names in aliases.items() if plain in names), name)
-
-
-def _is_strange(name: str, known: Mapping[str, Quantity]) -> bool:
-    """Whether a heading is far from the name of every column."""
-    return not difflib.get_close_matches(name[:_SHOWN].lower(), known, n=1)
 
 
 def _with_points(
@@ -302,16 +298,12 @@ def _value(text: str, unit: str, quantity: Quantity) -> float:
         float(text)
     except ValueError:
         shown = f"{text[:_SHOWN]}..." if len(text) > _SHOWN else text
-        raise QuantityError(f'"{shown}": {_no_number(text)}') from None
+        cure = ", with a point before decimals" if "," in text else ""
+        raise QuantityError(f'"{shown}": must be a number{cure}') from None
     try:
         return quantity.parse(f"{text} {unit}")
     except QuantityError as error:
         raise QuantityError(f"{text}: {error}") from None
-
-
-def _no_number(text: str) -> str:
-    comma = "," in text
-    return "must be a number, with a point before decimals" if comma else "must be a number"
 
 
 # -- Tribometer data: a CSV file with units in its header, in SI -----------------------------------

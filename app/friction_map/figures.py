@@ -97,12 +97,6 @@ def _star(setup: MapSetup, film: float) -> float:
     return float(threshold_speed(film, setup.parameters)) if between else np.inf
 
 
-def _closed_form(setup: MapSetup, curve: Curve, speed: Floats) -> Floats:
-    """Traction in closed form, Pa, with a gap at V* so that no line is drawn across the fall."""
-    traction = steady_traction(speed, curve.film, curve.pressure, curve.mu[0], setup.parameters)
-    return broken(np.asarray(traction, dtype=np.float64), speed, _star(setup, curve.film))
-
-
 def _draw_steady(
     setup: MapSetup, axes: Axes, curve: Curve, marks: dict[str, Any], label: str,
     by_speed: float = 1.0, by_traction: Callable[[Floats], Floats | float] = lambda speed: 1e-3,
@@ -110,7 +104,10 @@ def _draw_steady(
     """A closed form, and the points that the law was stepped to; each times these factors."""
     colour, marker, dashes = marks["color"], marks["marker"], marks["ls"]
     fine = np.asarray(np.geomspace(setup.speeds[0], setup.speeds[-1], 3000), dtype=np.float64)
-    exact = _closed_form(setup, curve, fine) * by_traction(fine)
+    exact = np.asarray(
+        steady_traction(fine, curve.film, curve.pressure, curve.mu[0], setup.parameters)
+    )
+    exact = broken(exact, fine, _star(setup, curve.film)) * by_traction(fine)
     axes.plot(fine * by_speed, exact, color=colour, lw=1, ls=dashes)
     points = {"marker": marker, "ms": MARKER_SIZE, "mfc": "none", "color": colour}
     shown = curve.traction * by_traction(curve.speed)
