@@ -328,7 +328,7 @@ def test_reversed_paths_go_to_the_solution_of_the_rate_equations(name, branches)
     path, ends = PATHS[name]
     law, kinds = given.LAWS["voce"], given.BRANCHES[branches]
     points = PlasticPoints(ElastoPlastic(G, K, law, None, kinds), False)
-    wanted, alpha = integrated(path, ends, 1500, law, kinds)
+    wanted, alpha = integrated(path, ends, 500, law, kinds)
     state, s = points.start(1), 0.0
     for end in ends:
         for at in np.linspace(s, end, 201)[1:]:
