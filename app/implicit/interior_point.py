@@ -185,7 +185,7 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     started = 0
     if opening.linear and attempt.continued:
         started = attempt.predictor.restart(attempt.x, attempt.trial, attempt.step)
-    exact, before = np.inf, np.inf
+    exact, before, rubs_as_it_is = np.inf, np.inf, False
     limit = min(LIMIT_CENTRAL, newton.options.max_iterations)
     for iteration in range(started, limit):
         left = newton.residual_of(step)
@@ -198,8 +198,13 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         step = attempt.step.inside(points)
         if left < NEARER**0.5:
             last, exact = exact, newton.residual_of(attempt.step)
-            if exact < NEARER or ENDED * last < exact < CLOSE:
+            stays_off = ENDED * last < exact < CLOSE
+            if exact < NEARER or (stays_off and rubs_as_it_is):
                 return iteration, True
+            if stays_off:  # the path's friction is another one: the law as it is takes its place
+                rubs_as_it_is = True
+                points = [at and replace(at, slip=None) for at in points]
+                step = attempt.step.inside(points)
         before = newton.step_to_least_energy(step, TURNED * shortest_facet(problem), EASED)
     return limit, newton.residual_of(attempt.step) < NEAR
 

@@ -18,6 +18,13 @@ FRICTIONLESS = {"law": "frictionless"}
 
 
 ELASTIC = {"material": "hencky", "E": E, "nu": NU}
+FILM_MAP = {
+    "preset": "friction-map",
+    "mu_s": 0.1,
+    "K_T": "1e11 Pa/m",
+    "V_star": "0.1 mm/s",
+    "V_star_at": "30 nm",
+}
 
 
 def strip(cells, length, tools, stroke_steps, friction=FRICTIONLESS, metal=ELASTIC):
@@ -121,6 +128,17 @@ def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
     assert sum(row.newton_iterations for row in rows) <= 180
     inside = simulation.stepper.newton.inside
     assert inside.last and OPENINGS_FLOWING[inside.opening].central
+
+
+def test_metal_that_slides_on_a_film_is_bent_without_a_cut():
+    """On the way from inside the film covers what gaps close, and in the end rubs as it does."""
+    data = strip([80, 2], 0.06, bending(2.4e-3), 2, FILM_MAP, {"material": "AA1050-O"})
+    data["stage"][0]["duration"] = "0.25 s"
+    for pair in data["contact"]:
+        pair["film"] = {"thickness": "30 nm"}
+    rows = run(data).state.rows
+    assert [row.attempts for row in rows] == [1, 1]
+    assert sum(row.newton_iterations for row in rows) <= 40
 
 
 @pytest.mark.parametrize(
