@@ -70,6 +70,11 @@ class Constraint:
         """Owned local unknowns."""
         return self.part.dofs
 
+    @property
+    def yields(self) -> bool:
+        """Whether it is a spring, which need not bear what a node bore before."""
+        return isinstance(self.part, Platen) and self.part.stiffness > 0.0
+
 
 class Loads:
     """Collects what the boundaries prescribe, and the programs that move it.
@@ -82,6 +87,7 @@ class Loads:
         notes: what the user should know of them, one line each.
         programs: each sets one load from (time, driven displacement), s and m.
         stage: name of the present stage; remembering: what is told of a new one.
+        share: of what changes at once where it begins (:meth:`Model.set_loads`).
     """
 
     def __init__(
@@ -108,7 +114,7 @@ class Loads:
         self.nodal_loads: list[NodalLoad] = []
         self.nodal_surfaces: list[str] = []
         self.programs: list[Callable[[float, float], None]] = []
-        self.stage = ""
+        self.stage, self.share = "", 1.0
         self.remembering: list[Remembering] = []
         self.constraints: list[Constraint] = []
         if section == "axisymmetric":
@@ -161,6 +167,8 @@ class Loads:
                     self._release_contact(number, surface, stage)
                 if name not in pairs:
                     self._release(name, stage)
+        for before, now in itertools.pairwise(self._stages):
+            self._let_go(before, self._stages[now])
         self.check_corners()
 
     def acting(self, stage: str) -> list[Constraint]:
@@ -209,35 +217,64 @@ class Loads:
         """Let what holds a surface be taken off over a stage."""
         held = [one for one in self.constraints if one.surface == surface]
         others = [one for one in self.constraints if one.surface != surface]
-        dofs = np.unique(np.concatenate([one.dofs for one in held]))
+        self._take_off(surface, held, stage, [one for one in others if one.acts(stage.name)])
 
-        def reactions(problem: Equilibrium) -> Floats:
-            forces = problem.unbalanced.copy()
-            for one in others:
-                if one.acts(stage.name):  # what still holds a node bears all of its force
-                    forces[one.dofs] = 0.0
-            return forces
+    def _let_go(self, before: str, stage: Stage) -> None:
+        """Let what displacements of the stage ``before`` have led to fade where they end.
 
-        self._take_off(surface, dofs, stage, reactions)
+        Over the pieces of the first step, if it is cut: a force may take over, or nothing.
+        """
+        gone = [one for one in self.constraints if one.given(before) and one.surface]
+        gone = [one for one in gone if not one.given(stage.name)]
+        kept = [one for one in self.constraints if one.given(stage.name) and not one.yields]
+        kept += [one for one in gone if one.surface in stage.release]
+        for one in gone:
+            if one.surface not in stage.release:
+                self._take_off(one.surface, [one], stage, kept, at_once=True)
+                kept = [*kept, one]  # each node's force is given up once
 
     def _release_contact(self, pair: int, surface: str, stage: Stage) -> None:
         """Let the forces of a contact on one of its surfaces be taken off over a stage."""
         dim = self.named.mesh.geometry.dim
         dofs = np.sort(np.concatenate([self._dofs(surface, axis) for axis in range(dim)]))
-        self._take_off(surface, dofs, stage, lambda problem: problem.pair_forces(pair))
+        self._fade(surface, dofs, stage, lambda problem: problem.pair_forces(pair))
 
     def _take_off(
-        self, surface: str, dofs: Ints, stage: Stage, given_up: Callable[[Equilibrium], Floats]
+        self,
+        surface: str,
+        held: Sequence[Constraint],
+        stage: Stage,
+        others: Sequence[Constraint],
+        at_once: bool = False,
     ) -> None:
-        """Take off forces at unknowns of a surface evenly over a stage."""
-        assert stage.duration is not None
+        """Take off the forces of what holds a surface; ``others`` bear those of their nodes."""
+
+        def reactions(problem: Equilibrium) -> Floats:
+            forces = problem.unbalanced.copy()
+            for one in others:
+                forces[one.dofs] = 0.0
+            return forces
+
+        dofs = np.unique(np.concatenate([one.dofs for one in held]))
+        self._fade(surface, dofs, stage, reactions, at_once)
+
+    def _fade(
+        self,
+        surface: str,
+        dofs: Ints,
+        stage: Stage,
+        given_up: Callable[[Equilibrium], Floats],
+        at_once: bool = False,
+    ) -> None:
+        """Take off forces at unknowns of a surface evenly over a stage, or where it begins."""
         load = self._at_nodes(surface, dofs, np.zeros(len(dofs)))
         load.takes_over = True
-        released = Released(load, stage.name, stage.duration, given_up)
+        released = Released(load, stage.name, stage.duration or np.inf, given_up)
         self.remembering.append(released)
 
         def program(time: float, driven: float) -> None:
-            load.factor = released.factor(self.stage, time)
+            share = 1.0 - self.share if at_once else released.factor(self.stage, time)
+            load.factor = share if self.stage == stage.name else 0.0
 
         self.programs.append(program)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import highest_pressure
@@ -188,7 +189,8 @@ class ContactBuilder:
     def _held_with(self, master: str) -> list[Longs]:
         """By axis, nodes that stay where they are, along axes in which the master rests there too.
 
-        A film ends at a plane of symmetry of both of its sides, not where one is merely held.
+        Surfaces go on as their images, and a film ends, at a plane of symmetry of both sides, not
+        where one is merely held; collective.
         """
         if self.loads is None:
             return []
@@ -197,8 +199,10 @@ class ContactBuilder:
             if tool is not None:
                 rests = tool.rests(COMPONENTS[axis])
             else:
-                dofs = component_dofs(self.space, self.named.facets(master), axis)
-                rests = bool(np.isin(dofs // len(held), held[axis]).any())
+                dofs = component_dofs(self.space, self.named.facets(master), axis) // len(held)
+                own = self.space.dofmap.index_map.local_to_global(dofs.astype(np.int32))
+                here = bool(np.isin(own, held[axis]).any())
+                rests = self.space.mesh.comm.allreduce(here, op=MPI.LOR)
             if not rests:
                 held[axis] = held[axis][:0]
         return held
@@ -250,12 +254,12 @@ class ContactBuilder:
         slave, tool = self.named.facets(contact.slave), self.tools.get(contact.master)
         quadrature = contact.quadrature_degree or QUADRATURE_DEGREE[self.named.mesh.geometry.dim]
         ring = self.section == "axisymmetric"
-        held = self.loads.held() if self.loads is not None else ()
         try:
             if tool is not None:
                 rigid = tool.surface, tool.nodes, tool.motion
-                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring, held)
+                return ContactSurface.for_tool(self.space, slave, *rigid, quadrature, ring)
             master = self.named.facets(contact.master)
+            held = self._held_with(contact.master)
             ends = contact.smoothing_angle, contact.fade_length, held
             return ContactSurface(self.space, slave, master, quadrature, ring, *ends)
         except ValueError as error:

@@ -351,31 +351,20 @@ def given(problem: Equilibrium) -> Iterator[tuple[object, str]]:
 
 
 def balancing(problem: Equilibrium) -> Iterator[float | Floats]:
-    """Values of the loads :func:`given` under which the last state stays as it is; collective.
+    """Values of the loads :func:`given` that acted in the last state; collective.
 
-    Where a force or a spring takes the place of a displacement it begins with the force that this
-    has led to; a spring that did not act draws from where its surface is.
+    What a displacement has led to is given up beside them (:meth:`Loads.finish`): a force that
+    takes over from it begins with nothing, and a spring draws from where its surface is.
     """
-    held = np.zeros(len(problem.unbalanced))
-    held[problem.constrained_dofs()] = problem.unbalanced[problem.constrained_dofs()]
     for part, name in given(problem):
         value = getattr(part, name)
-        if isinstance(part, NodalLoad):
-            value += _over(problem, held[part.dofs].sum(), part.shares * np.ones(len(part.dofs)))
-        elif isinstance(part, Platen) and part.displacement is not None:
-            value = problem.reaction(part) if name == "force" else value
-        elif isinstance(part, Platen) and not part.acts:
-            force = problem.comm.allreduce(part.total(held))
-            if name == "force":
-                value = 0.0 if part.stiffness else force
-            elif part.stiffness:
-                nodes = np.ones(len(np.unique(part.dofs // problem.dim)))
-                place = _over(problem, part.total(problem.u.x.array), nodes)
-                value = place + force / part.stiffness
+        if isinstance(part, Platen) and not part.loaded:
+            value = 0.0 if name == "force" else _place(problem, part)
         yield value
 
 
-def _over(problem: Equilibrium, total: float, shares: Floats) -> float:
-    """A sum over that of shares (n,), of all ranks; collective."""
-    both = problem.comm.allreduce(np.array([total, shares.sum()]))
-    return float(both[0] / both[1]) if both[0] else 0.0
+def _place(problem: Equilibrium, platen: Platen) -> float:
+    """Mean displacement of a platen's nodes, m; collective."""
+    count = len(np.unique(platen.dofs // problem.dim))
+    sums = problem.comm.allreduce(np.array([platen.total(problem.u.x.array), count]))
+    return float(sums[0] / sums[1])

@@ -36,6 +36,7 @@ from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.stage import Stage, solver_of
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot
+from tribox.app.equilibrium.unknowns import Platen
 from tribox.app.errors import InputError, TriboxError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.implicit.linear_solver import Linear, chosen_solver
@@ -143,7 +144,9 @@ class Model:
                 them: else the first piece would have to bear all of it, however short.
         """
         self.loaded = (time, driven, share)
-        self.loaded_in = "" if self.loads is None else self.loads.stage
+        self.loaded_in = ""
+        if self.loads is not None:
+            self.loaded_in, self.loads.share = self.loads.stage, share
         if share == 1.0:
             self._run_programs(time, driven)
             return
@@ -152,6 +155,8 @@ class Model:
         self._run_programs(time, driven)
         changed = zip(given(self.problem), start, self.onset.before, strict=True)
         for (part, name), at_once, before in changed:
+            if isinstance(part, Platen) and not part.loaded:
+                continue
             setattr(part, name, getattr(part, name) - (1.0 - share) * (at_once - before))
 
     def _run_programs(self, time: float, driven: float) -> None:

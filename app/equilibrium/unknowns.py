@@ -71,6 +71,11 @@ class Platen:
     acts: bool = True
     all_dofs: Longs = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
+    @property
+    def loaded(self) -> bool:
+        """Whether its force or spring acts at present, and no displacement is given."""
+        return self.acts and self.displacement is None
+
     def pull(self, displacement: float) -> float:
         """Total force on the edge displaced by ``displacement`` (m), N per unit thickness."""
         if not self.acts:

@@ -227,7 +227,7 @@ class WeakHold:
         problem, dim = self.problem, self.problem.dim
         forces = problem.load_forces()
         for platen in problem.platens:
-            if platen.displacement is None and len(platen.all_dofs):
+            if platen.loaded and len(platen.all_dofs):
                 at = platen.dofs
                 forces[at] += platen.force / len(platen.all_dofs)
         held, axes = problem.constrained_dofs(), np.arange(dim)

@@ -357,7 +357,7 @@ class Blocks:
         size, self._count = self._size, matrix.getLocalSize()[0] // self._size
         n, entries, more = self._count, size**2, 4  # a block is read by fours
         with pattern_in_place(matrix) as (start, column), values_in_place(matrix) as values:
-            blocks = _count_blocks(self._code, (size, size, n), start, column) - n
+            blocks = max(0, _count_blocks(self._code, (size, size, n), start, column) - n)
             if not self._parts or len(self._parts[1]) != blocks:
                 ends, columns = np.empty((2, n + 1), np.int32), np.empty(blocks, np.int32)
                 floats = (np.zeros(entries * one + more, np.float32) for one in (blocks, n, n))

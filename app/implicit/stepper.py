@@ -129,8 +129,6 @@ class ImplicitStepper:
         if reason > 0 and not problem.is_held_slightly():
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         films = [trial.normal_contact.lubrication for trial in self.problem.trials]
-        floating = self._adrift or self._trial_floating
-        loaded = bool(floating) and self._weak.is_loaded(newton.largest_force)
         return StepResult(
             # An element may be turned inside out and its residual finite all the same; the strain
             # energy, with its logarithm of J, is not.
@@ -141,7 +139,7 @@ class ImplicitStepper:
             factorisations=self.solver.assembled - assembled,
             reason=reason,
             residuals=newton.residuals,
-            floating=floating,
+            floating=self._adrift or self._trial_floating,
             holding=holding,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
@@ -150,7 +148,7 @@ class ImplicitStepper:
             ),
             effort=self.solver.effort,
             relaxed=self._relaxed,
-            adrift=bool(self._adrift) or loaded,
+            adrift=bool(self._adrift),
         )
 
     def _is_too_long(self) -> bool:
@@ -192,6 +190,8 @@ class ImplicitStepper:
                 return iterations, reason, 0.0
         springs = self._weak.springs(self.x.array_r, largest)
         idle = self._weak.idle_pairs(largest, trials)
+        if trials is not problem.committed:  # where an attempt has failed it may have lost some
+            idle &= self._weak.idle_pairs(largest, problem.committed)
         more, reason = self._tried(step.held(springs), True, idle)
         if reason > 0:
             newton.evaluate(step.held(springs))

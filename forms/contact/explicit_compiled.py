@@ -287,10 +287,12 @@ class CompiledContact(ExplicitContact):
 def _neighbours(target: Any, master: MasterFacets, points: int) -> dict[str, NDArray[Any]]:
     """How the master's facets hang together, by the fields of the structure."""
     if target.shape.directions == 1:
-        n = len(master.nodes)
+        n, goes_on = len(master.nodes), ~target.ends.is_open
+        before, after = (_facet_at(master.facets[:, end], n) for end in (1, 0))
+        # At a plane of symmetry the surface goes on as the image of the facet that ends there.
         return {
-            "previous": _facet_at(master.facets[:, 1], n),
-            "next": _facet_at(master.facets[:, 0], n),
+            "previous": np.where(goes_on & (before < 0), after, before),
+            "next": np.where(goes_on & (after < 0), before, after),
         }
     around, corner, across, side, is_open = target.connectivity
     return {

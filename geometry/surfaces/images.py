@@ -208,6 +208,7 @@ def planes_of_symmetry(
             beside = nodes[facets, axis] - levels[0]
             above[facets[(beside > within).any(axis=1)]] = True
             below[facets[(beside < -within).any(axis=1)]] = True
-            found.append((axis, on & ~(above & below)))
+            if (on := on & ~(above & below)).any():
+                found.append((axis, on))
             rows, levels = rows[~mine], levels[~mine]
     return found

@@ -281,10 +281,14 @@ class FacetSurface:
 
         Returns:
             Facets (n, v) around each node, −1 beyond, and which of their corners it is (n, v);
-            facets (f, s) across each side, −1 at an end, and which of their sides it is (f, s);
-            nodes (n,) at an open end.
+            facets (f, s) across each side, −1 at an end, themselves at a plane of symmetry, and
+            which of their sides it is (f, s); nodes (n,) at an open end.
         """
-        return self._around, self._corner, self._across, self._across_side, self.ends.is_open
+        image, (facets, sides) = self._goes_on & (self._across < 0), self._across.shape
+        own, side = np.arange(facets)[:, None], np.arange(sides)
+        across = np.where(image, own, self._across).astype(self._across.dtype)
+        other = np.where(image, side, self._across_side).astype(self._across_side.dtype)
+        return self._around, self._corner, across, other, self.ends.is_open
 
     @property
     def has_kinks(self) -> bool:
@@ -307,7 +311,8 @@ class FacetSurface:
         normal = self._corner_outward(corner.reshape(-1), self._controls(nodes))
         for axis, on in self.ends.planes:  # where the surface goes on as its image
             normal[on[corner.reshape(-1)], axis] = 0.0
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        length = np.linalg.norm(normal, axis=1)[:, None]
+        normal /= np.where(length > 0.0, length, 1.0)
         share = facet_shape(self.shape.cell, 1).values(xi)
         out: Floats = np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
         return out

@@ -5,7 +5,6 @@ Axis letters: q points, a facet nodes, i space, α surface directions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import basix
@@ -25,7 +24,6 @@ from tribox.geometry.surfaces.facets import (
     measure,
     order_by_place,
 )
-from tribox.geometry.surfaces.images import held_along, planes_of_symmetry
 
 
 @dataclass(slots=True)
@@ -137,8 +135,7 @@ def _orthonormal(tangents: Floats, derivative: Floats) -> tuple[Floats, Floats]:
 # the two ends of the facet.
 #
 # At a vertex the normal is that of the chord e_A = x_next − x_before over the facets on both sides
-# (one-sided at an end; to its image at a plane of symmetry), and between the vertices A and B of a
-# facet
+# (one-sided at an end), and between the vertices A and B of a facet
 #
 #     n = −M/|M|,   M = N_A ν_A + N_B ν_B,   ν = J e/|e|,
 #
@@ -172,8 +169,6 @@ class SlaveNormals:
         around: (q, s) vertices before A, A, B and after B, along the surface; at its ends A or B
             again.
         shape: (q, e) shape functions of A and B.
-        counts: (q, e, i) 1, or 0 of chords from a vertex to its image along the plane of symmetry
-            between them.
     """
 
     def __init__(self, vertices: SlaveVertices, flipped: Bools) -> None:
@@ -196,14 +191,10 @@ class SlaveNormals:
         right = np.where(after[end] >= 0, after[end], end)
         self.around: Longs = np.stack([left, start, end, right], axis=1)
         self.shape = vertices.shape[rows[:, None], np.stack([first, 1 - first], axis=1)]
-        # On a plane of symmetry the normal lies in it, and the chord across.
-        on = (vertices.turns == 0.0).any(axis=1)[:, None]
-        counts = np.where(on, 1.0 - vertices.turns, 1.0)
-        self.counts = counts[np.stack([start, end], axis=1)]
 
     def at(self, position: Floats) -> PointNormals:
         """Normals from the current positions (q, s, i), m, of the vertices ``around``."""
-        chord = self.counts * np.einsum("es,qsi->qei", CHORDS, position)
+        chord = np.einsum("es,qsi->qei", CHORDS, position)
         length = np.linalg.norm(chord, axis=2)[..., None]
         nu = np.stack([-chord[..., 1], chord[..., 0]], axis=2) / length
         total = np.einsum("qe,qei->qi", self.shape, nu)
@@ -214,7 +205,7 @@ class SlaveNormals:
         across = np.eye(2) - nu[..., :, None] * nu[..., None, :]
         d_nu = (self.shape[..., None, None] / length[..., None]) * (across @ turn)
         plane = np.eye(2) - normal[:, :, None] * normal[:, None, :]
-        change = -(plane / size[:, None, None])[:, None] @ d_nu * self.counts[:, :, None]
+        change = -(plane / size[:, None, None])[:, None] @ d_nu
         return PointNormals(normal, change)
 
 
@@ -236,7 +227,6 @@ class SlaveVertices:
         shape: (q, k) their linear shape functions there.
         area: (v,) m_A = Σ_q w N_A: m, m² or, of rings, m².
         length: (v,) m: h_A, mean length of the slave facets around.
-        turns: (v, i) 0 for the part of a normal that a plane of symmetry leaves none of, else 1.
         shared: (v,) whether points of more than one rank have this vertex.
         comm: of the mesh.
     """
@@ -247,7 +237,6 @@ class SlaveVertices:
     shape: Floats
     area: Floats
     length: Floats
-    turns: Floats
     shared: Bools
     comm: MPI.Comm
 
@@ -296,7 +285,6 @@ def slave_vertices(
     xi: Floats,
     weight: Floats,
     size: Floats,
-    held: Sequence[Longs] = (),
 ) -> SlaveVertices:
     """Collect the vertices; collective.
 
@@ -306,7 +294,6 @@ def slave_vertices(
         xi: (q, α) reference coordinates of the points on their facets.
         weight: (q,) quadrature weights, of whole rings with axial symmetry.
         size: (q,) m, length of each point's facet.
-        held: by axis, global nodes of all ranks that stay where they are along it.
     """
     comm = space.mesh.comm
     corners = nodes[:, : form.corners]
@@ -325,17 +312,11 @@ def slave_vertices(
         shape=facet_shape(form.cell, 1).values(xi),
         area=np.ones(len(order)),
         length=np.ones(len(order)),
-        turns=np.ones_like(place),
         shared=comm.allreduce(present, op=MPI.SUM) > 1,
         comm=comm,
     )
     out.area[:] = out.sums(weight)
     out.length[:] = out.sums(weight * size) / out.area
-    if held:
-        every = np.concatenate(comm.allgather(np.unique(out.of_point, axis=0))).astype(np.int32)
-        surface = facet_shape(form.cell, 1), every, out.position
-        for axis, on in planes_of_symmetry(*surface, held_along(held, out.nodes)):
-            out.turns[on, axis] = 0.0
     return out
 
 

@@ -135,7 +135,7 @@ class ContactSurface:
             # Whole rings: forces are totals and not per radian.
             self.slave.weight = 2.0 * np.pi * self.slave.position[:, 0] * self.slave.weight
         slave = self.slave
-        known = slave.nodes, slave.xi, slave.weight, slave.facet_length, held
+        known = slave.nodes, slave.xi, slave.weight, slave.facet_length
         self.vertices = slave_vertices(space, self.shape, *known)
         nodes, place = self.vertices.nodes, self.vertices.position
         levels = [place[np.isin(nodes, those), axis] for axis, those in enumerate(held)]
@@ -155,7 +155,6 @@ class ContactSurface:
         motion: RigidMotion,
         quadrature_degree: int,
         axisymmetric: bool = False,
-        held: Sequence[Longs] = (),
     ) -> ContactSurface:
         """The pair of a slave and a rigid tool, see the constructor; collective.
 
@@ -165,10 +164,9 @@ class ContactSurface:
             motion: of the surface's control points.
             quadrature_degree: degree integrated exactly on an affine slave facet.
             axisymmetric: whether x is the distance from an axis of symmetry.
-            held: see the constructor.
         """
         master = RigidMaster(np.asarray(reference_nodes, dtype=np.int64), surface, motion)
-        return cls(space, slave_facets, master, quadrature_degree, axisymmetric, held=held)
+        return cls(space, slave_facets, master, quadrature_degree, axisymmetric)
 
     def _find_master(
         self,
@@ -393,7 +391,7 @@ class ContactSurface:
         own, other = unit_normals(slave_tangents), unit_normals(at.tangents)
         own *= np.where(np.einsum("qi,qi->q", own, other) < 0.0, -1.0, 1.0)[:, None]
         # All facets around a vertex count alike, whatever their area: they have as many points.
-        nodal = np.stack([vertices.sums(part) for part in own.T], axis=1) * vertices.turns
+        nodal = np.stack([vertices.sums(part) for part in own.T], axis=1)
         length = np.linalg.norm(nodal, axis=1)
         nodal /= np.where(length > 0.0, length, 1.0)[:, None]
         slave = np.einsum("qk,qki->qi", vertices.shape, nodal[vertices.of_point])

@@ -166,10 +166,6 @@ def pressed_in(comm, directory, half, contact):
     """A pad that sinks deep into a wider base: its pressed vertices by place, from x = 0 on."""
     data = tomllib.loads(HALVES)
     data["contact"][0] |= contact
-    if contact.get("master") == "ridge":
-        points = [["-6 mm", "4 mm"], ["-1 mm", "6 mm"], ["1 mm", "6 mm"], ["6 mm", "4 mm"]]
-        held = {"x": 0, "y": 0}
-        data["tools"] = {"ridge": {"shape": "polyline", "points": points, "displacement": held}}
     side = 1 if half else 2
     data["geometry"]["blocks"] = {
         name: {"x": [0.0 if half else -wide, wide], "y": heights, "elements": [side * n, m]}
@@ -202,9 +198,8 @@ def pressed_in(comm, directory, half, contact):
         {"friction": {"law": "frictionless"}},
         FILM,
         {"friction": {"law": "coulomb", "mu": 0.3}, "fade_length": "2 mm"},
-        {"friction": {"law": "coulomb", "mu": 0.3}, "master": "ridge", "smoothing_angle": None},
     ],
-    ids=["coulomb", "frictionless", "film", "fading", "kinks"],
+    ids=["coulomb", "frictionless", "film", "fading"],
 )
 def test_half_a_model_is_half_of_the_whole(tmp_path, contact):
     whole, _ = pressed_in(MPI.COMM_SELF, tmp_path, False, contact)

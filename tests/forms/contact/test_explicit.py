@@ -18,7 +18,7 @@ from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.forms.friction.film import FilmTable
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
-from tribox.geometry.surfaces.surface import NodalVector
+from tribox.geometry.surfaces.surface import ContactSurface, NodalVector
 
 PENALTY = 50.0
 
@@ -142,6 +142,27 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
     assert ("closes from nowhere", True) in seen
     assert (("lost", True) in seen) == (kind == "averaged")
     assert (("open beneath a pressure", True) in seen) == (kind == "averaged")
+
+
+def test_points_face_the_image_of_the_master_beyond_a_plane_of_symmetry():
+    """In open gaps over a slope the closest points of some lie beyond the plane."""
+    boxes = Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2))
+    blocks = Pair(generate(TwoBlocks(*boxes, offset=0.0, gap=0.2), MPI.COMM_SELF))
+    space, law = blocks.u.function_space, FrictionlessLaw()
+    on_plane = np.nonzero(np.isclose(space.tabulate_dof_coordinates()[:, 0], 0.0))[0]
+    names = map(blocks.named.facets, ("elastomer_contact", "aluminium_contact"))
+    ends = 5, False, None, None, [on_plane, on_plane[:0]]
+    slave, master = names
+    terms = [ContactTerm(ContactSurface(space, slave, master, *ends), law, PENALTY) for _ in "ab"]
+    contact = explicit_contact(terms[1])
+    assert isinstance(contact, CompiledContact)
+    x = blocks.displaced(np.zeros_like, lambda X: X[:, :1] * [0.0, -0.3])
+    u, _ = vectors(blocks)
+    u.owned[:] = x.array_r
+    expected, trial = terms[0].evaluate(x, 0.5), contact.evaluate(u, 0.5)
+    assert expected.projection.clamped.any() and expected.projection.on_surface.all()
+    compare(trial.projection, expected.projection, PROJECTION, 0, 1e-13)
+    compare(trial.faded, expected.faded, ("share",), 0)
 
 
 @pytest.mark.parametrize("compiled", [True, False])
