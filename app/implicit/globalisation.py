@@ -41,9 +41,7 @@ class PredictedStart:
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        started = attempt.predictor.predict(
-            attempt.x, attempt.trial, attempt.step, only_near=self.if_near
-        )
+        started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
         attempt.newton.on_path = attempt.continued = started == 0
         attempt.start = attempt.trial.array_r.copy()
         failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -232,7 +230,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (inside, *held, SoftContact()) if flows else (*held, SoftContact(), inside)
+        return (*held, SoftContact(), inside)
     if rubs and is_moved(attempt):
         return (*held, SoftContact(), inside)
     if attempt.pressed:
@@ -256,7 +254,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     near.
     """
     first: tuple[Phase, ...] = (PredictedStart(),)
-    began_inside = attempt.newton.inside.last and attempt.has_contacts
+    floats = attempt.step.holding is not None
+    began_inside = attempt.newton.inside.last and attempt.has_contacts and not floats
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
     iterations, reason = _in_turn(attempt, first)

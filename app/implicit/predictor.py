@@ -40,9 +40,7 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
 FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
-ASTRAY = (
-    1.5  # the same, relative to the force of the last state, of a path that contacts may rub on
-)
+ASTRAY = 2.0  # the same over the force of the last state, of a path that contacts may rub on
 NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that is none
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
@@ -79,17 +77,11 @@ class Predictor:
         self._increment = problem.new_vector()
         self._flows = steady_flows(problem)
 
-    def predict(
-        self,
-        x: PETSc.Vec,
-        trial: PETSc.Vec,
-        step: StepMode = DEFAULT_STEP,
-        only_near: bool = False,
-    ) -> int:
+    def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
-        The path is not continued where contacts forget it, or where it leads far from a solution,
-        unless only a near start is of use. Returns the number of factorisations it took.
+        The path is not continued where contacts forget it, or where it leads far from a solution.
+        Returns the number of factorisations it took.
         """
         x.copy(trial)
         drive = self._driving(x)
@@ -104,7 +96,7 @@ class Predictor:
             trial.array[:] = self.problem.constrained_values(trial)
         elif ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
-            if not only_near and self._is_torn_off(trial, step):
+            if self._is_torn_off(trial, step):
                 x.copy(trial)
                 self._carry(x, drive.constrained, trial, step)
                 return 1
@@ -118,11 +110,11 @@ class Predictor:
         what is left is therefore compared with the force of the last one too. The linear step holds
         them together; that its residual is as large says little, for it is the volume's, not the
         contact's. Where contacts slide, the path is the better guide unless it is so far off, and
-        where metal slides even then.
+        where metal flows even then.
         """
         left = self._residual_norm(trial, step)
         rubs, force = self.rubbing(), max(self._force, self.problem.roundoff)
-        astray = not left <= ASTRAY * force and not (rubs and self.problem.flows)
+        astray = not left <= ASTRAY * force and not self.problem.flows
         return astray or not (rubs or left <= FAR_OFF * self.problem.reference_force)
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
