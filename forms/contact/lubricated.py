@@ -401,7 +401,8 @@ class LubricatedTerm(ContactTerm):
         """See :class:`ContactTerm`.
 
         No gap closes by more than 0.7 h or 4 σ, nor opens by more than 2 h or 4 σ where it carries
-        load, whichever is more: beyond that the tangent says nothing of film and asperities.
+        load, whichever is more: beyond that the tangent says nothing of film and asperities. What
+        is sunk in, where they are crushed flat, opens to there besides.
         """
         film, surface = trial.normal_contact.lubrication, self.surface
         if film is None or trial.nodal_gap is None:
@@ -417,7 +418,8 @@ class LubricatedTerm(ContactTerm):
         carried = film.asperity + film.pressure
         loaded = here & (carried > 0.01 * np.max(carried, initial=0.0))
         closing = np.where(here, -change / np.maximum(0.7 * film.film, rough), 0.0)
-        opening = np.where(loaded, change / np.maximum(2.0 * film.film, rough), 0.0)
+        sunk = np.maximum(-trial.nodal_gap, 0.0)
+        opening = np.where(loaded, change / (np.maximum(2.0 * film.film, rough) + sunk), 0.0)
         return float(1.0 / max(1.0, np.max(closing, initial=0.0), np.max(opening, initial=0.0)))
 
     # -- friction -----------------------------------------------------------------------------
