@@ -161,7 +161,6 @@ def prepared(position, closed=False, seed=0):
         shape=facet_shape("interval", 1).values(place),
         area=np.ones(count),
         length=np.ones(count),
-        turns=np.ones_like(position),
         shared=np.zeros(count, dtype=bool),
         comm=MPI.COMM_SELF,
     )
