@@ -41,7 +41,9 @@ class PredictedStart:
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        started = attempt.predictor.predict(attempt.x, attempt.trial, attempt.step)
+        started = attempt.predictor.predict(
+            attempt.x, attempt.trial, attempt.step, only_near=self.if_near
+        )
         attempt.newton.on_path = attempt.continued = started == 0
         attempt.start = attempt.trial.array_r.copy()
         failed = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH

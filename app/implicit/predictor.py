@@ -77,11 +77,17 @@ class Predictor:
         self._increment = problem.new_vector()
         self._flows = steady_flows(problem)
 
-    def predict(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
+    def predict(
+        self,
+        x: PETSc.Vec,
+        trial: PETSc.Vec,
+        step: StepMode = DEFAULT_STEP,
+        only_near: bool = False,
+    ) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
-        The path is not continued where contacts forget it, or where it leads far from a solution.
-        Returns the number of factorisations it took.
+        The path is not continued where contacts forget it, or where it leads far from a solution;
+        by less where only a near start is of use. Returns the number of factorisations it took.
         """
         x.copy(trial)
         drive = self._driving(x)
@@ -96,13 +102,13 @@ class Predictor:
             trial.array[:] = self.problem.constrained_values(trial)
         elif ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
-            if self._is_torn_off(trial, step):
+            if self._is_torn_off(trial, step, only_near):
                 x.copy(trial)
                 self._carry(x, drive.constrained, trial, step)
                 return 1
         return 0
 
-    def _is_torn_off(self, trial: PETSc.Vec, step: StepMode) -> bool:
+    def _is_torn_off(self, trial: PETSc.Vec, step: StepMode, only_near: bool) -> bool:
         """Whether the path leads far from a solution; collective.
 
         Contacts that grow under load are closed by far less than the path moves them, so that its
@@ -114,7 +120,7 @@ class Predictor:
         """
         left = self._residual_norm(trial, step)
         rubs, force = self.rubbing(), max(self._force, self.problem.roundoff)
-        astray = not left <= ASTRAY * force and not self.problem.flows
+        astray = not (left <= ASTRAY * force or self.problem.flows or only_near)
         return astray or not (rubs or left <= FAR_OFF * self.problem.reference_force)
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
