@@ -299,9 +299,10 @@ typedef struct {
     vec size, fall, slope, rise;
 } Over;
 
-INLINE void over_stress(const Material *m, const Products *p, vec x, Over *over)
+INLINE void over_stress(const Material *m, const Products *p, vec x, const vec *decay, const vec *phi,
+                        Over *over)
 {
-    vec decay[MOST], sum = p->aim;
+    vec sum = p->aim;
     over->slope = all(3.0 * m->shear);
     over->fall = over->slope * x;
     over->rise = all(0.0);
@@ -311,13 +312,9 @@ INLINE void over_stress(const Material *m, const Products *p, vec x, Over *over)
     }
     for (int k = 0; k < m->branches; ++k) {
         const double c = m->backstress[2 * k];
-        vec phi, ratio;
-        mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi, &ratio);
-        over->fall += c * phi * x;
-        over->slope += c * decay[k];
-    }
-    for (int k = 0; k < m->branches; ++k) {
         vec others = all(0.0);
+        over->fall += c * phi[k] * x;
+        over->slope += c * decay[k];
         for (int j = 0; j < m->branches; ++j)
             others += decay[j] * p->among[k][j];
         sum += decay[k] * (others - 2.0 * p->with[k]);
@@ -370,12 +367,13 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
     return x;
 }
 
-/* One step of Newton's method for g = 0. */
-INLINE vec newton(const Material *m, const Products *p, vec alpha, vec x, vec *g)
+/* One step of Newton's method for g = 0, with e^-y and phi of the branches at x. */
+INLINE vec newton(const Material *m, const Products *p, vec alpha, vec x, const vec *decay,
+                  const vec *phi, vec *g)
 {
     Over over;
     vec stress, slope;
-    over_stress(m, p, x, &over);
+    over_stress(m, p, x, decay, phi, &over);
     flow_stresses(m, alpha, x, &stress, &slope);
     *g = over.size - over.fall - stress;
     if (m->branches == 0)
@@ -411,7 +409,10 @@ INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, ve
     x = choose(done, known, x);
     done |= ~(ivec)(x > 0.0);
     for (int i = 0; i < ITERATIONS && any(~done); ++i) {
-        vec g, moved = newton(m, p, alpha, x, &g);
+        vec g, moved, decay[MOST], phi[MOST], unused;
+        for (int k = 0; k < m->branches; ++k)
+            mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi[k], &unused);
+        moved = newton(m, p, alpha, x, decay, phi, &g);
         ivec left = (ivec)(g >= 0.0);
         low = choose(left, x, low);
         high = choose(left, high, x);
@@ -696,13 +697,16 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     double moduli = 0.0;
     EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
     t->of.aim = contract(space, over, over);
-    for (int k = 0; k < m->branches; ++k)
-        t->of.with[k] = contract(space, over, t->k[k].start);
     const vec last = t->step;
-    vec unused, near = last;
+    vec unused, near = last, decay[MOST], phi[MOST];
+    for (int k = 0; k < m->branches; ++k) {
+        t->of.with[k] = contract(space, over, t->k[k].start);
+        decay[k] = t->k[k].decay; /* at the last step */
+        phi[k] = t->k[k].phi;
+    }
     ivec known = (ivec)(last > 0.0) | done;
     if (!any(~known)) {
-        near = newton(m, &t->of, alpha, last, &unused);
+        near = newton(m, &t->of, alpha, last, decay, phi, &unused);
         known = (ivec)(absolute(near - last) <= TURNING * last) | done;
     }
     if (any(~known))
