@@ -258,10 +258,12 @@ class Tool(Model):
 
     def rests(self, component: str) -> bool:
         """Whether nothing moves it along an axis, nor turns it."""
-        moved = getattr(self.displacement, component, None)
-        still = moved is None or (isinstance(moved, TimeTable) and not any(moved.values))
-        others = {key for name, key in self.components() if name == component} - {"displacement"}
-        return still and not others and self.rotation is None
+        keys = {key for name, key in self.components() if name == component}
+        moves = [getattr(getattr(self, key), component, None) for key in keys]
+        if self.rotation is not None:
+            moves.append(self.rotation.angle or self.rotation.rate)
+        still = all(isinstance(m, TimeTable) and not any(m.values) for m in moves)
+        return still and keys <= {"displacement", "velocity"}
 
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""
