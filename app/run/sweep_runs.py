@@ -36,15 +36,20 @@ from tribox.app.results.claim import (
     is_done,
 )
 from tribox.app.results.directory import (
-    checkpoint_numbers,
     json_of,
     unwritable,
     write_json,
     write_table,
 )
 from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
-from tribox.app.run.process import PARENT, lasting_imports, tribox_command, with_sources
-from tribox.app.run.ranks import INTERRUPTED, Forwarding
+from tribox.app.run.process import (
+    PARENT,
+    lasting_imports,
+    ranks_around,
+    tribox_command,
+    with_sources,
+)
+from tribox.app.run.ranks import INTERRUPTED, Forwarding, RunOptions
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
@@ -156,47 +161,18 @@ def sweep_lines(count: int) -> SweepLines:
 # -- What ``tribox run`` does with a sweep: its values side by side, or in turn on the ranks here --
 
 
-@dataclass(frozen=True, slots=True)
-class SweepOptions:
-    """How a sweep is run.
-
-    Attributes:
-        changes: options of the command line that each run gets too.
-        ranks: MPI ranks of each run.
-        force: replace results that are there.
-        jobs: runs at a time; None: as many as the cores allow.
-        resume: go on with values that are not done; extend: with all, past their end.
-    """
-
-    changes: Sequence[str] = ()
-    ranks: int = 1
-    force: bool = False
-    jobs: int | None = None
-    resume: bool = False
-    extend: bool = False
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether a sweep that is there goes on."""
-        return self.resume or self.extend
-
-    def how(self, directory: Path) -> dict[str, bool]:
-        """How the value in a directory goes on: one that never got far, from its start."""
-        begun = checkpoint_numbers(directory) and not is_beginning(directory)
-        extend = self.extend and bool(begun)
-        return {"resume": self.goes_on and not extend, "extend": extend}
-
-
 def run_sweep(
-    case: Case, case_file: Path, directory: Path, options: SweepOptions, around: int
+    case: Case, case_file: Path, directory: Path, options: RunOptions, changes: Sequence[str] = ()
 ) -> None:
     """Run all values of a sweep, collate what they give and draw it.
+
+    ``changes``: options of the command line that each run gets too.
 
     Raises:
         InputError: the case or the directory cannot be used; nothing has been changed.
         SolutionError: a run failed; the others have been made.
     """
-    if around > 1:
+    if ranks_around() > 1:
         _run_in_turn(case, directory, options)
         return
     with lasting_imports():
@@ -206,7 +182,7 @@ def run_sweep(
         notes_on_building(case.sweep_cases()[0][1], runs_code=True)
         to_run = _to_run(case, directory, options)
         kept = _make_ready(case, claim, options.goes_on)
-        words = [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
+        words = [*changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
         parts = []
         for index, label in to_run:
             where = directory / label
@@ -218,7 +194,7 @@ def run_sweep(
     print(f"results in {directory}")
 
 
-def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
+def _run_in_turn(case: Case, directory: Path, options: RunOptions) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
@@ -255,7 +231,7 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
         claim.release()
 
 
-def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[int, str]]:
+def _to_run(case: Case, directory: Path, options: RunOptions) -> list[tuple[int, str]]:
     """Number and label of the values that are not done, or to be done again or for longer."""
     out = []
     goes_on = options.goes_on and not is_beginning(directory)
