@@ -15,16 +15,14 @@ from pydantic import (
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema
 
-from tribox.app.case.boundary import AnyDirection, Spring, named_stage_problems
+from tribox.app.case.boundary import Direction, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
 from tribox.app.case.quantities import (
     Quantity,
-    QuantityError,
     Written,
     format_quantity,
-    parse_bounded,
     text_schema,
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text, size_problems
@@ -48,26 +46,7 @@ _Length = Annotated[float, Quantity("m")]
 _Radius = Annotated[float, Quantity("m", gt=0.0)]
 _Point = tuple[_Length, ...]
 _SLAB = "in plane strain of the slab of the given thickness"
-NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
-
-
-class _DirectionType(AnyDirection):
-    """Pydantic annotation of a direction: "x", "y", "z", or a list of numbers, not all zero."""
-
-    def parse(self, value: object) -> tuple[float, ...]:
-        """The direction as numbers; of a name those in space."""
-        if isinstance(value, str) and value in NAMED:
-            return NAMED[value]
-        if isinstance(value, list | tuple) and len(value) in (2, 3):
-            try:
-                numbers = tuple(parse_bounded(part, "") for part in value)
-            except QuantityError:
-                numbers = ()
-            if any(numbers):
-                return numbers
-        raise PydanticCustomError(
-            "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
-        )
+ACROSS = (0.0, 0.0, 1.0)  # the axis z
 
 
 class _OneOrMany(Written):
@@ -94,7 +73,7 @@ class _OneOrMany(Written):
         return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
 
-_Direction = Annotated[tuple[float, ...], _DirectionType()]
+_Direction = Annotated[tuple[float, ...], Direction()]
 
 
 class ToolForce(Model):
@@ -371,7 +350,7 @@ class Tool(Model):
             yield Problem((*place, "axis"), 'missing; give "x", "y", "z" or [x, y, z]')
         if dim == 3:
             yield from size_problems(axis, dim, (*place, "axis"))
-        if dim == 2 and axis is not None and axis != NAMED["z"]:
+        if dim == 2 and axis is not None and axis != ACROSS:
             yield Problem((*place, "axis"), "the axis of a rotation in the plane is z", list(axis))
 
 
