@@ -467,8 +467,6 @@ INLINE vec log_ratio(vec w, vec v, vec difference)
     vec z = (w - v) / (w + v), s = z * z;
     ivec near = (ivec)(absolute(z) < SERIES);
     vec series = 1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * (1.0 / 9))));
-    if (!any(~near))
-        return series;
     return choose(near, series, difference / choose(near, all(1.0), z));
 }
 
