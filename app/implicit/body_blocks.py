@@ -19,6 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.matrix_values import pattern_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
@@ -593,6 +594,6 @@ class BodyByBody:
 
 def _same_pattern(one: PETSc.Mat, other: PETSc.Mat) -> bool:
     """Whether two matrices have entries at the same places, on all ranks; collective."""
-    pairs = zip(one.getValuesCSR()[:2], other.getValuesCSR()[:2], strict=True)
+    pairs = zip(pattern_of(one), pattern_of(other), strict=True)
     same = all(np.array_equal(a, b) for a, b in pairs)
     return bool(one.comm.tompi4py().allreduce(same, op=MPI.LAND))
