@@ -19,12 +19,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen
-from tribox.app.equilibrium.matrix_values import (
-    is_direct,
-    pattern_in_place,
-    pattern_of,
-    values_in_place,
-)
+from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.app.equilibrium.slanted import room_of
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
@@ -272,11 +267,10 @@ class Tangent:
                     self._add_blocks(extra, new, None, platens)
             self._rooms[acting] = pairs
         extra.assemble()
-        wider = _ones(A) + _ones(extra)
+        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         extra.destroy()
-        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-        A.setPreallocationCSR((wider.indptr, wider.indices))
-        # From here on an entry without room is an error, not an allocation that nobody sees.
+        # With another pattern PETSc makes a new matrix inside, without this numbering; and from
+        # here on an entry without room is an error, not an allocation that nobody sees.
         A.setLGMap(*self._plain_map)
         self._mapped, self._fitted = (), None
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
@@ -299,13 +293,6 @@ class Tangent:
         out.setUp()
         out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         return out
-
-
-def _ones(A: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    """This rank's rows of ``A``, with ones for its entries."""
-    ends, columns = pattern_of(A)
-    shape = len(ends) - 1, A.getSize()[1]
-    return scipy.sparse.csr_matrix((np.ones(len(columns), np.int8), columns, ends), shape)
 
 
 # -- Which entries of the tangent the contact of one pair may fill, now and in the steps to come ---

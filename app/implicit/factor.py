@@ -235,8 +235,8 @@ class CoupledFactor:
     def set_up(self, widened: bool) -> None:
         """Factorise the matrix; see :class:`tribox.app.implicit.factor.LinearWay`; collective.
 
-        Where the matrix gets another pattern PETSc does not see by itself that the factorisation's
-        analysis is out of date.
+        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
+        by itself that the factorisation's analysis is out of date.
         """
         if widened:
             self.renew()
