@@ -26,7 +26,6 @@ from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_con
 from tribox.app.implicit.factor import (
     CLOSEST,
     DIRECT,
-    LEFT,
     Effort,
     Factor,
     factors_fit,
@@ -35,6 +34,7 @@ from tribox.app.implicit.factor import (
 )
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.multigrid import (
+    ITERATED,
     KRYLOV,
     Multigrid,
     MultigridSolver,
@@ -126,7 +126,7 @@ class BodyBlocks:
         self._chosen = False  # whether the bodies are
         self._works = False  # whether what was factorised last could be
         self._failures = 0
-        self._share = LEFT  # of forces that a solve may leave out of balance
+        self._share = ITERATED  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
 
     @property
@@ -239,7 +239,7 @@ class BodyBlocks:
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         if not self.direct:
-            share = max(share, CLOSE if on_path else LEFT)
+            share = max(share, CLOSE if on_path else ITERATED)
         self._share = share
 
     @property
