@@ -32,6 +32,7 @@ from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.equilibrium.constraints import component_dofs
 from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.slanted import SlantedPlaten
 from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Material, contact_shear_modulus, oedometric_modulus
@@ -45,7 +46,7 @@ from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import FrictionLaw
 from tribox.forms.parameters import Scales
 from tribox.geometry.meshes.mesh import NamedMesh
-from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
@@ -180,11 +181,25 @@ class ContactBuilder:
                 f"contact.{index}.film.sigma = 0: nothing carries load in stage {dry[0]}, which is "
                 "not rate_dependent"
             )
+        if np.isin(surface.vertices.nodes, self._slanted()).any():
+            raise InputError(
+                f'{place} = "reynolds": its slave {table.slave} ends at a plane of symmetry that '
+                "is across no axis; turn the mesh"
+            )
         try:
             held = self._held_with(table.master)
             return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
         except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
+
+    def _slanted(self) -> Ints:
+        """Nodes of this rank on planes of symmetry that are across no axis."""
+        constraints = () if self.loads is None else self.loads.constraints
+        parts = [one.part for one in constraints if isinstance(one.part, SlantedPlaten)]
+        dofs = [part.dofs for part in parts if part.displacement is not None]
+        none = np.empty(0, dtype=np.int32)
+        nodes: Ints = np.concatenate([none, *dofs]) // self.space.dofmap.index_map_bs
+        return nodes
 
     def _held_with(self, master: str) -> list[Longs]:
         """By axis, nodes that stay where they are, along axes in which the master rests there too.

@@ -84,6 +84,28 @@ class ToolForce(Model):
     z: _Force | None = Field(default=None, description="force in z, in 3D")
 
 
+class ToolStop(Model):
+    """Where blocks take over the force that drives a tool."""
+
+    x: _Length | None = Field(default=None, description="displacement in x")
+    y: _Length | None = Field(default=None, description="displacement in y")
+    z: _Length | None = Field(default=None, description="displacement in z, in 3D")
+
+    def problems(self, force: ToolForce | None, place: Place) -> Iterator[Problem]:
+        """Components without a force, or whose force turns round."""
+        for component in COMPONENTS:
+            if (value := getattr(self, component)) is None:
+                continue
+            drives: TimeTable | None = getattr(force, component, None)
+            if drives is None:
+                reason = f"goes with force.{component} only: it is as far as the force moves it"
+            elif not min(drives.values) < 0.0 < max(drives.values):
+                continue
+            else:
+                reason = f"a stop is on one side, but force.{component} turns round"
+            yield Problem((*place, component), reason, value)
+
+
 class ToolRotation(Model):
     """Rotation of a tool about an axis that moves with it."""
 
@@ -151,6 +173,11 @@ class Tool(Model):
         description="given components of the force that drives the tool, along the axes; its "
         "displacement follows",
     )
+    stop: ToolStop | None = Field(
+        default=None,
+        description="displacement, from the start of the run, at which blocks take over the force "
+        "that drives a component, as beneath a blank holder; implicit only",
+    )
     spring: Spring | None = Field(
         default=None,
         description="spring that draws the tool in one direction; its displacement follows",
@@ -210,10 +237,12 @@ class Tool(Model):
 
     def rests(self, component: str) -> bool:
         """Whether nothing moves it along an axis, nor turns it."""
-        moved = getattr(self.displacement, component, None)
-        still = moved is None or (isinstance(moved, TimeTable) and not any(moved.values))
-        others = {key for name, key in self.components() if name == component} - {"displacement"}
-        return still and not others and self.rotation is None
+        keys = {key for name, key in self.components() if name == component}
+        moves = [getattr(getattr(self, key), component, None) for key in keys]
+        if self.rotation is not None:
+            moves.append(self.rotation.angle or self.rotation.rate)
+        still = all(isinstance(m, TimeTable) and not any(m.values) for m in moves)
+        return still and keys <= {"displacement", "velocity"}
 
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""
@@ -245,6 +274,8 @@ class Tool(Model):
         yield from self._switching_problems(place)
         if self.displacement is not None:
             yield from self.displacement.problems((*place, "displacement"))
+        if self.stop is not None:
+            yield from self.stop.problems(self.force, (*place, "stop"))
         if self.mass is not None and self.force is None and self.spring is None:
             yield Problem((*place, "mass"), "goes with force or spring only", self.mass)
         if self.spring is not None and self.spring.mass > 0.0:
@@ -494,6 +525,9 @@ def tool_problems(
         if explicit and tool.hold_force:
             reason = "does not go with explicit stages; give the force"
             yield Problem((*place, "hold_force"), reason, list(tool.hold_force))
+        if explicit and tool.stop is not None:
+            reason = "does not go with explicit stages; give a displacement from there on"
+            yield Problem((*place, "stop"), reason)
 
 
 def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:

@@ -110,8 +110,12 @@ def measure_contact(
     penetration = comm.allreduce(penetration_of(trial), op=MPI.MAX)
     dry, oil, supplied = _film(term, trial, force)
     least, worst = _least(parts.total - parts.numerical, trial.position, comm)
+    found = resultants(vectors, driven, term.surface.axisymmetric)
+    if trial.normal_contact.lubrication is not None:
+        # The pressure's pull at the inlet is opposite to that at the outlet, and no resistance.
+        found["friction_force"] = abs(found["tangential_force"])
     return ContactResultants(
-        **resultants(vectors, driven, term.surface.axisymmetric),
+        **found,
         area=area,
         area_ratio=over(total["area_ratio"], area),
         stick=over(total["stick"], area),

@@ -51,6 +51,7 @@ PASSED = 0.98  # share of the oil given that passes: below it the rest would pil
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
+NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
 
 
@@ -105,8 +106,9 @@ class FilmWatch(Remembers):
     """The worst of each pair whose film is found."""
 
     _found: Kept[dict[str, tuple[float, str]]]  # how bad, and what is said of it
-    # Of each pair, where its load was at first and how far it has slid since, which vertices were
-    # loaded in the step before, and which have come out.
+    # Of each pair, its film and speed in the step before, where its load was at first and how far
+    # it has slid since, which vertices were loaded in the step before, and which have come out.
+    _last: Kept[dict[int, tuple[Floats, float]]]
     _first: Kept[dict[int, Floats]]
     _slid: Kept[dict[int, float]]
     _was: Kept[dict[int, Bools]]
@@ -118,6 +120,7 @@ class FilmWatch(Remembers):
         self._terms = [(i, term) for i, term in pairs if isinstance(term, LubricatedTerm)]
         self._depths = {i: cell_depths(term, problem.space) for i, term in self._terms}
         self._found, self._first, self._slid, self._was, self._left = {}, {}, {}, {}, {}
+        self._last = {}
 
     def step(self, row: Row) -> None:
         """Look at a converged step."""
@@ -146,8 +149,9 @@ class FilmWatch(Remembers):
                 solution=film.solution,
             )
             found = [*self._motion(index, look, row.dt)]
+            stored = [*self._neglected(index, look, row.dt)]
             if area @ np.where(film.members, film.pressure, 0.0) >= FELT * (area @ carried):
-                found += [one for check in CHECKS for one in check(look)]
+                found += stored + [one for check in CHECKS for one in check(look)]
             for word, bad, said in found:
                 name = f"{word} {look.place}"
                 if name not in self._found or self._found[name][0] < bad:
@@ -185,6 +189,27 @@ class FilmWatch(Remembers):
                 f"{100.0 * share:.0f} % of the contact's surface has left it before "
                 f"({look.when}), with all of the oil: what the master carries away at the exit is "
                 "not known, and up to half is its; give the second pass its own film.oil",
+            )
+
+    def _neglected(self, index: int, look: Look, dt: float) -> Found:
+        """See whether a film that should be steady is the same as in the last step of its speed."""
+        film, speed = look.film, float(np.abs(look.step.speed).max(initial=0.0))
+        before, last = self._last.get(index, (film.film, np.inf))
+        self._last[index] = film.film, speed
+        if not look.term.model.steady or abs(speed - last) > 0.02 * speed:
+            return
+        near = film.members & (film.film < BOUNDED * film.film[film.members].min())
+        stored = np.abs(film.film - before) * film.filled * look.term.surface.vertices.area
+        flow = float(np.abs(look.solution.flux).max(initial=0.0))
+        share = float(stored[near].sum() / max(dt * flow, np.finfo(float).tiny))
+        if share > NEGLECTED:
+            yield (
+                "stored",
+                share,
+                f"at one speed the film changes by what takes {100.0 * share:.2g} % of its flow "
+                f"({look.when}), which film.steady leaves out: it is for a film that stays as it "
+                "is where the slave is, under a master that slides along itself or turns; make the "
+                "other surface the slave, or leave film.steady out",
             )
 
     def warnings(self) -> Iterator[str]:
