@@ -112,12 +112,12 @@ def _check_surfaces(case: Case, named: NamedMesh) -> None:
                 continue
             first, second = map(named.body_of, pair)
             if shared := surfaces_sharing_nodes(named, pair):
-                cure = f'bodies "{first}" and "{second}" cannot slide there; mesh them apart'
-                if first == second:
-                    cure = f'body "{first}" cannot close there; leave a facet between them'
                 raise InputError(
                     f'contact.{index}: slave "{pair[0]}" and master "{pair[1]}" share {shared} '
-                    f"nodes, so {cure}"
+                    f'nodes, so bodies "{first}" and "{second}" cannot slide there; mesh them apart'
+                    if first != second
+                    else f'contact.{index}: slave "{pair[0]}" and master "{pair[1]}" share '
+                    f'{shared} nodes, so body "{first}" cannot close there; leave a facet between'
                 )
         groups = bonded_groups(named)
         for boundary in case.boundary:
