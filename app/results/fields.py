@@ -17,6 +17,7 @@ from tribox.forms.bodies.deformation import centre_rows, rows_at
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
+from tribox.geometry.meshes.blocks import like
 from tribox.geometry.meshes.places import centre
 from tribox.geometry.surfaces.facets import Floats, Longs, facet_shape
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -191,34 +192,54 @@ class CellStrain:
 
 
 class StressField:
-    """Cauchy stress at the centre of this rank's own cells, and how far the material has flowed.
+    """Cauchy stress at the centre of every cell, and how far the material has flowed there.
 
     Of bodies that remember, both are those of the last committed step: see
     :mod:`tribox.forms.bodies.memory_solid` for how they come from the quadrature points to the
     centre.
 
     Attributes:
-        stress: (c, 3, 3), Pa; von_mises: (c,), Pa; pressure: (c,), −tr σ/3, Pa.
-        plastic_strain: (c,), equivalent plastic strain; flows: whether there is a body that flows.
+        stress: (3, 3) per cell, Pa; von_mises: Pa; pressure: −tr σ/3, Pa.
+        plastic_strain: equivalent plastic strain; flows: whether there is a body that flows.
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
         """Find the centres of all cells."""
-        topology = u.function_space.mesh.topology
-        count = topology.index_map(topology.dim).size_local
-        self.stress: Floats = np.zeros((count, 3, 3))
-        self.von_mises: Floats = np.zeros(count)
-        self.pressure: Floats = np.zeros(count)
-        self.plastic_strain: Floats = np.zeros(count)
+        mesh = u.function_space.mesh
+        tensors = dolfinx.fem.functionspace(mesh, ("DG", 0, (3, 3)))
+        scalars = dolfinx.fem.functionspace(mesh, ("DG", 0))
+        self.stress = dolfinx.fem.Function(tensors, name="cauchy_stress")
+        self.von_mises = dolfinx.fem.Function(scalars, name="von_mises_stress")
+        self.pressure = dolfinx.fem.Function(scalars, name="pressure")
+        self.plastic_strain = dolfinx.fem.Function(scalars, name="equivalent_plastic_strain")
         self._centres = [_CentrePoints(u, solid) for solid in solids]
         self.flows = any(solid.flows for solid in solids)
 
     def update(self) -> None:
-        """Evaluate at the present displacement."""
+        """Evaluate at the present displacement; collective."""
         for part in self._centres:
             part.put(self.stress, self.plastic_strain)
-        self.pressure[:] = mean_pressure(self.stress)
-        self.von_mises[:] = von_mises(self.stress)
+        self.stress.x.scatter_forward()
+        self.plastic_strain.x.scatter_forward()
+        sigma = self.stress.x.array.reshape(-1, 3, 3)
+        self.pressure.x.array[:] = mean_pressure(sigma)
+        self.von_mises.x.array[:] = von_mises(sigma)
+
+    def own(self) -> tuple[Floats, Floats, Floats]:
+        """Stress (c, 3, 3), von Mises stress (c,) and pressure (c,), Pa, of this rank's cells."""
+        mesh = self.stress.function_space.mesh
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        tensors, scalars = (
+            f.function_space.dofmap.list[:owned, 0] for f in (self.stress, self.pressure)
+        )
+        stress = self.stress.x.array.reshape(-1, 3, 3)[tensors]
+        return stress, self.von_mises.x.array[scalars], self.pressure.x.array[scalars]
+
+    def own_plastic_strain(self) -> Floats:
+        """Equivalent plastic strain (c,) of this rank's cells."""
+        space = self.plastic_strain.function_space
+        owned = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
+        return self.plastic_strain.x.array[space.dofmap.list[:owned, 0]]
 
 
 class _CentrePoints:
@@ -232,35 +253,48 @@ class _CentrePoints:
         self._rows = centre_rows(space, solid.section, solid.cells) if reduced else None
         self._place = rows_at(space, solid.section, solid.cells, centre(solid.cell))
 
-    def put(self, stress: Floats, strain: Floats) -> None:
-        """Write stress (c, 3, 3), Pa, and equivalent plastic strain (c,) of the body's cells."""
+    def put(self, stress: dolfinx.fem.Function, strain: dolfinx.fem.Function) -> None:
+        """Write stress, Pa, and equivalent plastic strain into functions constant by cell."""
         u = self._u.x.array.reshape(-1, self._u.function_space.dofmap.index_map_bs)[self._nodes]
         volumetric = None if self._rows is None else self._rows.deformation(u)
-        stress[self._cells] = self._values.cauchy(self._place.deformation(u), volumetric)
+        sigma = self._values.cauchy(self._place.deformation(u), volumetric)
+        at = stress.function_space.dofmap.list[self._cells, 0]
+        stress.x.array.reshape(-1, 9)[at] = sigma.reshape(-1, 9)
         if (flowed := self._values.plastic_strain()) is not None:
-            strain[self._cells] = flowed
+            strain.x.array[strain.function_space.dofmap.list[self._cells, 0]] = flowed
 
 
-class NodalPressures:
-    """Contact pressure at the nodes of slave surfaces."""
+class ContactPressureField:
+    """Contact pressure at the nodes of slave surfaces, 0 at all others.
 
-    def __init__(self, surfaces: Sequence[ContactSurface]) -> None:
+    Attributes:
+        pressure: Pa, at the nodes of the displacement.
+    """
+
+    def __init__(self, u: dolfinx.fem.Function, surfaces: Sequence[ContactSurface]) -> None:
         """Find the nodes; collective."""
+        space = u.function_space
+        degree = space.element.basix_element.degree
+        scalars = like(space, dolfinx.fem.functionspace(space.mesh, ("Lagrange", degree)))
+        # Files hold one set of nodes, so both numberings must be the same; DOLFINx makes them so.
+        assert np.array_equal(scalars.dofmap.list, space.dofmap.list)
+        self.pressure = dolfinx.fem.Function(scalars, name="contact_pressure")
         self._rows = [_interpolation(surface) for surface in surfaces]
 
-    def put(self, pressures: Sequence[Floats], out: Floats) -> None:
-        """Write the pressures (n,), Pa, of this rank's own nodes, which are 0 at first.
+    def update(self, pressures: Sequence[Floats]) -> None:
+        """Take the pressures (v,), Pa, at the vertices of each surface, on all ranks.
 
-        ``pressures``: (v,), Pa, at the vertices of each surface, on all ranks. Where surfaces share
-        a node the largest counts.
+        Where surfaces share a node the largest counts.
         """
+        out = self.pressure.x.array
+        out[:] = 0.0
         for (nodes, vertices, share), values in zip(self._rows, pressures, strict=True):
             here = np.einsum("nk,nk->n", share, values[vertices])
             out[nodes] = np.maximum(out[nodes], here)
 
 
 def _interpolation(surface: ContactSurface) -> tuple[Longs, Longs, Floats]:
-    """Own nodes (n,) of a slave surface, their facets' vertices (n, k) and shares; collective."""
+    """Local nodes (n,) of a slave surface, their facets' vertices (n, k) and shares; collective."""
     slave, vertices, form = surface.slave, surface.vertices, surface.shape
     linear = facet_shape(form.cell, 1).values(form.points)
     _, first = np.unique(slave.facet, return_index=True)
@@ -271,7 +305,6 @@ def _interpolation(surface: ContactSurface) -> tuple[Longs, Longs, Floats]:
     gathered = zip(*vertices.comm.allgather(mine), strict=True)
     nodes, number, share = (np.concatenate(parts) for parts in gathered)
     distinct, once = np.unique(nodes, return_index=True)
-    index = surface.space.dofmap.index_map
-    local = index.global_to_local(distinct).astype(np.int64)
-    here = (local >= 0) & (local < index.size_local)
+    local = surface.space.dofmap.index_map.global_to_local(distinct).astype(np.int64)
+    here = local >= 0
     return local[here], number[once][here], share[once][here]

@@ -118,7 +118,7 @@ def cell_pressures(simulation: Simulation) -> Floats:
     model = simulation.model
     field = StressField(model.problem.u, model.problem.solids)
     field.update()
-    return field.pressure[np.sort(model.named.cells(BODY))]
+    return np.asarray(field.pressure.x.array[np.sort(model.named.cells(BODY))], dtype=np.float64)
 
 
 def neighbours(simulation: Simulation) -> NDArray[np.int64]:
