@@ -164,7 +164,7 @@ def _compared(film: str, speed: float, stretch: float) -> str:
     off = simulation.rows[-1].tangential_force / theirs[-1].tangential_force - 1
     [ratio] = simulation.explicit.summary()["kinetic_over_strain"].values()
     stepper = simulation.explicit.stepper
-    added = stepper.added_mass / stepper.original_mass
+    added = stepper.masses.added / stepper.masses.original
     # An explicit row is the mean over an interval, and is compared with that of both its ends.
     found = [
         abs(mine.tangential_force - 0.5 * (a.tangential_force + b.tangential_force))

@@ -14,6 +14,9 @@ from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError, as_line
 from tribox.geometry.meshes.drawing import DRAWINGS
 
+GONE = (("solver", "viscous"),)
+"""Tables and keys that the kept cases of earlier versions have, which wrote all defaults out."""
+
 
 def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
     """Read a case file.
@@ -61,6 +64,9 @@ def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case | li
             apply_override(data, override)
     except InputError as error:
         return [str(error)]
+    for table, key in GONE if past else ():
+        if isinstance(data.get(table), dict):
+            data[table].pop(key, None)
     try:
         return Case.model_validate(data, context={"source": path, "past": past})
     except ValidationError as error:

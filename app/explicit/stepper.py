@@ -128,7 +128,7 @@ class ExplicitStepper:
             raise self._invalid(0.0)
         problem.trials = trials
         self.loads = self._loads()
-        self.energies = Energies(problem, self.state, self.mass, self.internal, self.loads)
+        self.energies = Energies(problem, self.state, dynamics.mass, self.internal, self.loads)
         stiffness = Stiffness(dynamics, self.internal, self.state.u, problem.space, pairs)
         stable_steps = StableSteps(stiffness, problem.space)
         self._estimate = StepEstimate(stable_steps, options.reestimate_every)
@@ -174,11 +174,6 @@ class ExplicitStepper:
     def residual(self) -> Floats:
         """Forces (n,) of bodies, contacts and loads on the owned unknowns, the last, N/m."""
         return self._residual.owned
-
-    @property
-    def mass(self) -> Floats:
-        """Lumped masses (n,), kg per unit thickness, scaled, with the platens' own."""
-        return self.dynamics.mass
 
     # -- one step -----------------------------------------------------------------------------
 
@@ -366,16 +361,6 @@ class ExplicitStepper:
 
     # -- energy -------------------------------------------------------------------------------
 
-    @property
-    def work(self) -> float:
-        """Work of supports, platens and loads so far, J/m, this rank's part."""
-        return self.energies.work
-
-    @property
-    def damped(self) -> float:
-        """Energy taken by damping and dashpots so far, J/m, this rank's part."""
-        return self.energies.damped
-
     def kinetic_energy(self) -> float:
         """Kinetic energy as central differences conserve it, J/m; collective."""
         return self.energies.kinetic()
@@ -383,16 +368,6 @@ class ExplicitStepper:
     def rest(self) -> None:
         """Stop all motion but that of the prescribed unknowns."""
         self._motion.rest()
-
-    @property
-    def added_mass(self) -> float:
-        """Mass added by scaling, kg per unit thickness, all ranks."""
-        return self.masses.added
-
-    @property
-    def original_mass(self) -> float:
-        """Mass without scaling, kg per unit thickness, all ranks."""
-        return self.masses.original
 
     # -- step length --------------------------------------------------------------------------
 

@@ -82,8 +82,8 @@ def notes_on_steps(model: Model) -> list[str]:
         raise InputError(str(error)) from None
     dt = case.solver.step_safety * stepper.stable_step()
     notes = [f"explicit: time step {dt:.3g} s, limited by {stepper.limit}"]
-    if stepper.added_mass > 0.0:
-        share = stepper.added_mass / stepper.original_mass
+    if stepper.masses.added > 0.0:
+        share = stepper.masses.added / stepper.masses.original
         added = f"{100.0 * share:.3g} % of" if share < 1.0 else f"{share:.3g} times"
         notes[0] += f"; mass_scaling adds {added} the mass"
     for stage in case.stage:
@@ -333,7 +333,7 @@ class ExplicitStage:
             "time_steps": self.steps,
             "stable_step": {"shortest": self.shortest, "longest": self.longest},
             "limited_by": stepper.limit,
-            "added_mass": stepper.added_mass * t,
+            "added_mass": stepper.masses.added * t,
             "kinetic_over_strain": {one.label: one.ratio for one in self.state.inertia},
         }
 
@@ -372,7 +372,7 @@ class IntervalAverages:
         self.problem = stepper.problem
         self.removed = 0.0
         self._tractions = [t.state.friction_traction for t in self.problem.contacts]
-        self._taken = (stepper.work, stepper.damped)
+        self._taken = (stepper.energies.work, stepper.energies.damped)
         self.open()
 
     def open(self) -> None:
@@ -434,7 +434,7 @@ class IntervalAverages:
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
         resultants = [_over_interval(term, m, tally, driven, comm) for term, m, tally in parts]
-        taken = (self.stepper.work, self.stepper.damped)
+        taken = (self.stepper.energies.work, self.stepper.energies.damped)
         local = np.subtract(taken, self._taken)
         self._taken = taken
         total = comm.allreduce(local)

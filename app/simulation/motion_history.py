@@ -64,7 +64,7 @@ class OutsideMean:
     def __init__(self, stepper: ExplicitStepper) -> None:
         self._stepper, problem = stepper, stepper.problem
         self._held = held_dofs(problem)
-        self._mass = stepper.mass[self._held]
+        self._mass = stepper.dynamics.mass[self._held]
         self._residual = np.zeros(len(self._held))
         self._pulls = np.zeros(len(problem.platens))
         self._loads = [np.zeros(len(problem.u.x.array)) for _ in stepper.load_residuals]
@@ -73,7 +73,7 @@ class OutsideMean:
 
     def snapshot(self) -> Snapshot:
         """The sums so far; collective."""
-        owned = len(self._stepper.mass)
+        owned = len(self._stepper.dynamics.mass)
         sums = {"residual": self._residual, "speed": self._speed, "place": self._place}
         return {
             **{name: scattered(self._held, values, owned) for name, values in sums.items()},
@@ -116,7 +116,7 @@ class OutsideMean:
         # the change of momentum, and what damping took, c m times the way moved.
         change = (speed - self._speed) + stepper.options.damping * (place - self._place)
         force = residual + self._mass * change / self._time
-        whole = np.zeros(len(stepper.mass))
+        whole = np.zeros(len(stepper.dynamics.mass))
         whole[self._held] = residual
         platens = stepper.problem.platens
         # A platen's nodes share its acceleration: what holds each to the others moves its own mass

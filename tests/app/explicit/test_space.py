@@ -61,7 +61,7 @@ def test_the_stable_step(shape, compiled):
     stiffness = sum(matrix.to_scipy().toarray() for matrix in matrices)
     free = np.setdiff1d(np.arange(len(u)), problem.constrained_dofs())
     values = scipy.linalg.eigh(
-        stiffness[np.ix_(free, free)], np.diag(stepper.mass[free]), eigvals_only=True
+        stiffness[np.ix_(free, free)], np.diag(stepper.dynamics.mass[free]), eigvals_only=True
     )
     assert found == pytest.approx(2.0 / np.sqrt(values[-1]), rel=2e-2)
     assert found <= 2.0 / np.sqrt(values[-1])
@@ -135,7 +135,7 @@ def test_a_ring_breathes():
     velocity = np.tile([1e-4, 0.0], 9)
     stepper = ExplicitStepper(Equilibrium(u, [solid], []), velocity=velocity)
     volume = 2.0 * np.pi * radius * size**2
-    assert stepper.mass[::2].sum() == pytest.approx(density * volume, rel=1e-12)
+    assert stepper.dynamics.mass[::2].sum() == pytest.approx(density * volume, rel=1e-12)
     energy = stepper.kinetic_energy()
     assert energy == pytest.approx(0.5 * density * volume * 1e-8, rel=1e-12)
     before = u.x.array.copy()

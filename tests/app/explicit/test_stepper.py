@@ -93,7 +93,7 @@ def ringing(dt, end=3.0):
     while stepper.time < end:
         stepper.advance(dt)
         error = max(error, abs(stored(stepper) - start) / start)
-    assert stepper.work == 0.0
+    assert stepper.energies.work == 0.0
     return error
 
 
@@ -116,11 +116,11 @@ def test_platen_is_a_rigid_edge_with_a_mass_of_its_own():
         stepper.advance(0.02)
         edge = stepper.x.array_r[platen.dofs]
         assert np.ptp(edge) == 0.0
-    assert stepper.mass[dofs].sum() == pytest.approx(DENSITY + 0.7)
-    momentum = float(stepper.mass[dofs] @ stepper.v[dofs])
+    assert stepper.dynamics.mass[dofs].sum() == pytest.approx(DENSITY + 0.7)
+    momentum = float(stepper.dynamics.mass[dofs] @ stepper.v[dofs])
     assert momentum == pytest.approx(0.05 * (4.0 - 0.01), rel=1e-12)
-    assert stepper.work == pytest.approx(0.05 * edge[0], rel=1e-12)
-    assert stored(stepper) == pytest.approx(stepper.work, rel=1e-3)
+    assert stepper.energies.work == pytest.approx(0.05 * edge[0], rel=1e-12)
+    assert stored(stepper) == pytest.approx(stepper.energies.work, rel=1e-3)
 
 
 def test_block_on_a_spring():
@@ -138,7 +138,7 @@ def test_block_on_a_spring():
     time = dt * np.arange(1, len(places) + 1)
     expected = 0.1 * (1.0 - np.cos(2.0 * np.pi * time / period))
     np.testing.assert_allclose(places, expected, atol=2e-3)
-    assert stored(stepper) == pytest.approx(stepper.work, abs=2e-6)
+    assert stored(stepper) == pytest.approx(stepper.energies.work, abs=2e-6)
 
 
 def test_a_stiff_spring_is_in_the_stable_step():
@@ -169,10 +169,10 @@ def test_the_energy_balance_closes_with_all_loads_together():
         load.set(0.1 * rise)
         stepper.advance(dt)
         averages.enter()
-        work = max(work, abs(stepper.work))
-    assert averages.lost > 0.05 * work and stepper.damped > 1e-3 * work
+        work = max(work, abs(stepper.energies.work))
+    assert averages.lost > 0.05 * work and stepper.energies.damped > 1e-3 * work
     assert averages.least >= -1e-15
-    error = stepper.work - stored(stepper) - averages.lost - stepper.damped
+    error = stepper.energies.work - stored(stepper) - averages.lost - stepper.energies.damped
     assert abs(error) < 4e-5 * work
 
 
@@ -185,9 +185,9 @@ def test_supports_that_speed_up_pay_for_the_mass_they_carry():
     for step in range(1, 151):
         support.value = 0.5 * 0.1 * (step * dt) ** 2
         stepper.advance(dt)
-        carried = 0.5 * stepper.mass[support.dofs] @ stepper.v[support.dofs] ** 2
-        assert abs(stepper.work - stored(stepper)) < 1e-3 * carried
-    assert carried > 0.05 * stepper.work
+        carried = 0.5 * stepper.dynamics.mass[support.dofs] @ stepper.v[support.dofs] ** 2
+        assert abs(stepper.energies.work - stored(stepper)) < 1e-3 * carried
+    assert carried > 0.05 * stepper.energies.work
 
 
 def test_rest_stops_all_but_the_supports():
@@ -230,7 +230,7 @@ def test_momentum_and_energy_are_balanced(kind, compiled):
         "map": (viscous_map(5.0, alpha=0.5), 0.5),
     }[kind]
     stepper = two_in_flight(law, film, compiled=compiled)
-    start, mass = stored(stepper), stepper.mass.reshape(-1, 2)
+    start, mass = stored(stepper), stepper.dynamics.mass.reshape(-1, 2)
     momentum = (mass * stepper.v.reshape(-1, 2)).sum(axis=0)
     averages, dt = IntervalAverages(stepper), 0.3 * stepper.stable_step()
     while stepper.time < 1.5:
@@ -240,8 +240,8 @@ def test_momentum_and_energy_are_balanced(kind, compiled):
     np.testing.assert_allclose(after, momentum, atol=1e-14)
     assert averages.lost > 0.02 * start
     assert averages.least >= -1e-15
-    assert stepper.damped > 0.01 * start  # by the contact's dashpots
-    lost = averages.lost + stepper.damped
+    assert stepper.energies.damped > 0.01 * start  # by the contact's dashpots
+    lost = averages.lost + stepper.energies.damped
     assert stored(stepper) + lost == pytest.approx(start, rel=0.003)
 
 

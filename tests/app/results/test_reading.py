@@ -75,6 +75,14 @@ def test_a_sweep_holds_its_parts(tmp_path, block):
     assert list(read(tmp_path).parts) == ["mu=0.3", "mu=0.1"]
 
 
+def test_a_case_that_an_earlier_version_has_kept_is_read(directory):
+    kept = directory / "case.toml"
+    kept.write_text(kept.read_text() + '\n[solver]\nviscous = "bounded"\n')
+    assert read(directory).case.output.figures is False
+    with pytest.raises(InputError, match='unknown key "viscous" in solver'):
+        load_case(kept)
+
+
 WRONG = {
     "history.csv": ("step,stage,time\n1,a,0.", "step,stage,time\n1,a\n", "step,stage\n1,a,2\n",
      "step,time,stage\n1,2,3,a\n", "", "step\nx\n", b"\xff\xfe\n1\n"),

@@ -271,7 +271,7 @@ def test_a_support_that_lets_go_in_explicit_dynamics_leaves_its_momentum():
     assert forces[1] > 0.1 * mass * 1e4
     problem, stepper = simulation.model.problem, simulation.explicit.stepper
     block = np.unique(problem.space.dofmap.list[simulation.model.named.cells("elastomer")])
-    carried = stepper.mass * stepper.whole_step_velocity
+    carried = stepper.dynamics.mass * stepper.whole_step_velocity
     momentum = float(carried[2 * block + 1].sum()) * THICKNESS
     upwards = forces[1] * 2e-5
     # The mean force is that at the ends of steps: a step at either end of the stage is not exact.

@@ -189,8 +189,8 @@ def test_slow_explicit_steps_give_the_implicit_solution(rate, kinematic):
     assert spent - numerical == pytest.approx(balance.plastic - balance.numerical, rel=0.01)
     assert numerical <= 1e-3 * spent
     moved.problem.spread(stepper.x)
-    stored = moved.problem.strain_energy() + stepper.kinetic_energy() + stepper.damped
-    assert stepper.work == pytest.approx(stored + spent - numerical, rel=2e-3)
+    stored = moved.problem.strain_energy() + stepper.kinetic_energy() + stepper.energies.damped
+    assert stepper.energies.work == pytest.approx(stored + spent - numerical, rel=2e-3)
 
 
 def test_rates_are_felt_by_stages_that_say_so():
