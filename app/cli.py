@@ -188,7 +188,8 @@ def run(
 ) -> None:
     """Run a case, or every value of its sweep, and write results and figures."""
     with lasting_imports():
-        from tribox.app.run.command import RunOptions, run_command
+        from tribox.app.run.command import run_command
+        from tribox.app.run.ranks import RunOptions
 
     given = overrides or []
     _end(

@@ -18,6 +18,7 @@ class Picture:
 
 _FLOWN = "equivalent_plastic_strain"
 PICTURES = {
+    "cup": Picture(f"deformed-{_FLOWN}.png", _FLOWN),
     "ironing": Picture(f"deformed-{_FLOWN}-3-draw.png", _FLOWN),
     "own-mesh": Picture(f"deformed-{_FLOWN}-1-bend.png", _FLOWN),
     "pad": Picture("deformed-1-press.png"),

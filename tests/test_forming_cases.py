@@ -295,3 +295,45 @@ def test_a_sheet_drawn_to_a_u_springs_back_as_its_fibres_do(tmp_path):
     back = turn.iloc[11] - turn.iloc[-1]
     assert turn.iloc[11] > np.radians(15.0)
     assert np.trapezoid(moments, nodes) / stiffness == pytest.approx(back, rel=0.06)
+
+
+def drawing_force(rim: float, law: Swift, mu: float, holder: float) -> float:
+    """Largest force of a punch on a cup of 51.2 mm, N, by a slab of constant thickness, 1 mm.
+
+    Tresca's condition from the rim to the wall, friction of both sides of the flange at the rim,
+    bending and straightening over the die's fillet, and its wrap of a quarter turn (E. Siebel).
+    """
+    wall, fillet, thick, forces = 25.6e-3, 6.5e-3, 1e-3, []
+    for now in np.linspace(rim, 32.2e-3, 40):
+        radius = np.linspace(wall, now, 400)
+        strain = np.log(np.sqrt(1.0 + (rim**2 - now**2) / radius**2))
+        stress = law.stress(strain)
+        drawn = np.trapezoid(stress / radius, radius) + 2 * mu * holder / (2 * np.pi * now * thick)
+        bent = 4.0 / np.sqrt(3.0) * stress[0] * thick / (4.0 * fillet)
+        forces.append(2.0 * np.pi * wall * thick * (drawn + bent) * np.exp(0.5 * np.pi * mu))
+    return max(forces)
+
+
+@pytest.mark.long
+def test_a_cup_is_drawn_by_the_force_of_its_flange_until_the_holder_rests(tmp_path):
+    """The rim thickens as metal does that is compressed along it alone."""
+    done = reduced(
+        "cup",
+        tmp_path,
+        geometry__blocks__blank__elements="[70, 2]",
+        tools__punch__displacement='{ y = [["0 s", "0 mm"], ["1 s", "-23 mm"]] }',
+        stage__0__steps="46",
+        solver__tolerance="1e-9",
+    )
+    law = Swift(392.9e6, 0.002, 0.2561)
+    force, held = (of_tool(done, tool, "force_y") for tool in ("punch", "holder"))
+    by_hand = drawing_force(42e-3, law, 0.05, 5e3)
+    assert force.max() == pytest.approx(by_hand, rel=0.1), (force.max(), by_hand)
+    np.testing.assert_allclose(held[:20], 5e3, rtol=1e-4)
+    assert abs(held[-1]) < 1.0
+    assert abs(of_tool(done, "holder", "displacement_y")[-1]) < 1e-6
+    rows = read(tmp_path / "cup").surface_probes
+    rim = rows[rows["step"] == 1 + np.argmax(force)].sort_values("arc_length").iloc[-2]
+    shrunk = 1.0 + rim["displacement_x"] / rim["reference_x"]
+    assert shrunk < 0.9
+    assert rim["thickness"] == pytest.approx(1e-3 / np.sqrt(shrunk), rel=0.01)

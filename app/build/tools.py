@@ -27,7 +27,7 @@ from tribox.app.case.tools import (
     Tool,
 )
 from tribox.app.equilibrium.constraints import Platen, Prescribed
-from tribox.app.equilibrium.rigid_tool import RigidTool
+from tribox.app.equilibrium.rigid_tool import RigidTool, Stop
 from tribox.app.equilibrium.unknowns import NodalLoad, box_of
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.blocks import Block
@@ -249,8 +249,33 @@ def _add(
             free=free,
             idle=moment is not None and not any(moment.values),
             mass=np.asarray(np.array(masses) / thickness, dtype=np.float64),
+            stop=_stop(table, dim, length * thickness),
         )
     )
+
+
+GIVES_WAY = 1e-6
+"""How far a stop gives way under the largest force, over the size of the mesh."""
+
+
+def _stop(table: Tool, dim: int, size: float) -> Stop | None:
+    """Blocks that stop a tool.
+
+    Args:
+        size: m, of the mesh, times the thickness that forces stand for.
+    """
+    if table.stop is None:
+        return None
+    low, high = np.full(dim + 1, -np.inf), np.full(dim + 1, np.inf)
+    stiffness = np.zeros(dim + 1)
+    for slot, component in enumerate(COMPONENTS[:dim]):
+        place = getattr(table.stop, component)
+        if place is not None:
+            force: TimeTable = getattr(table.force, component)
+            side = high if max(force.values) > 0.0 else low
+            side[slot] = place
+            stiffness[slot] = max(map(abs, force.values)) / (GIVES_WAY * size)
+    return Stop(low, high, stiffness)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -35,17 +34,16 @@ _Mass = Annotated[float, Quantity("kg", ge=0.0)]
 _MASS = "mass the surface carries beside its own, for the given thickness; explicit only"
 
 
-@dataclass(frozen=True, slots=True)
-class AnyDirection(Written):
+class Direction(Written):
     """Pydantic annotation of a direction: "x", "y" or "z", or its components [x, y] or [x, y, z].
 
-    The field is the letter, or the components as given. Components along an axis become its letter.
+    The field is a tuple of two or three components, of a letter three.
     """
 
-    def parse(self, value: object) -> str | tuple[float, ...]:
-        """The direction; PydanticCustomError if it is none."""
+    def parse(self, value: object) -> Any:
+        """The components; PydanticCustomError if they are none."""
         if isinstance(value, str) and value in COMPONENTS:
-            return value
+            return tuple(float(name == value) for name in COMPONENTS)
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise _no_direction('must be "x", "y" or "z", or components such as [0.6, 0.8]')
         if len(value) not in (2, 3):
@@ -54,13 +52,12 @@ class AnyDirection(Written):
             parts = tuple(Quantity().parse(part) for part in value)
         except QuantityError as error:
             raise _no_direction(f"components: {error}") from None
-        along = [name for name, part in zip(COMPONENTS, parts, strict=False) if part != 0.0]
-        if not along:
+        if not any(parts):
             raise _no_direction("must not be zero in all components")
-        return along[0] if len(along) == 1 else parts
+        return parts
 
-    def serialise(self, value: str | tuple[float, ...]) -> object:
-        """The name, or components."""
+    def serialise(self, value: Any) -> object:
+        """The letter, or components."""
         return value if isinstance(value, str) else list(value)
 
     def __get_pydantic_json_schema__(
@@ -68,6 +65,16 @@ class AnyDirection(Written):
     ) -> JsonSchemaValue:
         components = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
         return {"anyOf": [{"enum": list(COMPONENTS)}, components]}
+
+
+class Axis(Direction):
+    """The same where either sense is meant: the field is the letter of an axis, or components."""
+
+    def parse(self, value: object) -> str | tuple[float, ...]:
+        """The letter or components; PydanticCustomError if they are none."""
+        parts = Direction.parse(self, value)
+        along = [name for name, part in zip(COMPONENTS, parts, strict=False) if part != 0.0]
+        return along[0] if len(along) == 1 else parts
 
 
 def _no_direction(reason: str) -> PydanticCustomError:
@@ -95,7 +102,7 @@ class Platen(Model):
     In some stages its displacement may be given instead, and the force follows.
     """
 
-    direction: Annotated[str | tuple[float, ...], AnyDirection()] = Field(
+    direction: Annotated[str | tuple[float, ...], Axis()] = Field(
         description='direction in which the platen moves: "x", "y", "z", or the components of any '
         "other, [x, y] or [x, y, z]; either sense of it is the same"
     )

@@ -120,7 +120,8 @@ def _expected(unit: str) -> str:
     """What to write for a quantity of this SI unit."""
     if not unit:
         return "must be a plain number (no unit)"
-    return f'must be a number (in {unit}) or text with a unit of its kind, as in "1 {unit}"'
+    shown = "23 degC" if unit == "K" else f"1 {unit}"
+    return f'must be a number (in {unit}) or text with a unit of its kind, as in "{shown}"'
 
 
 def parse_quantity(value: object, unit: str) -> float:

@@ -83,7 +83,7 @@ class MassScaling(Model):
             yield Problem(place, f"give either factor or step, found {found}")
 
 
-EXPLICIT_KEYS = ("step_safety", "damping", "mass_scaling", "viscous", "kinetic_limit")
+EXPLICIT_KEYS = ("step_safety", "damping", "mass_scaling", "kinetic_limit")
 
 
 class Solver(Model):
@@ -126,11 +126,6 @@ class Solver(Model):
     )
     mass_scaling: MassScaling | None = Field(
         default=None, description="mass added for a longer step; explicit only"
-    )
-    viscous: Literal["semi-implicit", "bounded"] = Field(
-        default="semi-implicit",
-        description="the film's viscous stress: solved for at each point, so that it does not "
-        "limit the step, or explicit and in the bound of the step; explicit only",
     )
     kinetic_limit: Annotated[float, Quantity(gt=0.0)] = Field(
         default=0.05,

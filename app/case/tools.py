@@ -15,16 +15,14 @@ from pydantic import (
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema
 
-from tribox.app.case.boundary import AnyDirection, Spring, named_stage_problems
+from tribox.app.case.boundary import Direction, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
 from tribox.app.case.quantities import (
     Quantity,
-    QuantityError,
     Written,
     format_quantity,
-    parse_bounded,
     text_schema,
 )
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text, size_problems
@@ -48,26 +46,7 @@ _Length = Annotated[float, Quantity("m")]
 _Radius = Annotated[float, Quantity("m", gt=0.0)]
 _Point = tuple[_Length, ...]
 _SLAB = "in plane strain of the slab of the given thickness"
-NAMED = {name: tuple(float(i == k) for k in range(3)) for i, name in enumerate(COMPONENTS)}
-
-
-class _DirectionType(AnyDirection):
-    """Pydantic annotation of a direction: "x", "y", "z", or a list of numbers, not all zero."""
-
-    def parse(self, value: object) -> tuple[float, ...]:
-        """The direction as numbers; of a name those in space."""
-        if isinstance(value, str) and value in NAMED:
-            return NAMED[value]
-        if isinstance(value, list | tuple) and len(value) in (2, 3):
-            try:
-                numbers = tuple(parse_bounded(part, "") for part in value)
-            except QuantityError:
-                numbers = ()
-            if any(numbers):
-                return numbers
-        raise PydanticCustomError(
-            "direction", 'must be "x", "y" or "z", or two or three numbers that are not all 0'
-        )
+ACROSS = (0.0, 0.0, 1.0)  # the axis z
 
 
 class _OneOrMany(Written):
@@ -94,7 +73,7 @@ class _OneOrMany(Written):
         return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
 
-_Direction = Annotated[tuple[float, ...], _DirectionType()]
+_Direction = Annotated[tuple[float, ...], Direction()]
 
 
 class ToolForce(Model):
@@ -103,6 +82,28 @@ class ToolForce(Model):
     x: _Force | None = Field(default=None, description=f"force in x, {_SLAB}")
     y: _Force | None = Field(default=None, description=f"force in y, {_SLAB}")
     z: _Force | None = Field(default=None, description="force in z, in 3D")
+
+
+class ToolStop(Model):
+    """Where blocks take over the force that drives a tool."""
+
+    x: _Length | None = Field(default=None, description="displacement in x")
+    y: _Length | None = Field(default=None, description="displacement in y")
+    z: _Length | None = Field(default=None, description="displacement in z, in 3D")
+
+    def problems(self, force: ToolForce | None, place: Place) -> Iterator[Problem]:
+        """Components without a force, or whose force turns round."""
+        for component in COMPONENTS:
+            if (value := getattr(self, component)) is None:
+                continue
+            drives: TimeTable | None = getattr(force, component, None)
+            if drives is None:
+                reason = f"goes with force.{component} only: it is as far as the force moves it"
+            elif not min(drives.values) < 0.0 < max(drives.values):
+                continue
+            else:
+                reason = f"a stop is on one side, but force.{component} turns round"
+            yield Problem((*place, component), reason, value)
 
 
 class ToolRotation(Model):
@@ -171,6 +172,11 @@ class Tool(Model):
         default=None,
         description="given components of the force that drives the tool, along the axes; its "
         "displacement follows",
+    )
+    stop: ToolStop | None = Field(
+        default=None,
+        description="displacement, from the start of the run, at which blocks take over the force "
+        "that drives a component, as beneath a blank holder; implicit only",
     )
     spring: Spring | None = Field(
         default=None,
@@ -268,6 +274,8 @@ class Tool(Model):
         yield from self._switching_problems(place)
         if self.displacement is not None:
             yield from self.displacement.problems((*place, "displacement"))
+        if self.stop is not None:
+            yield from self.stop.problems(self.force, (*place, "stop"))
         if self.mass is not None and self.force is None and self.spring is None:
             yield Problem((*place, "mass"), "goes with force or spring only", self.mass)
         if self.spring is not None and self.spring.mass > 0.0:
@@ -342,7 +350,7 @@ class Tool(Model):
             yield Problem((*place, "axis"), 'missing; give "x", "y", "z" or [x, y, z]')
         if dim == 3:
             yield from size_problems(axis, dim, (*place, "axis"))
-        if dim == 2 and axis is not None and axis != NAMED["z"]:
+        if dim == 2 and axis is not None and axis != ACROSS:
             yield Problem((*place, "axis"), "the axis of a rotation in the plane is z", list(axis))
 
 
@@ -517,6 +525,9 @@ def tool_problems(
         if explicit and tool.hold_force:
             reason = "does not go with explicit stages; give the force"
             yield Problem((*place, "hold_force"), reason, list(tool.hold_force))
+        if explicit and tool.stop is not None:
+            reason = "does not go with explicit stages; give a displacement from there on"
+            yield Problem((*place, "stop"), reason)
 
 
 def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:

@@ -22,6 +22,7 @@ from tribox.app.equilibrium.rigid_tool import (
     held_fast,
     hold_what_slips,
     holding_of_idle_tools,
+    rests_of_tools,
 )
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepMode
 from tribox.app.equilibrium.tangent import Tangent
@@ -367,7 +368,7 @@ class Equilibrium:
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
-        for springs in self._springs(step):
+        for springs in self._springs(step, x.array_r):
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
@@ -507,17 +508,20 @@ class Equilibrium:
                 self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
-        springs = self._springs(step)
+        springs = self._springs(step, x.array_r)
         self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
-        if self.turning is not None:
-            hold_what_slips(A, self.turning, self.first)
+        driving = np.zeros(self.owned)
+        for load in self.nodal_loads:
+            load.add_to(driving)
+        hold_what_slips(A, self.tools, self.solids, driving, self.first)
 
-    def _springs(self, step: StepMode) -> list[HoldingSprings]:
-        """Springs that hold bodies and tools in a step."""
+    def _springs(self, step: StepMode, at: Floats) -> list[HoldingSprings]:
+        """Springs that hold bodies and tools in a step at displacements (n,), m."""
         turning = self.turning
         if turning is not None and any(mode.friction_as_load for mode in step.modes):
             turning = held_fast(turning)
-        return [springs for springs in (turning, step.holding) if springs is not None]
+        every = (turning, step.holding, rests_of_tools(self.tools, at))
+        return [springs for springs in every if springs is not None]
 
     def is_held_slightly(self) -> bool:
         """Whether idle tools are held by next to nothing at the last evaluation; collective.

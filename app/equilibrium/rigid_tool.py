@@ -17,6 +17,20 @@ from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Stop:
+    """Blocks that a tool driven by a force comes to rest on.
+
+    Attributes:
+        low, high: (k,) m, displacements of the slots that they lie at; infinite: there are none.
+        stiffness: (k,) N/m per unit thickness.
+    """
+
+    low: Floats
+    high: Floats
+    stiffness: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RigidTool:
     """A rigid tool; its unknowns, the slots k, are the components of c and then θL.
 
@@ -26,6 +40,7 @@ class RigidTool:
         free: (k,) whether a force or a moment moves the slot, in some stage at least.
         idle: whether no moment drives the angle, so that nothing may hold it.
         mass: (k,) kg per unit thickness: the mass, and the moment of inertia over L².
+        stop: blocks that take over the forces that drive it; None: there are none.
     """
 
     name: str
@@ -35,6 +50,7 @@ class RigidTool:
     free: Bools
     idle: bool
     mass: Floats
+    stop: Stop | None = None
 
     @property
     def slots(self) -> int:
@@ -84,6 +100,23 @@ class RigidTool:
         return self.motion.control_points(slots[:-1], float(slots[-1]) / self.motion.length)
 
 
+def rests_of_tools(tools: Sequence[RigidTool], at: Floats) -> HoldingSprings | None:
+    """Springs of the stops that tools have passed at displacements (n,) of owned unknowns, m.
+
+    Returns None if no tool has a stop; the same kind on all ranks.
+    """
+    if all(tool.stop is None for tool in tools):
+        return None
+    stiffness, place = np.zeros(len(at)), np.zeros(len(at))
+    for tool in tools:
+        if tool.stop is not None:
+            here = tool.dofs[tool.here]
+            place[here] = np.clip(at[here], tool.stop.low[tool.here], tool.stop.high[tool.here])
+            passed = place[here] != at[here]
+            stiffness[here] = np.where(passed, tool.stop.stiffness[tool.here], 0.0)
+    return HoldingSprings(stiffness, place)
+
+
 # -- What holds the angle of a tool that turns freely while nothing else does ----------------------
 
 SLIGHT = 1e-9
@@ -107,11 +140,9 @@ def holding_of_idle_tools(
     idle = [tool for tool in tools if tool.idle]
     if not idle or not solids:
         return None
-    modulus = min(solid.material.shear_modulus for solid in solids)
-    stiffness = np.zeros(owned)
+    modulus, stiffness = _softest(solids), np.zeros(owned)
     for tool in idle:
-        size = tool.motion.length if tool.motion.dim == 3 else 1.0
-        stiffness[tool.dofs[-1:][tool.here[-1:]]] = SLIGHT * modulus * size
+        stiffness[tool.dofs[-1:][tool.here[-1:]]] = SLIGHT * modulus * _size(tool)
     return HoldingSprings(stiffness, np.zeros(owned))
 
 
@@ -121,20 +152,44 @@ def held_fast(springs: HoldingSprings) -> HoldingSprings:
     return replace(springs, stiffness=stiffness)
 
 
-def hold_what_slips(A: PETSc.Mat, springs: HoldingSprings, first: int) -> None:
-    """Raise the diagonal of idle angles that the contacts do not resist; collective.
+def hold_what_slips(
+    A: PETSc.Mat,
+    tools: Sequence[RigidTool],
+    solids: Sequence[Solid],
+    forces: Floats,
+    first: int,
+) -> None:
+    """Raise the diagonal of slots that nothing drives and contacts do not resist; collective.
 
-    Where all points slip, the tangent knows of no way back: a Newton step would turn the tool round
-    and round. The residual is as it is, so that the solution does not change.
+    Where all points slip or are open, the tangent knows of no way back: a Newton step would turn
+    the tool round and round, or there is none. The residual is as it is, so that the solution does
+    not change.
 
     Args:
+        forces: (n,) N per unit thickness, of the loads on the owned unknowns.
         first: global number of this rank's first unknown.
     """
-    fast = held_fast(springs).stiffness
-    rows = np.nonzero(fast)[0]
-    diagonal = A.getDiagonal().array_r[rows]
-    for row, value in zip(rows, diagonal, strict=True):  # a few tools at most
-        if value < SLIPPING * fast[row]:
-            at = int(row) + first
-            A.setValue(at, at, fast[row], addv=PETSc.InsertMode.ADD_VALUES)
+    free = [tool for tool in tools if tool.free.any()]
+    if not free or not solids:
+        return
+    modulus, diagonal = _softest(solids), A.getDiagonal().array_r
+    for tool in free:
+        fast = modulus * _size(tool)
+        slots = tool.free & tool.here & (forces[tool.dofs] == 0.0)
+        slots[-1] &= tool.idle
+        enough = np.where(np.arange(tool.slots) < tool.slots - 1, SLIGHT, SLIPPING) * fast
+        for row, least in zip(tool.dofs[slots], enough[slots], strict=True):  # a few tools at most
+            if diagonal[row] < least:
+                at = int(row) + first
+                A.setValue(at, at, fast, addv=PETSc.InsertMode.ADD_VALUES)
     A.assemble()
+
+
+def _softest(solids: Sequence[Solid]) -> float:
+    """Least shear modulus, Pa."""
+    return min(solid.material.shear_modulus for solid in solids)
+
+
+def _size(tool: RigidTool) -> float:
+    """What makes a stiffness per unit thickness of a modulus: m in space, else 1."""
+    return tool.motion.length if tool.motion.dim == 3 else 1.0

@@ -3,9 +3,8 @@
 K is the stiffness of the bodies, of the penalty and of the elastic slip. Its action on a vector is
 a difference of internal forces, so no matrix is made. Lanczos' iteration in the inner product of M
 finds the largest eigenvalue λ from below; the residual of its Ritz vector is added, so that the
-step 2/√λ errs on the safe side. Explicit viscous forces C v, at the velocity of the last half step,
-are stable while 4 M − Δt² K − 2 Δt C is positive: Δt follows from the vector for which that form
-vanishes first.
+step 2/√λ errs on the safe side. The viscous stress of films is solved for at each point: the step
+has no bound by it.
 
 A node that meets the penalty for a single step leaves with up to ω² Δt² − 1 times its speed, ω its
 frequency on the penalty alone. Linear stability allows ω Δt = 2, at which contacts that open and
@@ -71,8 +70,6 @@ class ExplicitOptions:
         dt_safety: the recommended step over the stable one, in (0, 1].
         damping: 1/s, c of the damping force c m v; >= 0.
         mass_scaling: mass added for a longer step, or none.
-        viscous: "semi-implicit": the film's viscous stress is solved for at each point and does
-            not limit the step; "bounded": it is explicit, and in the bound of the step.
         reestimate_every: steps between two estimates of the stable step.
         check_every: steps between two checks of the energy.
         energy_limit: ratio of stored to supplied energy above which the run counts as unstable.
@@ -82,7 +79,6 @@ class ExplicitOptions:
     dt_safety: float = 0.9
     damping: float = 0.0
     mass_scaling: MassScaling | None = None
-    viscous: Literal["semi-implicit", "bounded"] = "semi-implicit"
     reestimate_every: int = 1000
     check_every: int = 100
     energy_limit: float = 1.5
@@ -210,8 +206,7 @@ class StableStep:
 
     Attributes:
         limit: of everything together: above it the motion grows without bound.
-        elements: of the bodies alone; penalty: with contact and springs; viscous: with the film's
-            explicit viscous stress too (the same as ``penalty`` where that is semi-implicit).
+        elements: of the bodies alone; penalty: with contact and springs.
         closing: √2 over the highest frequency of the nodes on the penalty alone.
         reason: what limits the step.
         place: where the fastest oscillation is, m, undeformed.
@@ -220,7 +215,6 @@ class StableStep:
     limit: float
     elements: float
     penalty: float
-    viscous: float
     closing: float
     reason: str
     place: tuple[float, ...]
@@ -239,7 +233,7 @@ class Mode:
 
 
 class Stiffness:
-    """Actions of K and C on vectors of the unknowns, by differences of forces."""
+    """Actions of K on vectors of the unknowns, by differences of forces."""
 
     def __init__(
         self,
@@ -275,14 +269,13 @@ class Stiffness:
             out += sign * self._force.owned
         return out / (2.0 * h)
 
-    def contacts(self, w: Floats, viscous: bool = False) -> Floats:
-        """K w of contact and springs, or C w of the film, (n,); collective."""
+    def contacts(self, w: Floats) -> Floats:
+        """K w of contact and springs, (n,); collective."""
         self._moved.owned[:] = w
         self._force.owned[:] = 0.0
         for pair in self.pairs:
-            pair.add(self._moved, self._force, viscous)
-        if not viscous:
-            self.dynamics.add_springs(w, self._force.owned)
+            pair.add(self._moved, self._force)
+        self.dynamics.add_springs(w, self._force.owned)
         return self._force.owned.copy()
 
 
@@ -331,9 +324,9 @@ def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]
 class StableSteps:
     """Estimates the stable step; each estimate starts from the eigenvectors of the last."""
 
-    def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace, film: bool) -> None:
+    def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace) -> None:
         """Start without an estimate."""
-        self._stiffness, self._space, self._film = stiffness, space, film
+        self._stiffness, self._space = stiffness, space
         self._bodies: Mode | None = None
         self._whole: Mode | None = None
         self._contact: Mode | None = None
@@ -353,18 +346,13 @@ class StableSteps:
         if s.pairs:
             self._contact = self._largest(s.contacts, self._contact)
             closing = float(np.sqrt(0.5)) * _step_of(self._contact.value)
-        viscous = penalty
-        if self._film:
-            viscous, mode = self._with_film(penalty, mode)
         reason = "the elements" if penalty > 0.99 * elements else "the contact's stiffness"
-        if viscous < 0.99 * penalty:
-            reason = "the film's viscous stress"
-        if closing < 0.99 * viscous:
+        if closing < 0.99 * penalty:
             assert self._contact is not None
             reason, mode = "the contact's opening and closing", self._contact
-        limit = min(viscous, closing)
+        limit = min(penalty, closing)
         place = place_of_largest(s.dynamics.mass * mode.vector**2, self._space)
-        return StableStep(limit, elements, penalty, viscous, closing, reason, place)
+        return StableStep(limit, elements, penalty, closing, reason, place)
 
     def snapshot(self) -> Snapshot:
         """The oscillations that the next estimate starts from."""
@@ -397,34 +385,6 @@ class StableSteps:
             return largest(dynamics, apply, noise, FIRST)
         noise *= 0.1 / np.sqrt(dynamics.dot(noise, noise))
         return largest(dynamics, apply, last.vector + noise, AGAIN)
-
-    def _with_film(self, step: float, mode: Mode) -> tuple[float, Mode]:
-        """Step Δt at which 4 M − Δt² K − 2 Δt C ceases to be positive, and where it does."""
-        s = self._stiffness
-        noise = s.dynamics.project(self._noise)
-        noise *= 0.1 / np.sqrt(s.dynamics.dot(noise, noise))
-        for _ in range(10):
-            now = step
-            mode = largest(
-                s.dynamics,
-                lambda w, now=now: (  # type: ignore[misc]
-                    s.bodies(w) + s.contacts(w) + (2.0 / now) * s.contacts(w, viscous=True)
-                ),
-                mode.vector + noise,
-                FIRST,
-            )
-            w = mode.vector
-            c = float(
-                s.dynamics.comm.allreduce(float(w @ s.contacts(w, viscous=True)), op=MPI.SUM)
-            ) / s.dynamics.dot(w, w)
-            # The Rayleigh quotients of K and C at the vector found: λ = k + 2 c/Δt at the step it
-            # was found for.
-            k = max(mode.value - 2.0 * c / now, 0.0)
-            # The root of Δt² k + 2 Δt c = 4 without a difference of near numbers.
-            step = 4.0 / (c + np.sqrt(c * c + 4.0 * k)) if c + k > 0.0 else np.inf
-            if abs(step - now) <= 1e-4 * now:
-                break
-        return float(step), mode
 
 
 class StepEstimate(Remembers):

@@ -119,10 +119,9 @@ class ExplicitStepper:
     def _start(self, pairs: list[PairStiffness]) -> None:
         """Forces and accelerations of the state taken over; collective."""
         problem, options, dynamics = self.problem, self.options, self.dynamics
-        implicit = options.viscous == "semi-implicit"
         self._pairs = pairs
         self._motion = LeapFrog(problem, self.state, dynamics, options.damping)
-        films = [pair.contact for pair in pairs if implicit and pair.viscosity > 0.0]
+        films = [pair.contact for pair in pairs if pair.viscosity > 0.0]
         self._films = FilmCorrection(films, dynamics, problem.space, options.damping)
         trials, valid = self._forces(1.0)
         if not valid:
@@ -131,7 +130,7 @@ class ExplicitStepper:
         self.loads = self._loads()
         self.energies = Energies(problem, self.state, self.mass, self.internal, self.loads)
         stiffness = Stiffness(dynamics, self.internal, self.state.u, problem.space, pairs)
-        stable_steps = StableSteps(stiffness, problem.space, film=not implicit)
+        stable_steps = StableSteps(stiffness, problem.space)
         self._estimate = StepEstimate(stable_steps, options.reestimate_every)
         softer = [bodies_of(problem, term).softer.material for term in problem.contacts]
         self._moduli = [oedometric_modulus(material) for material in softer]

@@ -43,7 +43,6 @@ from tribox.app.results.reading import Table, joined
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
-    from tribox.app.results.reading import Table
 
 
 MOST_PAIRS = 12  # with a line of their own

@@ -341,7 +341,7 @@ def axis_names(results: Results) -> tuple[str, str]:
 
 def pair_names(results: Results) -> list[str]:
     """Names of the contact pairs in the order of the case."""
-    return [getattr(c, "name", None) or f"{c.slave}-{c.master}" for c in results.case.contact]
+    return [contact.label for contact in results.case.contact]
 
 
 def unit_of_velocity(results: Results) -> Unit:

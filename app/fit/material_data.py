@@ -28,20 +28,6 @@ HOTTEST = 2000.0
 LARGEST_STRAIN = 20.0
 
 
-class _Temperature(Quantity):
-    """A temperature, "23 degC" or "296.15 K", in K."""
-
-    def parse(self, value: object) -> float:
-        """K, above 0."""
-        number, unit = split_quantity(value)
-        if unit not in ("K", "degC", "°C"):
-            raise QuantityError(f'"{unit}" is no unit of temperature; write degC or K')
-        kelvin = number if unit == "K" else number + 273.15
-        if not 0.0 < kelvin <= HOTTEST:
-            raise QuantityError(f"must be above -273.15 degC and up to {HOTTEST:g} K")
-        return kelvin
-
-
 class _Frequency(Quantity):
     """Cycles, or radians, per second: 1 Hz is 2 pi rad/s, which no library of units knows."""
 
@@ -69,7 +55,7 @@ _PLAIN: dict[str, Quantity] = {
     "storage_modulus": Quantity("Pa", gt=0.0),
     "loss_modulus": Quantity("Pa", gt=0.0),
 }
-TEMPERATURE = _Temperature("degC")
+TEMPERATURE = Quantity("K", gt=0.0, le=HOTTEST)
 COLUMNS: dict[str, Quantity] = {
     "time": Quantity("s", ge=0.0),
     "frequency": _Frequency("Hz", gt=0.0),

@@ -14,7 +14,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel
 
 from tribox.app.case.case import Case, given_keys
-from tribox.app.case.toml_files import flat
 from tribox.app.errors import InputError
 from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
@@ -276,39 +275,57 @@ def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
 
     ``given``: dotted keys of what the case file gave; None: not known, all count as given.
     """
-    known = None if given is None else frozenset(given)
     data = case.model_dump(mode="json", exclude_none=True, exclude={"title"})
-    tables = []
-    for name, value in data.items():
-        for title, path, entries in _tables(name, value):
-            found = [_input(case, path, key, entry, known) for key, entry in flat(entries)]
-            ordered = sorted(found, key=lambda one: not one.given)
-            if ordered:
-                tables.append(InputTable(title, ordered))
-    return tables
+    tables: dict[str, list[Input]] = {}
+    for title, place, key, value, meaning in _entries(case, data):
+        whole = f"{place}{key}"
+        known = given is None or any(g == whole or g.startswith(f"{whole}.") for g in given)
+        tables.setdefault(title, []).append(Input(key, value_text(value), known, meaning))
+    return [
+        InputTable(title, sorted(inputs, key=lambda one: not one.given))
+        for title, inputs in tables.items()
+    ]
 
 
-def _tables(name: str, value: Any) -> Iterator[tuple[str, tuple[str | int, ...], Any]]:
-    """(title, path, entries) of a key at the top of a case."""
+def _entries(
+    table: BaseModel, data: Mapping[str, Any], title: str = "", place: str = "", inside: str = ""
+) -> Iterator[tuple[str, str, str, Any, str]]:
+    """Title and place of its table, key in it, value and meaning of each key of a table and below.
+
+    Args:
+        data: the table as a case file has it.
+        title, place: of the table at the top of the case that this one is or lies in.
+        inside: dotted keys that lead from there to this one.
+    """
+    for name, field in type(table).model_fields.items():
+        key, value = field.alias or name, getattr(table, name)
+        if data.get(key, {}) == {}:
+            continue
+        parts = [(key, value, data[key])]
+        if isinstance(value, Mapping):  # of tables, by name
+            parts = [(f"{key}.{one}", value[one], data[key][one]) for one in value]
+        elif isinstance(value, tuple):
+            parts = [
+                (f"{key}.{n}", *one) for n, one in enumerate(zip(value, data[key], strict=True))
+            ]
+        if not parts or not all(isinstance(one, BaseModel) for _, one, _ in parts):
+            yield title, place, f"{inside}{key}", data[key], field.description or ""
+            continue
+        for path, one, own in parts:
+            if title:
+                yield from _entries(one, own, title, place, f"{inside}{path}.")
+            else:
+                yield from _entries(one, own, _title_of(path, own), f"{path}.")
+
+
+def _title_of(path: str, data: Mapping[str, Any]) -> str:
+    """What a table at the top of a case is called, such as "Contact 0: pad on tool"."""
+    name, _, which = path.partition(".")
     if word := {"bodies": "Body", "tools": "Tool"}.get(name):
-        for one, entries in value.items():
-            yield f"{word} {one}", (name, one), entries
-    elif isinstance(value, list):
-        for index, entries in enumerate(value):
-            called = entries.get("name") or entries.get("surface", "")
-            if name == "contact":
-                called = f"{entries['slave']} on {entries['master']}"
-            yield f"{name.capitalize()} {index}: {called}".rstrip(": "), (name, index), entries
-    else:
-        yield name.capitalize(), (name,), value
-
-
-def _input(
-    case: Case, path: tuple[str | int, ...], key: str, value: Any, known: frozenset[str] | None
-) -> Input:
-    whole = ".".join(map(str, (*path, key)))
-    given = known is None or whole in known
-    return Input(key, value_text(value), given, _meaning(case, (*path, *key.split("."))))
+        return f"{word} {which}"
+    called = f"{data['slave']} on {data['master']}" if name == "contact" else ""
+    called = called or str(data.get("name") or data.get("surface", ""))
+    return f"{name.capitalize()} {which}: {called}".rstrip(": ") if which else name.capitalize()
 
 
 def value_text(value: Any) -> str:
@@ -319,28 +336,9 @@ def value_text(value: Any) -> str:
         return "; ".join(" → ".join(map(value_text, row)) for row in value)
     if isinstance(value, list):
         return ", ".join(map(value_text, value))
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {value_text(one)}" for key, one in value.items())
     return readable(str(value))
-
-
-def _meaning(case: Case, path: Sequence[str | int]) -> str:
-    """The description of a key; empty where the case's tables do not know it."""
-    here: Any = case
-    meaning = ""
-    for part in path:
-        if isinstance(here, BaseModel):
-            fields = type(here).model_fields
-            name = next((n for n, f in fields.items() if part in (n, f.alias)), None)
-            if name is None:
-                return meaning
-            meaning = fields[name].description or ""
-            here = getattr(here, name)
-        elif isinstance(here, Mapping):
-            here = here.get(part)
-        elif isinstance(here, Sequence) and isinstance(part, int):
-            here = here[part]
-        else:
-            break
-    return meaning
 
 
 def readable(text: str) -> str:

@@ -72,9 +72,6 @@ BELOW = {
 }
 # Of a run that has been gone on with, ADIOS2's files of what comes after a step have its number.
 _GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
-# What earlier versions wrote and --force clears too.
-EARLIER = ("motion.csv", "contact_nodes.pvd")
-EARLIER_BELOW = {"contact_nodes": _SERIES}
 SUMS = "SHA256SUMS"  # in the directory of inputs
 BEGINNING = {"status": "running", "begins": True}
 """The summary of a directory that is being made ready: what else is there counts for nothing."""
@@ -196,7 +193,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
     foreign: list[Path] = []
     for path in sorted(directory.iterdir()):
         folder = path.is_dir() and not path.is_symlink()
-        inside = (BELOW | EARLIER_BELOW).get(_GONE_ON.sub("", path.name))
+        inside = BELOW.get(_GONE_ON.sub("", path.name))
         if folder and path.name in labels:
             below = _sort_out(path, ())
             own += [path, *below[0]]
@@ -211,7 +208,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
             for one in sorted(path.rglob("*")):
                 name = one.relative_to(path).as_posix()
                 (own if inside.fullmatch(name) else foreign).append(one)
-        elif folder or path.is_symlink() or path.name.removesuffix(".part") not in OWN + EARLIER:
+        elif folder or path.is_symlink() or path.name.removesuffix(".part") not in OWN:
             foreign += [path] * (path.name != LOCK)
         else:
             own.append(path)

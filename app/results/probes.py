@@ -156,18 +156,29 @@ def _tables(model: Model) -> dict[str, Table]:
     return tables
 
 
-def final_shapes(directory: Path, ends: Sequence[int]) -> dict[str, dict[str, float | None]]:
+UNLOADED = 1e-3  # contact force that is left of that of a load step whose end counts as loaded
+
+
+def final_shapes(directory: Path, ends: Mapping[int, float]) -> dict[str, dict[str, float | None]]:
     """The last row of each probe of a surface by its name, with its springback, rad.
 
     That is the bend angle at the end of the load step in which it was largest, less the last one.
+    Where tools have let go, only load steps count in which they pressed: a bend that was coined
+    may open by less than nothing.
+
+    Args:
+        ends: last step of each load step, and the normal force of all pairs there, N.
     """
     path, found = directory / PROBE_TABLES[3], {}
     if not has_rows(path):
         return {}
-    rows = read_table(path)
+    rows, left = read_table(path), ends.get(max(ends, default=0), 0.0) / UNLOADED
+    loaded = {step for step, force in ends.items() if force > left} or set(ends)
+    if len(ends) == 1:  # nothing was let go
+        loaded = set()
     for name in dict.fromkeys(str(row["probe"]) for row in rows):
         mine = [row for row in rows if row["probe"] == name]
-        bent = [float(row["bend_angle"]) for row in mine if int(row["step"]) in ends]
+        bent = [float(row["bend_angle"]) for row in mine if int(row["step"]) in loaded]
         last = {key: value for key, value in mine[-1].items() if key not in (*KEYS, "probe")}
         most = max(bent, key=abs, default=math.nan)
         last["springback"] = most - last["bend_angle"]

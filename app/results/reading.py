@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 LAST = -1
 RUNNING = "running"
 CUT_OFF = "is cut off or not"
-# Directories of the contact in results of earlier versions, which had contact_nodes.
-EARLIER_NAMES = {"contact": "contact_nodes", "contact_points": "contact"}
 # Columns that every table has, and those that some have beside them; a sweep's has its own.
 STEP_COLUMNS = ("step", "time", "stage")
 NAME_COLUMNS = {
@@ -437,8 +435,6 @@ class Results:
 
     def _file(self, name: str, step: int) -> Path:
         """The file of a step."""
-        if self.directory.joinpath("contact_nodes").is_dir():
-            name = EARLIER_NAMES.get(name, name)
         files = self._files(name)
         if step in files:
             return files[step]

@@ -327,7 +327,8 @@ class Recorder(Observer):
 
     def shapes(self) -> dict[str, dict[str, float | None]]:
         """What :func:`final_shapes` says; on the first rank."""
-        return final_shapes(self.directory, [int(one["step"]) for one in self.load_steps])
+        ends = {int(one["step"]): float(one["normal_force"]) for one in self.load_steps}
+        return final_shapes(self.directory, ends)
 
     def _summary(
         self,

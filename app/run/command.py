@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from tribox.app.case.case import Case
@@ -21,41 +20,7 @@ from tribox.app.results.directory import (
     keep_inputs_apart,
 )
 from tribox.app.run.process import lasting_imports, nothing_begun, ranks_around
-from tribox.app.run.ranks import run_on_ranks
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """The options of ``tribox run``.
-
-    Attributes:
-        out: results directory; None: by the name of the case.
-        overrides: "KEY=VALUE" texts that change the case.
-        ranks: MPI ranks to run on; force: replace results that are there.
-        jobs: runs of a sweep at a time; None: as many as the cores allow.
-        part: the only value of the sweep that is run, counted from 0; None: all.
-        trust: run the Python that the case names.
-        resume: go on from the last checkpoint; extend: the same, and past the end.
-        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
-    """
-
-    out: Path | None
-    overrides: list[str]
-    ranks: int
-    force: bool
-    jobs: int | None
-    part: int | None
-    trust: bool
-    resume: bool
-    extend: bool
-    inputs_of: Path | None
-
-    def for_ranks(self) -> list[str]:
-        """Words of the command line that each rank of one case gets too."""
-        flags = {"--force": self.force, "--resume": self.resume, "--extend": self.extend}
-        named = {"--part": self.part, "--inputs-of": self.inputs_of}
-        words = [name for name, given in flags.items() if given]
-        return words + [str(w) for n, v in named.items() if v is not None for w in (n, v)]
+from tribox.app.run.ranks import RunOptions, run_on_ranks
 
 
 def run_command(case_file: Path, options: RunOptions) -> int:
@@ -66,7 +31,7 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     Raises:
         TriboxError: as of :func:`tribox.app.run.run_case`; or the options do not go together.
     """
-    if options.force and (options.resume or options.extend):
+    if options.force and options.goes_on:
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     directory = options.out or default_directory(case_file)
     with nothing_begun():
@@ -78,7 +43,9 @@ def run_command(case_file: Path, options: RunOptions) -> int:
     if case.sweep is not None and options.part is None:
         if reason := without_effect(options.overrides, case.sweep.key):
             raise InputError(reason)
-        _run_sweep(case, case_file, directory, options, changes)
+        from tribox.app.run.sweep_runs import run_sweep
+
+        run_sweep(case, case_file, directory, options, changes)
         return 0
     if options.part is not None:
         case = _one_part(case, options.part)
@@ -96,7 +63,7 @@ def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: R
     """Refuse results where they would be cleared with what the run is made from."""
     swept = case.sweep is not None
     begun = (directory / "case.toml").exists() if swept else checkpoint_numbers(directory)
-    if (options.resume or options.extend) and begun:
+    if options.goes_on and begun:
         return  # nothing is cleared
     with lasting_imports():
         from tribox.app.results.inputs import input_files
@@ -111,22 +78,10 @@ def _one_part(case: Case, part: int) -> Case:
     return parts[part][1]
 
 
-def _run_sweep(
-    case: Case, case_file: Path, directory: Path, options: RunOptions, changes: list[str]
-) -> None:
-    """Run every value of a sweep."""
-    from tribox.app.run.sweep_runs import SweepOptions, run_sweep
-
-    asked = SweepOptions(
-        changes, options.ranks, options.force, options.jobs, options.resume, options.extend
-    )
-    run_sweep(case, case_file, directory, asked, ranks_around())
-
-
 def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes: list[str]) -> int:
     """Have several ranks run a case; their exit code."""
     check_not_in_use(directory)
-    if not (options.resume or options.extend):
+    if not options.goes_on:
         check_free(directory, options.force, sweep_labels(directory))
     words = ["run", str(case_file), "--out", str(directory), *changes, *options.for_ranks()]
     return run_on_ranks(options.ranks, words)

@@ -1,4 +1,4 @@
-"""``tribox run --np N``: starts the ranks by mpirun, and sees that signals reach them."""
+"""What is asked of ``tribox run``; starts ranks by mpirun, and sees that signals reach them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ import tempfile
 import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn, Self
 
 from tribox.app.errors import InputError, OutputError, SolutionError, TriboxError, as_line, tell
+from tribox.app.results.claim import is_beginning
+from tribox.app.results.directory import checkpoint_numbers
 from tribox.app.run.process import (
     STOPPING,
     end_with_parent,
@@ -27,6 +30,52 @@ from tribox.app.run.process import (
     tribox_command,
     with_sources,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """The options of ``tribox run``.
+
+    Attributes:
+        out: results directory; None: by the name of the case.
+        overrides: "KEY=VALUE" texts that change the case.
+        ranks: MPI ranks to run on; force: replace results that are there.
+        jobs: runs of a sweep at a time; None: as many as the cores allow.
+        part: the only value of the sweep that is run, counted from 0; None: all.
+        trust: run the Python that the case names.
+        resume: go on from the last checkpoint; extend: the same, and past the end.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
+    """
+
+    out: Path | None = None
+    overrides: Sequence[str] = ()
+    ranks: int = 1
+    force: bool = False
+    jobs: int | None = None
+    part: int | None = None
+    trust: bool = False
+    resume: bool = False
+    extend: bool = False
+    inputs_of: Path | None = None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a run or sweep that is there goes on."""
+        return self.resume or self.extend
+
+    def how(self, directory: Path) -> dict[str, bool]:
+        """How the value of a sweep in a directory goes on: one that never got far, anew."""
+        begun = checkpoint_numbers(directory) and not is_beginning(directory)
+        extend = self.extend and bool(begun)
+        return {"resume": self.goes_on and not extend, "extend": extend}
+
+    def for_ranks(self) -> list[str]:
+        """Words of the command line that each rank of one case gets too."""
+        flags = {"--force": self.force, "--resume": self.resume, "--extend": self.extend}
+        named = {"--part": self.part, "--inputs-of": self.inputs_of}
+        words = [name for name, given in flags.items() if given]
+        return words + [str(w) for n, v in named.items() if v is not None for w in (n, v)]
+
 
 # -- Signals to a process that waits for others: passed on to them, and waited for -----------------
 

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -37,20 +36,25 @@ from tribox.app.results.claim import (
     is_done,
 )
 from tribox.app.results.directory import (
-    checkpoint_numbers,
     json_of,
     unwritable,
     write_json,
     write_table,
 )
 from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
-from tribox.app.run.process import PARENT, lasting_imports, tribox_command, with_sources
-from tribox.app.run.progress import clock
-from tribox.app.run.ranks import INTERRUPTED, Forwarding
+from tribox.app.run.process import (
+    PARENT,
+    lasting_imports,
+    ranks_around,
+    tribox_command,
+    with_sources,
+)
+from tribox.app.run.ranks import INTERRUPTED, Forwarding, RunOptions
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
+    from rich.progress import TaskID
 
 # -- What a sweep tells: labelled lines, or on a terminal one line for each value that is running --
 
@@ -84,71 +88,64 @@ class SweepLines(AbstractContextManager["SweepLines"]):
 
 
 class SweepScreen(SweepLines):
-    """On a terminal: one line for each running value, the others of its lines above.
-
-    Attributes:
-        running: of each running value the time of the clock (s) it was begun, and its last line.
-    """
+    """On a terminal: one line for each running value, the others of its lines above."""
 
     def __init__(self, count: int, console: Console) -> None:
-        from rich.live import Live
+        from rich.progress import Progress, TextColumn, TimeElapsedColumn
+        from rich.table import Column
 
         super().__init__()
-        self._count, self._console = count, console
-        self.running: dict[str, tuple[float, str]] = {}
-        self._done = self._failed = 0
-        self._live = Live(
+        self._count, self._done, self._failed = count, 0, 0
+        self._lines = Progress(
+            TextColumn("{task.description}", markup=False),
+            TimeElapsedColumn(),
+            TextColumn(
+                "{task.fields[said]}",
+                markup=False,
+                table_column=Column(no_wrap=True, overflow="ellipsis"),
+            ),
             console=console,
             transient=True,
             refresh_per_second=4,
-            get_renderable=self.render,
             redirect_stderr=False,
         )
+        self._all = self._lines.add_task("all values", total=None, said="")
+        self._running: dict[str, TaskID] = {}
 
     def __enter__(self) -> Self:
         """Show the lines."""
-        self._live.start()
+        self._lines.start()
         return self
 
     def begin(self, label: str) -> None:
         """A value is begun: it has a line from now on."""
-        self.running[label] = (time.monotonic(), "starting")
+        self._running[label] = self._lines.add_task(label, total=None, said="starting")
+        self._count_up()
 
     def say(self, label: str, line: str) -> None:
         """Show a line in the place of the value's last; print it above if it is to stay."""
         if is_passing(line):
-            started, _ = self.running[label]
-            self.running[label] = (started, " ".join(line.split()))
+            self._lines.update(self._running[label], said=" ".join(line.split()))
         elif self._once.is_new(line):
-            text = folded(f"[{label}] {line}", self._console.width)
-            self._console.print(text, markup=False, soft_wrap=True)
+            console = self._lines.console
+            console.print(folded(f"[{label}] {line}", console.width), markup=False, soft_wrap=True)
 
     def end(self, label: str, code: int) -> None:
         """The value's line goes."""
-        del self.running[label]
+        self._lines.remove_task(self._running.pop(label))
         self._done += 1
         self._failed += code != 0
+        self._count_up()
 
-    def render(self) -> RenderableType:
-        """The lines as they stand."""
-        from rich.console import Group
-        from rich.table import Table
-        from rich.text import Text
-
-        grid = Table.grid(padding=(0, 2))
-        grid.add_column(no_wrap=True)
-        grid.add_column(no_wrap=True, justify="right")
-        grid.add_column(no_wrap=True, overflow="ellipsis")
-        for label, (started, line) in list(self.running.items()):
-            grid.add_row(Text(label), Text(clock(time.monotonic() - started)), Text(line))
-        waiting = self._count - self._done - len(self.running)
+    def _count_up(self) -> None:
+        waiting = self._count - self._done - len(self._running)
         failed = f", {self._failed} failed" if self._failed else ""
-        said = f"{self._done} of {self._count} values done{failed}, {waiting} waiting"
-        return Group(grid, Text(said))
+        said = f"{self._done} of {self._count} done{failed}, {waiting} waiting"
+        self._lines.update(self._all, said=said)
 
     def __exit__(self, *error: object) -> None:
         """Take the lines away."""
-        self._live.stop()
+        self._lines.stop()
 
 
 def sweep_lines(count: int) -> SweepLines:
@@ -164,47 +161,18 @@ def sweep_lines(count: int) -> SweepLines:
 # -- What ``tribox run`` does with a sweep: its values side by side, or in turn on the ranks here --
 
 
-@dataclass(frozen=True, slots=True)
-class SweepOptions:
-    """How a sweep is run.
-
-    Attributes:
-        changes: options of the command line that each run gets too.
-        ranks: MPI ranks of each run.
-        force: replace results that are there.
-        jobs: runs at a time; None: as many as the cores allow.
-        resume: go on with values that are not done; extend: with all, past their end.
-    """
-
-    changes: Sequence[str] = ()
-    ranks: int = 1
-    force: bool = False
-    jobs: int | None = None
-    resume: bool = False
-    extend: bool = False
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether a sweep that is there goes on."""
-        return self.resume or self.extend
-
-    def how(self, directory: Path) -> dict[str, bool]:
-        """How the value in a directory goes on: one that never got far, from its start."""
-        begun = checkpoint_numbers(directory) and not is_beginning(directory)
-        extend = self.extend and bool(begun)
-        return {"resume": self.goes_on and not extend, "extend": extend}
-
-
 def run_sweep(
-    case: Case, case_file: Path, directory: Path, options: SweepOptions, around: int
+    case: Case, case_file: Path, directory: Path, options: RunOptions, changes: Sequence[str] = ()
 ) -> None:
     """Run all values of a sweep, collate what they give and draw it.
+
+    ``changes``: options of the command line that each run gets too.
 
     Raises:
         InputError: the case or the directory cannot be used; nothing has been changed.
         SolutionError: a run failed; the others have been made.
     """
-    if around > 1:
+    if ranks_around() > 1:
         _run_in_turn(case, directory, options)
         return
     with lasting_imports():
@@ -214,7 +182,7 @@ def run_sweep(
         notes_on_building(case.sweep_cases()[0][1], runs_code=True)
         to_run = _to_run(case, directory, options)
         kept = _make_ready(case, claim, options.goes_on)
-        words = [*options.changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
+        words = [*changes, "--np", str(options.ranks), "--inputs-of", str(directory)]
         parts = []
         for index, label in to_run:
             where = directory / label
@@ -226,7 +194,7 @@ def run_sweep(
     print(f"results in {directory}")
 
 
-def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
+def _run_in_turn(case: Case, directory: Path, options: RunOptions) -> None:
     """All ranks of one mpirun take the values one after the other."""
     from mpi4py import MPI
 
@@ -263,7 +231,7 @@ def _run_in_turn(case: Case, directory: Path, options: SweepOptions) -> None:
         claim.release()
 
 
-def _to_run(case: Case, directory: Path, options: SweepOptions) -> list[tuple[int, str]]:
+def _to_run(case: Case, directory: Path, options: RunOptions) -> list[tuple[int, str]]:
     """Number and label of the values that are not done, or to be done again or for longer."""
     out = []
     goes_on = options.goes_on and not is_beginning(directory)

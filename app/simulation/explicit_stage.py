@@ -59,7 +59,6 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
         mass_scaling=None
         if scaling is None
         else MassScaling(scaling.kind, scaling.factor, scaling.step),
-        viscous=solver.viscous,
     )
 
 

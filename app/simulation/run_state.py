@@ -12,6 +12,7 @@ import numpy as np
 from tribox.app.build.model import Model
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
 from tribox.app.case.stage import LoadStep
+from tribox.app.equilibrium.rigid_tool import rests_of_tools
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
@@ -379,9 +380,13 @@ class ToolHistory:
     def _slots(self, motion: tuple[Floats, Floats], outside: OutsideForces) -> Floats:
         """Displacement, velocity and drive (t, 3, k) of each tool's slots, m, m/s, N; collective.
 
-        What is prescribed is driven by what holds it, the rest by the loads on it.
+        What is prescribed is driven by what holds it, the rest by the loads on it and its stops.
         """
         loads = np.sum(outside.loads, axis=0) if outside.loads else np.zeros_like(motion[0])
+        problem = self._model.problem
+        rests = rests_of_tools(self._tools, motion[0])
+        if rests is not None:
+            loads[: problem.owned] -= rests.force(motion[0])
         out = np.zeros((len(self._tools), 3, self._model.problem.dim + 1))
         springs = [platen.dofs for platen in self._model.problem.platens]
         given = np.concatenate([self._model.problem.constrained_dofs(), *springs])

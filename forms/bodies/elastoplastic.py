@@ -56,7 +56,8 @@ N = η (I − ν⊗ν) + ϑ ν⊗ν, η = 2G|D|/(2G|D| + √⅔ σ), ϑ = 3G/(3G
 
     (2G I − (∂X/∂e − √⅔ ∂X/∂Δα ⊗ ν) N) y = 2G dev L d − ∂X/∂e L d − ∂X/∂d d,
 
-which is regular also where flow is about to begin, |D| = 0.
+which is regular also where flow is about to begin, |D| = 0. By the principal axes of e the changes
+of E are its components times those of de and of d, and L is 1 but for the shears of e_trial's axes.
 
 Components: in the plane 5 of F, P, A (11, 12, 21, 22, 33) and 5 of the state, C_p⁻¹ (11, 22, 33,
 12) and α; in space 9, row by row, and 7, C_p⁻¹ (11, 22, 33, 12, 23, 13) and α. C_pi of each branch

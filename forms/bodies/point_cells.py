@@ -85,6 +85,7 @@ class Beside(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_void_p) for name in ("add", "moduli", "cells")),
         ("points", ctypes.c_int64),
+        ("symmetric", ctypes.c_int64),
     )
 
 
@@ -189,14 +190,15 @@ class PointCells:
     def beside(self, u: Floats) -> Beside | None:
         """What adds the matrices at ``u`` (n,), m, in a loop over the same cells that goes on then.
 
-        None where they are not symmetric, or the points not updated by a kernel.
+        None where the points are not updated by a kernel.
         """
         of = self.moduli
-        if of.kernel is None or not of.kernel.symmetric:
+        if of.kernel is None:
             return None
-        found = Beside(*self._beside, points=self._fixed["points"])
+        found = Beside(*self._beside)
+        found.points, found.symmetric = self._fixed["points"], of.kernel.symmetric
         found.arrays = {"u": u} | of.arrays()
-        found.work = self._work(of.kernel, True, **found.arrays)
+        found.work = self._work(of.kernel, of.kernel.symmetric, **found.arrays)
         found.cells = ctypes.addressof(found.work)
         return found
 

@@ -17,10 +17,10 @@ PROBES = (1e-9, 1e-6, 1e-3, 1.0)  # m/s, slip speeds at which the law is evaluat
 
 
 class PairStiffness:
-    """K and C of one pair, as if all its points were closed: they may be at the next step.
+    """K of one pair, as if all its points were closed: they may be at the next step.
 
-    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness before it slips, and
-    C = c (I − n⊗n). An averaged pressure is nowhere stiffer than K_N = Σ_A N_A K_A at the points.
+    Per point K_N n⊗n + k_T (I − n⊗n), with k_T the law's stiffness before it slips. An averaged
+    pressure is nowhere stiffer than K_N = Σ_A N_A K_A at the points.
     """
 
     def __init__(self, contact: ExplicitContact) -> None:
@@ -35,24 +35,20 @@ class PairStiffness:
             largest = float(np.max(term.penalty, initial=0.0))
             self.tangential, self.viscosity = comm.allreduce(largest, op=MPI.MAX), 0.0
 
-    def add(self, w: NodalVector, out: NodalVector, viscous: bool) -> None:
-        """Add K w or C w to ``out``; collective."""
+    def add(self, w: NodalVector, out: NodalVector) -> None:
+        """Add K w to ``out``; collective."""
         contact = self.contact
         assert contact.trial is not None
         n = contact.trial.kinematics.normal
         values = np.zeros((len(contact.exchange.nodes), contact.term.surface.dim))
         contact.exchange.gather(w, values)
         if isinstance(contact, ExplicitTie):
-            if not viscous:
-                contact.add_stiffness(values, out)
+            contact.add_stiffness(values, out)
             return
         jump = contact.jump(values)
         across = np.einsum("qi,qi->q", n, jump)[:, None] * n
-        along = jump - across
-        if viscous:
-            contact.spread(-self.viscosity * along, out)
-        else:
-            contact.spread(-(self.normal[:, None] * across + self.tangential * along), out)
+        along = self.tangential * (jump - across)
+        contact.spread(-(self.normal[:, None] * across + along), out)
 
     def add_bound(self, out: NodalVector) -> None:
         """Add to ``out`` a diagonal that is nowhere softer than K (its row sums); collective."""

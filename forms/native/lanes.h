@@ -15,14 +15,14 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
  * of a point to the second derivatives (a, i, b, j) by the columns g (a, i) of the derivatives of the
  * current position by parent coordinates, which are `scale` times as long as the unit cell's; it is
  * what costs least where the loop has moduli of its own at that point. `add` adds the matrices of a
- * block's cells: symmetric blocks (a, b) of the nodes with a <= b, those of b = 0 first, each (i, j)
- * row by row. The way to the matrix's places takes as long as computing them. */
+ * block's cells: blocks (a, b) of the nodes, where `symmetric` those with a <= b, those of b = 0 first,
+ * each (i, j) row by row. The way to the matrix's places takes as long as computing them. */
 typedef struct {
     void (*add)(const void *cells, int64_t block, vec *matrix);
     void (*moduli)(const void *cells, int64_t block, int64_t point, double scale, const vec *g,
                    vec *out);
     const void *cells;
-    int64_t points;
+    int64_t points, symmetric;
 } Beside;
 
 INLINE vec all(double x)
@@ -127,4 +127,27 @@ INLINE vec square_root(vec x)
 INLINE ivec is_finite(vec x)
 {
     return (ivec)(x - x == 0.0);
+}
+
+/* Adds the matrices of a block's cells, in blocks (a, b) as those of Beside, to `values`: the row (a, i)
+ * and the columns of b of a cell from start (a, i, b) on. Returns the starts of the next block. */
+INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const int32_t *start,
+                             const vec *block, double *values)
+{
+#pragma GCC unroll 1
+    for (int l = 0; l < lanes; ++l)
+#pragma GCC unroll 1
+        for (int a = 0; a < nodes; ++a)
+            for (int i = 0; i < dim; ++i)
+#pragma GCC unroll 1
+                for (int b = 0; b < nodes; ++b) {
+                    const int turned = symmetric && a > b;
+                    const int at = symmetric ? (turned ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a)
+                                             : b * nodes + a;
+                    const double *from = (const double *)(block + dim * dim * at) + l;
+                    double *to = values + *start++;
+                    for (int j = 0; j < dim; ++j)
+                        to[j] += from[LANES * (turned ? dim * j + i : dim * i + j)];
+                }
+    return start;
 }

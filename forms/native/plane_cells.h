@@ -130,22 +130,33 @@ INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
     }
 }
 
-/* Adds the matrices of points that remember, if there are any. */
-INLINE void add_beside(const Beside *beside, int64_t block, int nodes, vec matrix[4][2][4][2])
+/* Adds blocks (a, b) as those of Beside. */
+INLINE void add_blocks(int nodes, int symmetric, vec (*block)[2][2], vec matrix[4][2][4][2])
 {
-    if (!beside)
-        return;
-    vec part[10][2][2] = {};
-    beside->add(beside->cells, block, &part[0][0][0]);
     for (int b = 0; b < nodes; ++b)
-        for (int a = 0; a <= b; ++a)
+        for (int a = 0; a < (symmetric ? b + 1 : nodes); ++a, ++block)
             for (int i = 0; i < 2; ++i)
                 for (int j = 0; j < 2; ++j) {
-                    vec value = part[b * (b + 1) / 2 + a][i][j];
+                    vec value = (*block)[i][j];
                     matrix[a][i][b][j] += value;
-                    if (a < b)
+                    if (symmetric && a < b)
                         matrix[b][j][a][i] += value;
                 }
+}
+
+/* Adds the matrices of points that remember, if there are any. */
+static __attribute__((noinline)) void add_beside(const Beside *beside, int64_t block, int nodes,
+                                                 vec matrix[4][2][4][2])
+{
+    vec part[16][2][2];
+    __builtin_memset(part, 0, (beside->symmetric ? 10 : 16) * sizeof part[0]);
+    beside->add(beside->cells, block, &part[0][0][0]);
+    if (beside->symmetric && nodes == 4) /* each with loops of its own */
+        add_blocks(4, 1, part, matrix);
+    else if (nodes == 4)
+        add_blocks(4, 0, part, matrix);
+    else
+        add_blocks(3, (int)beside->symmetric, part, matrix);
 }
 
 /* Adds the matrices of a block's cells to `values`: those of the row (a, i) and the node b of a

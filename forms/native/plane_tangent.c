@@ -209,7 +209,8 @@ INLINE void over_cells(enum material material, int triangles, int reduced, const
             triangle(material, c, E, e, matrix);
         else
             quadrilateral(material, reduced, c, E, e, more, shared ? beside : 0, b, matrix);
-        add_beside(shared ? 0 : beside, b, nodes, matrix);
+        if (beside && !shared)
+            add_beside(beside, b, nodes, matrix);
         start = scatter_matrix(start, nodes, lanes, matrix, values);
     }
 }

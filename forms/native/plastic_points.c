@@ -22,7 +22,7 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
  * round-off. ITERATIONS and TURNS are far beyond need: 4 are usual. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
 static const double SMALL_STEP = 1e-8, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
-static const double NEAR = 0.25, TURNING = 1e-4; /* of `mean_decay` and `turn` */
+static const double NEAR = 0.25, TURNING = 1e-2; /* of `mean_decay` and `turn` */
 enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
 typedef struct {
@@ -299,9 +299,10 @@ typedef struct {
     vec size, fall, slope, rise;
 } Over;
 
-INLINE void over_stress(const Material *m, const Products *p, vec x, Over *over)
+INLINE void over_stress(const Material *m, const Products *p, vec x, const vec *decay, const vec *phi,
+                        Over *over)
 {
-    vec decay[MOST], sum = p->aim;
+    vec sum = p->aim;
     over->slope = all(3.0 * m->shear);
     over->fall = over->slope * x;
     over->rise = all(0.0);
@@ -311,13 +312,9 @@ INLINE void over_stress(const Material *m, const Products *p, vec x, Over *over)
     }
     for (int k = 0; k < m->branches; ++k) {
         const double c = m->backstress[2 * k];
-        vec phi, ratio;
-        mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi, &ratio);
-        over->fall += c * phi * x;
-        over->slope += c * decay[k];
-    }
-    for (int k = 0; k < m->branches; ++k) {
         vec others = all(0.0);
+        over->fall += c * phi[k] * x;
+        over->slope += c * decay[k];
         for (int j = 0; j < m->branches; ++j)
             others += decay[j] * p->among[k][j];
         sum += decay[k] * (others - 2.0 * p->with[k]);
@@ -370,12 +367,13 @@ INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
     return x;
 }
 
-/* One step of Newton's method for g = 0. */
-INLINE vec newton(const Material *m, const Products *p, vec alpha, vec x, vec *g)
+/* One step of Newton's method for g = 0, with e^-y and phi of the branches at x. */
+INLINE vec newton(const Material *m, const Products *p, vec alpha, vec x, const vec *decay,
+                  const vec *phi, vec *g)
 {
     Over over;
     vec stress, slope;
-    over_stress(m, p, x, &over);
+    over_stress(m, p, x, decay, phi, &over);
     flow_stresses(m, alpha, x, &stress, &slope);
     *g = over.size - over.fall - stress;
     if (m->branches == 0)
@@ -411,7 +409,10 @@ INLINE vec plastic_step(const Material *m, Products *p, vec alpha, vec begin, ve
     x = choose(done, known, x);
     done |= ~(ivec)(x > 0.0);
     for (int i = 0; i < ITERATIONS && any(~done); ++i) {
-        vec g, moved = newton(m, p, alpha, x, &g);
+        vec g, moved, decay[MOST], phi[MOST], unused;
+        for (int k = 0; k < m->branches; ++k)
+            mean_decay(m->backstress[2 * k + 1] * x, &decay[k], &phi[k], &unused);
+        moved = newton(m, p, alpha, x, decay, phi, &g);
         ivec left = (ivec)(g >= 0.0);
         low = choose(left, x, low);
         high = choose(left, high, x);
@@ -466,6 +467,8 @@ INLINE vec log_ratio(vec w, vec v, vec difference)
     vec z = (w - v) / (w + v), s = z * z;
     ivec near = (ivec)(absolute(z) < SERIES);
     vec series = 1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * (1.0 / 9))));
+    if (!any(~near))
+        return series;
     return choose(near, series, difference / choose(near, all(1.0), z));
 }
 
@@ -534,16 +537,14 @@ INLINE void plastic_metric(int space, const Axes *at, const Flow *f, vec *C)
     }
 }
 
-/* Strains and the return mapping; marks the points where they do not exist. */
-INLINE void strain_and_flow(int space, const Material *m, const vec *F, const vec *state,
-                            const vec *end, Axes *at, Flow *f)
+/* Principal axes of F C F^T with half the logarithms of its values; marks the points where it does not
+ * exist, whose values are 1. */
+INLINE void axes(int space, const vec *F, const vec *C, Axes *at)
 {
-    const vec alpha = state[space ? 6 : 4];
     if (space)
-        axes_in_space(F, state, at);
+        axes_in_space(F, C, at);
     else
-        axes_in_plane(F, state, at);
-    at->good &= is_finite(alpha);
+        axes_in_plane(F, C, at);
     for (int a = 0; a < 3; ++a)
         at->good &= (ivec)(at->w[a] > 0.0) & is_finite(at->w[a]);
 #pragma GCC unroll 1
@@ -551,7 +552,6 @@ INLINE void strain_and_flow(int space, const Material *m, const vec *F, const ve
         at->w[a] = choose(at->good, at->w[a], all(1.0));
         at->logs[a] = 0.5 * logarithm(at->w[a]);
     }
-    flow(m, at->logs, alpha, end ? end + (space ? 6 : 4) : 0, f);
 }
 
 /* See Update of point_lanes.h. */
@@ -563,7 +563,9 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *frame,
     vec tau[3], sum = all(0.0);
     Axes at = {};
     Flow f;
-    strain_and_flow(space, m, F, state, energies ? 0 : end, &at, &f);
+    axes(space, F, state, &at);
+    at.good &= is_finite(state[alpha]);
+    flow(m, at.logs, state[alpha], end && !energies ? end + alpha : 0, &f);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     for (int a = 0; a < 3; ++a)
         tau[a] = 2.0 * m->shear * f.theta * f.strain[a] + m->bulk * volume;
@@ -599,34 +601,6 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *frame,
  * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
  * the plane those axes are two in it and its normal, and nothing couples them. */
 
-/* Principal values and axes of a symmetric tensor. */
-INLINE void axes_of(int space, const tensor a, vec *values, tensor n)
-{
-    if (space) {
-        const vec b[6] = {a[0][0], a[1][1], a[2][2], a[0][1], a[1][2], a[0][2]};
-        principal(b, values, n);
-        return;
-    }
-    values[0] = mohr(a[0][0], a[1][1], a[0][1], &n[0][0], &n[0][1]);
-    values[1] = a[0][0] + a[1][1] - values[0];
-    values[2] = a[2][2];
-    n[1][0] = -n[0][1];
-    n[1][1] = n[0][0];
-    n[2][2] = all(1.0);
-}
-
-/* The tensor of principal values and axes. */
-INLINE void composed(int space, const vec *values, const tensor n, tensor a)
-{
-    EACH(space, i, j)
-    {
-        a[i][j] = all(0.0);
-        for (int k = 0; k < 3; ++k)
-            if (COUPLED(space, k, i))
-                a[i][j] += values[k] * n[k][i] * n[k][j];
-    }
-}
-
 /* One branch of the backstress at its end, the tensors without the volume of the strain: metric at
  * the begin, K = E^-1 B^-1 E^-1 but for its size, `root` its determinant^(-1/3), Z = K^-1 E/root and
  * B = E Z. */
@@ -636,11 +610,10 @@ typedef struct {
     vec decay, phi, ratio, root;
 } Branch;
 
-/* Deviator e of the elastic strain at the end, E = exp(-e) and its square; 1/w of the begin. Its
- * principal values and axes are there for moduli. */
+/* Deviator e of the elastic strain at the end, E = exp(-e) and its square; 1/w of the begin. */
 typedef struct {
-    tensor e, E, E2, n;
-    vec values[3], begin[3], volume; /* cube root of what the w make together */
+    tensor e, E, E2;
+    vec begin[3], volume; /* cube root of what the w make together */
 } Strain;
 
 /* E and E2 of e. By Cayley and Hamilton e^3 = q e + p 1, with q = tr e^2/2 and p = det e, all powers
@@ -724,13 +697,16 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     double moduli = 0.0;
     EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
     t->of.aim = contract(space, over, over);
-    for (int k = 0; k < m->branches; ++k)
-        t->of.with[k] = contract(space, over, t->k[k].start);
     const vec last = t->step;
-    vec unused, near = last;
+    vec unused, near = last, decay[MOST], phi[MOST];
+    for (int k = 0; k < m->branches; ++k) {
+        t->of.with[k] = contract(space, over, t->k[k].start);
+        decay[k] = t->k[k].decay; /* at the last step */
+        phi[k] = t->k[k].phi;
+    }
     ivec known = (ivec)(last > 0.0) | done;
     if (!any(~known)) {
-        near = newton(m, &t->of, alpha, last, &unused);
+        near = newton(m, &t->of, alpha, last, decay, phi, &unused);
         known = (ivec)(absolute(near - last) <= TURNING * last) | done;
     }
     if (any(~known))
@@ -766,17 +742,14 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     return done;
 }
 
-/* The branches at the begin of the step, for a return with their stress; t->nu is then s less their sum. */
-INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, int stress,
-                          Turned *t)
+/* The branches at the begin of the step; t->nu is then s less the sum of their stress. */
+INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, Turned *t)
 {
     const int count = space ? 6 : 4;
     vec w = axes->w[0] * axes->w[1] * axes->w[2], r = inverse_cube_root(w), square = r * r;
     vec volume = t->at.volume = w * square;
     for (int a = 0; a < 3; ++a) {
         t->at.begin[a] = axes->w[(a + 1) % 3] * axes->w[(a + 2) % 3] * square;
-        if (!stress)
-            continue;
         t->at.E[a][a] = square_root(t->at.begin[a]);
         t->at.E2[a][a] = t->at.begin[a];
     }
@@ -786,7 +759,6 @@ INLINE void begin_turning(int space, const Material *m, const Axes *axes, const 
         tensor half, inner, transposed;
         own->modulus = m->backstress[2 * k];
         own->recovery = m->backstress[2 * k + 1];
-        __builtin_memset(own->Z, 0, sizeof own->Z); /* moduli read it across the plane too */
         symmetric_of(space, C, inner);
         EACH(space, a, b)
         {
@@ -795,8 +767,6 @@ INLINE void begin_turning(int space, const Material *m, const Axes *axes, const 
         }
         multiply(space, axes->G, inner, half);
         multiply(space, half, transposed, own->metric);
-        if (!stress)
-            continue;
         own->decay = own->phi = all(1.0);
         own->ratio = all(0.5);
         move(space, &t->at, all(0.0), own);
@@ -810,48 +780,8 @@ INLINE void begin_turning(int space, const Material *m, const Axes *axes, const 
     }
 }
 
-/* The end of the step where an update has led to before. */
-INLINE void end_as_before(int space, const Material *m, const Axes *axes, const vec *F, const vec *state,
-                          const vec *end, Turned *t)
-{
-    const int count = space ? 6 : 4, alpha = count * (int)(1 + m->branches);
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    tensor H = {}, C, half, square, transposed;
-    vec *values = t->at.values, roots[3], scale = 1.0 / t->at.volume, mean = all(0.0);
-    for (int p = 0; p < (space ? 9 : 5); ++p)
-        for (int a = 0; a < 3; ++a)
-            H[a][place[p][1]] += axes->n[a][place[p][0]] * F[p];
-    symmetric_of(space, end, C);
-    multiply(space, H, C, half);
-    EACH(space, a, b) transposed[b][a] = scale * H[a][b];
-    multiply(space, half, transposed, square);
-    EACH(space, a, b) square[a][b] = choose(axes->good, square[a][b], all(a == b));
-    axes_of(space, square, values, t->at.n);
-    for (int a = 0; a < 3; ++a)
-        roots[a] = 1.0 / square_root(values[a]);
-    composed(space, roots, t->at.n, t->at.E);
-    multiply(space, t->at.E, t->at.E, t->at.E2);
-    for (int a = 0; a < 3; ++a) {
-        values[a] = 0.5 * logarithm(values[a]);
-        mean += values[a] * (1.0 / 3.0);
-    }
-    for (int a = 0; a < 3; ++a)
-        values[a] -= mean;
-    composed(space, values, t->at.n, t->at.e);
-    t->step = choose(axes->good, end[alpha] - state[alpha], all(0.0));
-    EACH(space, a, b) t->nu[a][b] = 2.0 * m->shear * t->at.e[a][b];
-    for (int k = 0; k < m->branches; ++k) {
-        Branch *own = t->k + k;
-        mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
-        move(space, &t->at, t->step, own);
-        EACH(space, a, b) t->nu[a][b] -= own->X[a][b];
-    }
-}
-
-/* flow_with_backstress: the trial state returned to yield; to `last` if that is not null, the state
- * that it has led to before. */
-INLINE void flow_turning(int space, const Material *m, const Axes *axes, const vec *F, const vec *state,
-                         const vec *last, Turned *t)
+/* flow_with_backstress: the trial state returned to yield. */
+INLINE void flow_turning(int space, const Material *m, const Axes *axes, const vec *state, Turned *t)
 {
     const vec alpha = state[(space ? 6 : 4) * (1 + m->branches)];
     const vec mean = (axes->logs[0] + axes->logs[1] + axes->logs[2]) * (1.0 / 3.0);
@@ -861,202 +791,264 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
         t->at.e[a][a] = trial[a] = axes->logs[a] - mean;
         t->nu[a][a] = s[a][a] = 2.0 * m->shear * trial[a];
     }
-    begin_turning(space, m, axes, state, !last, t);
+    begin_turning(space, m, axes, state, t);
     t->step = all(0.0);
     t->good = ~(ivec){};
-    if (last)
-        end_as_before(space, m, axes, F, state, last, t);
     vec q = square_root(1.5 * contract(space, t->nu, t->nu)), lost = recovered(space, m, t);
-    yields(m, alpha + t->step, &begin, &rise);
-    t->flows = ((ivec)(q >= (1.0 - NEUTRAL) * begin) | (ivec)(t->step > 0.0)) & axes->good;
+    yields(m, alpha, &begin, &rise);
+    t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
     vec scale = 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
     EACH(space, a, b) t->nu[a][b] *= scale;
-    if (!last && any(t->flows)) {
+    if (any(t->flows)) {
         ivec done = ~t->flows;
         for (int i = 0; i < TURNS && any(~done); ++i)
             done = turn(space, m, s, trial, alpha, begin, rise, done, t, rest);
         t->good = done;
     }
     flow_stresses(m, alpha, t->step, &t->stress, &t->slope);
-    if (last)
-        return;
     yields(m, alpha + t->step, &end, &unused);
     t->recovered = recovered(space, m, t);
     t->numerical = 0.5 * t->step * (t->stress / end * (end - begin) + t->recovered - lost);
 }
 
-/* Components by orthonormal symmetric tensors: 11, 22, 33, 12, 23, 13. */
-INLINE vec component(int k, const tensor a)
+/* -- moduli of metals with backstress, where an update has led to before, by the axes of the strain there -- */
+
+/* The end of a step: axes and their values of F C_p^-1 F^T, the deviator of the strain and E = exp(-e)
+ * with its square; the axes and 1/w of the trial strain by these, and the cube root of what the w make
+ * together. */
+typedef struct {
+    Axes at;
+    tensor N, begin;
+    vec values[3], E[3], E2[3], volume, step;
+} Ended;
+
+/* What the branches add up to: X but for the deviator, what it changes by with the step, and by
+ * components what it changes by with each of D alone, where dE + E d = D E. */
+typedef struct {
+    tensor X, rise;
+    vec U[9][6];
+} Changes;
+
+/* Adds the deviator of a symmetric tensor to components by orthonormal ones: 11, 22, 33, 12, 23, 13. */
+INLINE void add_deviator(int space, const tensor a, vec *to)
 {
-    const int i = PAIRS[k][0], j = PAIRS[k][1];
-    return i == j ? a[i][i] : 0.7071067811865476 * (a[i][j] + a[j][i]);
+    vec mean = trace(a) * (1.0 / 3.0);
+    for (int i = 0; i < (space ? 6 : 4); ++i)
+        to[i] += i < 3 ? a[i][i] - mean : 1.4142135623730951 * a[PAIRS[i][0]][PAIRS[i][1]];
 }
 
-/* Class Branch, change: dX of a change Y = (dE + E d) Z, added with a sign to components. */
-INLINE void add_change(int space, const Branch *k, const tensor Y, double sign, vec *to, int stride)
+/* b a b^T of a symmetric tensor a. */
+INLINE void sandwich(int space, const tensor b, const tensor a, tensor to)
 {
-    const int count = space ? 6 : 4;
-    tensor BY, dB;
-    vec end = (1.0 - k->phi) * k->root, size = 2.0 / 3.0 * end * trace(Y);
-    double scale = sign * k->modulus / 3.0;
-    multiply(space, k->B, Y, BY);
-    UPPER(space, a, b)
-    dB[a][b] = Y[a][b] + Y[b][a] - end * (BY[a][b] + BY[b][a]) + size * k->B[a][b];
-    mirror(space, dB);
-    vec mean = trace(dB) * (1.0 / 3.0);
-    for (int i = 0; i < count; ++i)
-        to[i * stride] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
-}
-
-/* The same of a change of the step. */
-INLINE void add_rise(int space, const Strain *at, const Branch *k, vec *to)
-{
-    const int count = space ? 6 : 4;
-    const double b = k->recovery;
-    tensor rise, turned, dB, transposed, cofactor;
-    EACH(space, i, j)
+    tensor half;
+    multiply(space, b, a, half);
+    UPPER(space, i, j)
     {
-        rise[i][j] = b * (k->ratio * at->E2[i][j] - k->decay * k->metric[i][j]);
-        if (i == j)
-            rise[i][i] += b * (k->decay - k->ratio) * at->begin[i];
-        transposed[j][i] = k->Z[i][j];
+        to[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                to[i][j] += half[i][k] * b[j][k];
     }
-    multiply(space, rise, k->Z, turned);
-    multiply(space, transposed, turned, dB);
-    cofactors(space, k->K, cofactor);
-    vec size = contract(space, cofactor, rise) * k->root * k->root * k->root * (1.0 / 3.0);
-    double scale = k->modulus / 3.0;
-    EACH(space, i, j) dB[i][j] = size * k->B[i][j] - k->root * dB[i][j];
-    vec mean = trace(dB) * (1.0 / 3.0);
-    for (int i = 0; i < count; ++i)
-        to[i] += scale * (component(i, dB) - (i < 3 ? mean : all(0.0)));
+    mirror(space, to);
 }
 
-/* y of (I - Q) y = R, (count, count) each by rows; R is overwritten. Q is small. */
-INLINE void solve(int count, vec *Q, vec *R)
+INLINE void end_of_step(int space, const vec *F, const vec *state, const vec *end, int alpha,
+                        Axes *begin, Ended *t)
 {
-    for (int i = 0; i < count; ++i)
-        for (int j = 0; j < count; ++j)
-            Q[i * count + j] = all(i == j) - Q[i * count + j];
+    axes(space, F, state, begin);
+    axes(space, F, end, &t->at);
+    const vec *v = begin->w, *w = t->at.w, mean = (t->at.logs[0] + t->at.logs[1] + t->at.logs[2]) * (1.0 / 3.0);
+    vec all_v = v[0] * v[1] * v[2], root = inverse_cube_root(all_v), square = root * root;
+    vec of_w = inverse_cube_root(w[0] * w[1] * w[2]);
+    tensor transposed, inverse;
+    EACH(space, a, b) transposed[b][a] = begin->n[a][b];
+    multiply(space, t->at.n, transposed, t->N);
+    for (int a = 0; a < 3; ++a) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        for (int k = 0; k < 3; ++k)
+            inverse[a][k] = k == a ? v[b] * v[c] * square : all(0.0);
+        t->values[a] = t->at.logs[a] - mean;
+        t->E2[a] = w[b] * w[c] * (of_w * of_w);
+        t->E[a] = square_root(t->E2[a]);
+    }
+    sandwich(space, t->N, inverse, t->begin);
+    t->volume = all_v * square;
+    t->step = end[alpha] - state[alpha];
+}
+
+/* Adds a branch, of c and b, from C_pi at the begin. */
+INLINE void add_branch(int space, const Ended *t, const double *backstress, const vec *from, Changes *sum)
+{
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    const double shear = backstress[0] / 3.0, recovery = backstress[1];
+    vec decay, phi, ratio;
+    tensor C, metric, K, rise, inner, turned, B, J;
+    mean_decay(recovery * t->step, &decay, &phi, &ratio);
+    symmetric_of(space, from, C);
+    sandwich(space, t->at.G, C, metric);
+    UPPER(space, a, b)
+    {
+        vec old = decay * t->volume * metric[a][b];
+        K[a][b] = old + recovery * t->step * ratio * t->begin[a][b];
+        rise[a][b] = recovery * ((decay - ratio) * t->begin[a][b] - old);
+        if (a == b) {
+            K[a][a] += (1.0 - phi) * t->E2[a];
+            rise[a][a] += recovery * ratio * t->E2[a];
+        }
+    }
+    mirror(space, K);
+    mirror(space, rise);
+    vec root = inverse_cube_root(cofactors(space, K, inner)), end = (1.0 - phi) * root;
+    EACH(space, a, b) inner[a][b] *= root * root;
+    sandwich(space, inner, rise, turned);
+    vec growth = contract(space, inner, rise) * root * (1.0 / 3.0);
+    UPPER(space, a, b)
+    {
+        vec by = t->E[a] * t->E[b];
+        B[a][b] = by * inner[a][b];
+        J[a][b] = (a == b ? all(1.0) : all(0.0)) - end * B[a][b];
+        sum->X[a][b] += shear * B[a][b];
+        sum->rise[a][b] += shear * (growth * B[a][b] - root * by * turned[a][b]);
+    }
+    mirror(space, B);
+    mirror(space, J);
+#pragma GCC unroll 9
+    for (int p = 0; p < (space ? 9 : 5); ++p) {
+        const int i = place[p][0], j = place[p][1];
+        vec size = 2.0 / 3.0 * end * B[i][j];
+        tensor dB;
+        UPPER(space, a, b)
+        {
+            dB[a][b] = size * B[a][b];
+            if (COUPLED(space, a, i))
+                dB[a][b] += J[i][a] * B[j][b] + J[i][b] * B[j][a];
+            dB[a][b] *= shear;
+        }
+        add_deviator(space, dB, sum->U[p]);
+    }
+}
+
+/* y of W y = R, (count, count) each by rows; R becomes y. W is near to 1. */
+INLINE void solve(int count, vec *W, vec *R)
+{
+    vec inverse[6];
     for (int k = 0; k < count; ++k) {
-        vec pivot = 1.0 / Q[k * count + k];
+        inverse[k] = 1.0 / W[k * count + k];
         for (int i = k + 1; i < count; ++i) {
-            vec by = Q[i * count + k] * pivot;
+            vec by = W[i * count + k] * inverse[k];
             for (int j = k + 1; j < count; ++j)
-                Q[i * count + j] -= by * Q[k * count + j];
+                W[i * count + j] -= by * W[k * count + j];
             for (int j = 0; j < count; ++j)
                 R[i * count + j] -= by * R[k * count + j];
         }
     }
-    for (int k = count - 1; k >= 0; --k) {
-        vec pivot = 1.0 / Q[k * count + k];
+    for (int k = count - 1; k >= 0; --k)
         for (int j = 0; j < count; ++j) {
             vec sum = R[k * count + j];
             for (int i = k + 1; i < count; ++i)
-                sum -= Q[k * count + i] * R[i * count + j];
-            R[k * count + j] = sum * pivot;
+                sum -= W[k * count + i] * R[i * count + j];
+            R[k * count + j] = sum * inverse[k];
         }
-    }
 }
 
-/* Changes of the exponential of the strain for those of the strain along its principal axes. */
-INLINE void slopes_of_exponential(int space, const Strain *at, tensor slope)
+/* The parts of D for changes d of the strain and of F along its principal axes: of dE = D E, and of
+ * E d = D E. */
+INLINE void changes_of_exponential(int space, const Ended *t, tensor of_strain, tensor of_F)
 {
-    vec w[3];
-    for (int a = 0; a < 3; ++a)
-        w[a] = exponential(-at->values[a]);
     UPPER(space, a, b)
     {
-        vec half = 0.5 * (at->values[b] - at->values[a]);
-        slope[a][b] = a == b ? -w[a] : -0.5 * (w[a] + w[b]) / log_ratio(w[a], w[b], half);
+        const int of_a = (a + 1) % 3, of_b = (b + 1) % 3;
+        if (a == b) {
+            of_F[a][a] = all(1.0);
+            of_strain[a][a] = all(-1.0);
+            continue;
+        }
+        /* one over E_b is what the other two make together */
+        of_F[a][b] = t->E[a] * t->E[of_b] * t->E[(b + 2) % 3];
+        of_F[b][a] = t->E[b] * t->E[of_a] * t->E[(a + 2) % 3];
+        vec part = -0.5 / log_ratio(t->E[a], t->E[b], 0.5 * (t->values[b] - t->values[a]));
+        of_strain[a][b] = part * (of_F[a][b] + 1.0);
+        of_strain[b][a] = part * (of_F[b][a] + 1.0);
     }
-    mirror(space, slope);
 }
 
-/* dE of the k-th symmetric tensor as a change of the strain. */
-INLINE void change_of_exponential(int space, const Strain *at, const tensor slope, int k, tensor dE)
+/* What the trial strain changes by for d, L = 1 + sum of more (x) r: the parts of its principal
+ * axes' shears, by the end's. */
+INLINE void trial_changes(int space, const Axes *axes, const tensor n, vec more[3][6], vec r[3][6])
 {
-    const int i = PAIRS[k][0], j = PAIRS[k][1];
-    tensor inside, half, transposed;
-    EACH(space, a, b)
-    {
-        inside[a][b] = at->n[a][i] * at->n[b][j];
-        if (i != j)
-            inside[a][b] = 0.7071067811865476 * (inside[a][b] + at->n[a][j] * at->n[b][i]);
-        inside[a][b] *= slope[a][b];
-        transposed[b][a] = at->n[a][b];
+    for (int k = 3; k < (space ? 6 : 4); ++k) {
+        const int c = PAIRS[k][0], d = PAIRS[k][1];
+        vec by_log = log_ratio(axes->w[c], axes->w[d], axes->logs[c] - axes->logs[d]) - 1.0;
+        for (int j = 0; j < (space ? 6 : 4); ++j) {
+            const int a = PAIRS[j][0], b = PAIRS[j][1];
+            const double by = a == b ? 0.7071067811865476 : 1.0;
+            r[k - 3][j] = all(0.0);
+            if (COUPLED(space, a, c))
+                r[k - 3][j] = by * (n[a][c] * n[b][d] + n[a][d] * n[b][c]);
+            more[k - 3][j] = by_log * r[k - 3][j];
+        }
     }
-    multiply(space, inside, at->n, half);
-    multiply(space, transposed, half, dE);
 }
 
-/* turned_moduli: d tau/d d (count, count) of symmetric changes d of F = d F. */
-INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const Turned *t, vec *c)
+/* d tau/d d (count, count) of symmetric changes d of F = d F; see "tangent" in elastoplastic.py. */
+INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const Ended *t, const Changes *of,
+                          vec alpha, vec *c)
 {
-    const int count = space ? 6 : 4;
+    const int count = space ? 6 : 4, shears = space ? 3 : 1;
+    static const int NUMBER[2][3][3] = {{{0, 1, 0}, {2, 3, 0}, {0, 0, 4}}, {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}}};
     const double two = 2.0 * m->shear;
-    vec L[6], Q[36], R[36], rise[6], nu[6], along[6];
-    tensor slope;
-    slopes_of_exponential(space, &t->at, slope);
+    vec W[36], R[36], more[3][6], r[3][6], rise[6] = {}, nu[6] = {}, begin, unused, stress, slope;
+    tensor over, D, of_F;
+    UPPER(space, a, b) over[a][b] = (a == b ? two * t->values[a] : all(0.0)) - of->X[a][b];
+    add_deviator(space, over, nu);
+    add_deviator(space, of->rise, rise);
+    vec q = all(0.0);
+    for (int i = 0; i < count; ++i)
+        q += 1.5 * nu[i] * nu[i];
+    q = square_root(q);
+    for (int i = 0; i < count; ++i)
+        nu[i] *= 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
+    flow_stresses(m, alpha, t->step, &stress, &slope);
+    yields(m, alpha + t->step, &begin, &unused);
+    ivec flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) | (ivec)(t->step > 0.0);
+    changes_of_exponential(space, t, D, of_F);
+    trial_changes(space, axes, t->N, more, r);
+    vec size = 2.449489742783178 * m->shear * t->step, across_it = size / (size + 0.8164965809277260 * stress);
+    vec onward = 1.0 / (1.0 + slope * (1.0 / (1.5 * two))), further = onward - across_it;
     for (int i = 0; i < count; ++i) {
-        const int a = PAIRS[i][0], b = PAIRS[i][1];
-        L[i] = a == b ? all(1.0)
-                      : log_ratio(axes->w[a], axes->w[b], axes->logs[a] - axes->logs[b]);
-        rise[i] = all(0.0);
-        nu[i] = component(i, t->nu);
-        for (int j = 0; j < count; ++j)
-            Q[i * count + j] = R[i * count + j] = all(0.0);
-    }
-    for (int k = 0; k < m->branches; ++k)
-        add_rise(space, &t->at, t->k + k, rise);
-#pragma GCC unroll 1
-    for (int j = 0; j < count; ++j) {
-        const int r = PAIRS[j][0], s = PAIRS[j][1];
-        tensor dE, Y;
-        change_of_exponential(space, &t->at, slope, j, dE);
-        for (int i = 0; i < 3; ++i)
-            R[i * count + j] = j < 3 ? two * L[j] * ((i == j) - 1.0 / 3.0) : all(0.0);
-        if (j >= 3)
-            R[j * count + j] = two * L[j];
-#pragma GCC unroll 1
-        for (int k = 0; k < m->branches; ++k) {
-            const Branch *own = t->k + k;
-            multiply(space, dE, own->Z, Y);
-            add_change(space, own, Y, 1.0, Q + j, count);
-            EACH(space, a, b)
-            Y[a][b] = r == s ? t->at.E[a][r] * own->Z[r][b]
-                             : 0.7071067811865476 * (t->at.E[a][r] * own->Z[s][b] + t->at.E[a][s] * own->Z[r][b]);
-            add_change(space, own, Y, -1.0, R + j, count);
-        }
-        for (int i = 0; i < count; ++i)
-            R[i * count + j] -= L[j] * Q[i * count + j];
-    }
-    vec size = 2.449489742783178 * m->shear * t->step;
-    vec across_it = size / (size + 0.8164965809277260 * t->stress);
-    vec onward = 1.0 / (1.0 + t->slope / (1.5 * two));
-    for (int i = 0; i < count; ++i) {
-        along[i] = all(0.0);
+        vec row[6], along = all(0.0), sum[3] = {};
+        const double part = 1.0 / two;
         for (int j = 0; j < count; ++j) {
-            Q[i * count + j] -= 0.8164965809277260 * rise[i] * nu[j];
-            along[i] += Q[i * count + j] * nu[j];
+            const int a = PAIRS[j][0], b = PAIRS[j][1];
+            vec one = part * of->U[NUMBER[space][a][b]][i], other = part * of->U[NUMBER[space][b][a]][i];
+            row[j] = j < 3 ? -one : 0.7071067811865476 * (D[a][b] * one + D[b][a] * other);
+            R[i * count + j] = j < 3 ? -one : -0.7071067811865476 * (of_F[a][b] * one + of_F[b][a] * other);
+            along += row[j] * nu[j];
+        }
+        along = further * along - (0.8164965809277260 * part) * (onward * rise[i]);
+        for (int j = 0; j < count; ++j) {
+            W[i * count + j] = (i == j ? all(1.0) : all(0.0)) - across_it * row[j] - along * nu[j];
+            row[j] = (i == j) - (i < 3 && j < 3 ? 1.0 / 3.0 : 0.0) - row[j];
+            for (int k = 0; k < shears; ++k)
+                sum[k] += row[j] * r[k][j];
         }
         for (int j = 0; j < count; ++j) {
-            Q[i * count + j] *= across_it;
-            Q[i * count + j] += (onward - across_it) * along[i] * nu[j];
-            Q[i * count + j] *= 1.0 / two;
-            R[i * count + j] *= 1.0 / two;
+            R[i * count + j] += row[j];
+            for (int k = 0; k < shears; ++k)
+                R[i * count + j] += sum[k] * more[k][j];
         }
     }
-    solve(count, Q, R);
+    solve(count, W, R);
     for (int j = 0; j < count; ++j) {
         vec sum = all(0.0), part[6];
         for (int i = 0; i < count; ++i)
             sum += nu[i] * R[i * count + j];
         for (int i = 0; i < count; ++i) {
-            part[i] = across_it * R[i * count + j] + (onward - across_it) * nu[i] * sum;
-            part[i] = choose(t->flows, -part[i], all(0.0));
+            part[i] = across_it * R[i * count + j] + further * nu[i] * sum;
+            part[i] = (i == j ? all(1.0) : all(0.0)) - choose(flows, part[i], all(0.0));
+            for (int k = 0; k < shears; ++k)
+                part[i] += r[k][i] * more[k][j];
         }
-        part[j] += L[j];
         vec mean = (part[0] + part[1] + part[2]) * (1.0 / 3.0);
         for (int i = 0; i < count; ++i)
             c[i * count + j] = two * (i < 3 ? part[i] - mean : part[i]) +
@@ -1064,52 +1056,57 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     }
 }
 
-/* n_a x G_b components of a tensor: P_iJ, or one row or column of A. */
-INLINE void pushed(int space, const Axes *at, const tensor a, vec *to, int stride)
+/* n_a x G_b by components of a symmetric tensor, which P_iJ and the columns of A are made from. */
+INLINE void carriers(int space, const Axes *at, vec M[6][9])
 {
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    tensor half, whole, transposed;
-    EACH(space, i, j) transposed[j][i] = at->n[i][j];
-    multiply(space, a, at->G, half);
-    multiply(space, transposed, half, whole);
-#pragma GCC unroll 1
-    for (int p = 0; p < (space ? 9 : 5); ++p)
-        to[p * stride] = whole[place[p][0]][place[p][1]];
+    for (int k = 0; k < (space ? 6 : 4); ++k) {
+        const int a = PAIRS[k][0], b = PAIRS[k][1];
+        for (int p = 0; p < (space ? 9 : 5); ++p) {
+            const int i = place[p][0], J = place[p][1];
+            M[k][p] = at->n[a][i] * at->G[b][J];
+            if (a != b)
+                M[k][p] = 0.7071067811865476 * (M[k][p] + at->n[b][i] * at->G[a][J]);
+        }
+    }
 }
 
-/* A (p, p) from the moduli c and the stress tau: (δP Fᵀ) = δτ − τ δlᵀ for δF = δl F. */
-INLINE void turned_tangent(int space, const Axes *at, const vec *c, const tensor tau, vec *A)
+/* Whether a component of a symmetric tensor has a part in that of F, of a carrier. */
+#define CARRIED(space, k, p) ((space) || ((k) == 2) == ((p) == 4))
+
+/* A (p, p) from the moduli c = d tau/dd by components, which are changed, and the principal stresses:
+ * it is dF S + F dS with S = F^-1 tau F^-T, and F dS F^T = (c d) - d tau - tau d. */
+INLINE void carried_moduli(int space, const Axes *at, const vec *tau, vec *c, vec *A)
 {
     const int count = space ? 9 : 5, size = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    static const int KIND[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
-    vec half[81];
-#pragma GCC unroll 1
+    vec M[6][9];
+    tensor S = {};
+    carriers(space, at, M);
+    for (int i = 0; i < size; ++i)
+        c[i * size + i] -= tau[PAIRS[i][0]] + tau[PAIRS[i][1]];
+    UPPER(space, i, j)
+    for (int a = 0; a < 3; ++a)
+        if (COUPLED(space, a, i))
+            S[i][j] += tau[a] * at->G[a][i] * at->G[a][j];
+    mirror(space, S);
+#pragma GCC unroll 9
     for (int q = 0; q < count; ++q) {
-        const int k = place[q][0], l = place[q][1], j = KIND[k][l];
-        const double by = k == l ? 1.0 : 0.7071067811865476;
-        tensor B;
-        EACH(space, a, b)
-        {
-            B[a][b] = by * (a == b ? 1.0 : 0.7071067811865476) * c[KIND[a][b] * size + j];
-            if (a == k)
-                B[a][b] += 0.5 * tau[l][b];
-            if (a == l)
-                B[a][b] -= 0.5 * tau[k][b];
-            if (b == l)
-                B[a][b] -= 0.5 * tau[a][k];
-            if (b == k)
-                B[a][b] -= 0.5 * tau[a][l];
+        vec along[6];
+        for (int i = 0; i < size; ++i) {
+            along[i] = all(0.0);
+            for (int j = 0; j < size; ++j)
+                if (CARRIED(space, j, q))
+                    along[i] += c[i * size + j] * M[j][q];
         }
-        pushed(space, at, B, half + q, count);
-    }
-#pragma GCC unroll 1
-    for (int p = 0; p < count; ++p) {
-        tensor T;
-#pragma GCC unroll 1
-        for (int q = 0; q < count; ++q)
-            T[place[q][0]][place[q][1]] = half[p * count + q];
-        pushed(space, at, T, A + p * count, 1);
+#pragma GCC unroll 9
+        for (int p = 0; p < count; ++p) {
+            vec sum = place[p][0] == place[q][0] ? S[place[p][1]][place[q][1]] : all(0.0);
+            for (int i = 0; i < size; ++i)
+                if (CARRIED(space, i, p))
+                    sum += M[i][p] * along[i];
+            A[p * count + q] = sum;
+        }
     }
 }
 
@@ -1138,51 +1135,73 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
     end[alpha] = state[alpha] + t->step;
 }
 
-/* `update` where the material hardens kinematically. */
-INLINE void update_turning(int space, const Material *m, const vec *F, const vec *frame,
-                           const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+/* Stress and moduli at the end of a step that an update has led to. */
+INLINE void moduli_turning(int space, const Material *m, const vec *F, const vec *state, const vec *end,
+                           vec *P, vec *moduli, ivec *good)
 {
-    const int count = space ? 9 : 5;
-    const int alpha = (space ? 6 : 4) * (int)(1 + m->branches);
-    vec sum = all(0.0), c[36];
-    tensor tau = {};
+    const int alpha = (space ? 6 : 4) * (int)(1 + m->branches), count = space ? 9 : 5;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec sum = all(0.0), c[36], tau[3];
+    Axes begin;
+    Ended t;
+    Changes of;
+    UPPER(space, a, b) of.X[a][b] = of.rise[a][b] = all(0.0);
+    for (int p = 0; p < count; ++p)
+        for (int k = 0; k < (space ? 6 : 4); ++k)
+            of.U[p][k] = all(0.0);
+    end_of_step(space, F, state, end, alpha, &begin, &t);
+    for (int k = 0; k < m->branches; ++k)
+        add_branch(space, &t, m->backstress + 2 * k, state + (space ? 6 : 4) * (1 + k), &of);
+    turned_moduli(space, m, &begin, &t, &of, state[alpha], c);
+    probe(state, alpha + 1, &sum);
+    probe(c, space ? 36 : 16, &sum);
+    for (int a = 0; a < 3; ++a)
+        tau[a] = 2.0 * m->shear * t.values[a] + m->bulk * (begin.logs[0] + begin.logs[1] + begin.logs[2]);
+    for (int p = 0; p < count; ++p) {
+        const int i = place[p][0], J = place[p][1];
+        P[p] = all(0.0);
+        for (int a = 0; a < 3; ++a)
+            if (COUPLED(space, a, i))
+                P[p] += tau[a] * t.at.n[a][i] * t.at.G[a][J];
+    }
+    probe(P, count, &sum);
+    carried_moduli(space, &t.at, tau, c, moduli);
+    *good &= begin.good & t.at.good & is_finite(sum);
+}
+
+/* The update of a step. */
+INLINE void return_turning(int space, const Material *m, const vec *F, const vec *state, vec *P, vec *end,
+                           vec *energies, ivec *good)
+{
+    const int count = space ? 9 : 5, alpha = (space ? 6 : 4) * (int)(1 + m->branches);
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec sum = all(0.0);
+    tensor tau = {}, half, whole, transposed;
     Axes at = {};
     Turned t;
     __builtin_memset(&t, 0, __builtin_offsetof(Turned, of)); /* what is across the plane stays zero */
-    if (space)
-        axes_in_space(F, state, &at);
-    else
-        axes_in_plane(F, state, &at);
-    for (int a = 0; a < 3; ++a)
-        at.good &= (ivec)(at.w[a] > 0.0) & is_finite(at.w[a]);
+    axes(space, F, state, &at);
     for (int k = 0; k <= alpha; ++k)
         at.good &= is_finite(state[k]);
-    for (int a = 0; a < 3; ++a) {
-        at.w[a] = choose(at.good, at.w[a], all(1.0));
-        at.logs[a] = 0.5 * logarithm(at.w[a]);
+    for (int a = 0; a < 3; ++a)
         for (int i = 0; i < 3; ++i)
             at.G[a][i] = choose(at.good, at.G[a][i], all(a == i));
-    }
-    const vec *last = energies ? 0 : end;
-    flow_turning(space, m, &at, F, state, last, &t);
+    flow_turning(space, m, &at, state, &t);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     vec stored = 0.5 * m->bulk * volume * volume;
     EACH(space, a, b)
     {
         tau[a][b] = 2.0 * m->shear * t.at.e[a][b] + (a == b ? m->bulk * volume : all(0.0));
         stored += m->shear * t.at.e[a][b] * t.at.e[a][b];
+        transposed[b][a] = at.n[a][b];
     }
-    pushed(space, &at, tau, P, 1);
+    multiply(space, tau, at.G, half);
+    multiply(space, transposed, half, whole);
+    for (int p = 0; p < count; ++p)
+        P[p] = whole[place[p][0]][place[p][1]];
     probe(P, count, &sum);
-    if (moduli) {
-        if (!last)
-            axes_of(space, t.at.e, t.at.values, t.at.n);
-        turned_moduli(space, m, &at, &t, c);
-        turned_tangent(space, &at, c, tau, moduli);
-        probe(moduli, count * count, &sum);
-    }
     *good = at.good & t.good & is_finite(t.step) & is_finite(sum);
-    if (!energies)
+    if (!end)
         return;
     for (int k = 0; k < m->branches; ++k)
         stored += 0.5 / 3.0 * t.k[k].modulus * (trace(t.k[k].B) - 3.0);
@@ -1193,6 +1212,20 @@ INLINE void update_turning(int space, const Material *m, const vec *F, const vec
     turned_state(space, m, &at, &t, F, state, end);
     for (int k = 0; k <= alpha; ++k)
         end[k] = choose(moved, end[k], state[k]);
+}
+
+/* `update` where the material hardens kinematically. */
+INLINE void update_turning(int space, const Material *m, const vec *F, const vec *frame,
+                           const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+{
+    vec found[6 * (1 + MOST) + 1], unused[ENERGIES];
+    const int known = end && !energies;
+    vec *to = end || !moduli ? end : found;
+    *good = ~(ivec){};
+    if (!known)
+        return_turning(space, m, F, state, P, to, energies ? energies : unused, good);
+    if (moduli)
+        moduli_turning(space, m, F, state, to, P, moduli, good);
 }
 
 KERNEL(plastic_plane, 0, update)

@@ -257,28 +257,6 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
     }
 }
 
-/* Adds the matrices of a block's cells to `values`; returns the starts of the next block. */
-INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const int32_t *start,
-                             const vec *block, double *values)
-{
-#pragma GCC unroll 1
-    for (int l = 0; l < lanes; ++l)
-#pragma GCC unroll 1
-        for (int a = 0; a < nodes; ++a)
-            for (int i = 0; i < dim; ++i)
-#pragma GCC unroll 1
-                for (int b = 0; b < nodes; ++b) {
-                    const int turned = symmetric && a > b;
-                    const int at = symmetric ? (turned ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a)
-                                             : b * nodes + a;
-                    const double *from = (const double *)(block + dim * dim * at) + l;
-                    double *to = values + *start++;
-                    for (int j = 0; j < dim; ++j)
-                        to[j] += from[LANES * (turned ? dim * j + i : dim * i + j)];
-                }
-    return start;
-}
-
 /* Fetches a part of what the next block needs, as much as one of its points does: memory does not
  * follow the way from the rows of one block to those of the next. */
 INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q)

@@ -121,7 +121,7 @@ INLINE void symmetric_of(int space, const vec *from, tensor a)
 INLINE void probe(const vec *values, int count, vec *sum)
 {
     vec part[4] = {}; /* side by side: each waits for the one before it */
-#pragma GCC unroll 1
+#pragma GCC unroll 8
     for (int k = 0; k < count; ++k)
         part[k % 4] += values[k] - values[k];
     *sum += (part[0] + part[1]) + (part[2] + part[3]);

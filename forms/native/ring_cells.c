@@ -231,7 +231,7 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
                     f[2 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
         for (int l = 0; total && l < lanes; ++l)
             sum += energy[l];
-        if (values)
+        if (values && beside)
             add_beside(beside, b, nodes, matrix);
         if (values)
             start = scatter_matrix(start, nodes, lanes, matrix, values);

@@ -550,21 +550,20 @@ typedef struct {
     const Beside *beside;
 } Work;
 
-/* Adds the matrices of a block's cells, of which the upper blocks (a <= b) are given, to `values`. */
-INLINE void insert(int nodes, int lanes, const int32_t *start, vec (*block)[3][3], double *values)
+/* The same with the matrices of points beside, which are not symmetric. */
+static __attribute__((noinline)) const int32_t *
+insert_with(const Beside *beside, int64_t n, int nodes, int lanes, const int32_t *start,
+            vec (*block)[3][3], double *values)
 {
-#pragma GCC unroll 1
-    for (int l = 0; l < lanes; ++l)
-#pragma GCC unroll 1
+    vec whole[64][3][3];
+    for (int b = 0; b < nodes; ++b)
         for (int a = 0; a < nodes; ++a)
             for (int i = 0; i < 3; ++i)
-#pragma GCC unroll 1
-                for (int b = 0; b < nodes; ++b) {
-                    double *at = values + *start++;
-                    for (int j = 0; j < 3; ++j)
-                        at[j] += a <= b ? ((const double *)&block[b * (b + 1) / 2 + a][i][j])[l]
-                                        : ((const double *)&block[a * (a + 1) / 2 + b][j][i])[l];
-                }
+                for (int j = 0; j < 3; ++j)
+                    whole[b * nodes + a][i][j] =
+                        a <= b ? block[b * (b + 1) / 2 + a][i][j] : block[a * (a + 1) / 2 + b][j][i];
+    beside->add(beside->cells, n, &whole[0][0][0]);
+    return insert(3, nodes, 0, lanes, start, &whole[0][0][0], values);
 }
 
 /* All cells of one body; returns whether one is turned inside out. */
@@ -618,10 +617,13 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
         }
         if (second) {
-            if (work->beside && !shared)
-                work->beside->add(work->beside->cells, n, &block[0][0][0]);
-            insert(nodes, lanes, start, block, work->values);
-            start += lanes * nodes * 3 * nodes;
+            const Beside *more = shared ? 0 : work->beside;
+            if (more && more->symmetric)
+                more->add(more->cells, n, &block[0][0][0]);
+            if (more && !more->symmetric)
+                start = insert_with(more, n, nodes, lanes, start, block, work->values);
+            else
+                start = insert(3, nodes, 1, lanes, start, &block[0][0][0], work->values);
         } else if (energy) {
             for (int l = 0; l < lanes; ++l)
                 sum += total[l];

@@ -74,6 +74,9 @@ def on_punch(**changed):
         (on_punch(hold_force=["y"]), 'hold_force = ["y"]: holds what displacement_stages end with'),
         (on_punch(displacement_stages=["press"], force={"y": 0}, hold_force=["x"]),
          'tools.punch.hold_force = ["x"]: neither displacement.x nor velocity is given'),
+        (on_punch(stop={"y": 0}), "tools.punch.stop.y = 0.0: goes with force.y only: it is as far"),
+        (on_punch(force={"x": [[0, -1], [1, 1]]}, stop={"x": 0}),
+         "tools.punch.stop.x = 0.0: a stop is on one side, but force.x turns round"),
         (on_punch(rotation={}),
          "tools.punch.rotation: give one of angle, rate, rim and moment, found n"),
         (on_punch(rotation={"angle": 1, "rate": 1}), "found angle and rate"),
@@ -84,9 +87,9 @@ def on_punch(**changed):
         (on_punch(rotation={"angle": 1, "inertia": 1}), "inertia = 1.0: goes with moment only"),
         (on_punch(rotation={"rate": 1, "axis": "x"}), "the axis of a rotation in the plane is z"),
         (on_punch(rotation={"rate": 1, "centre": [0]}), "must have 2 coordinates in this mesh"),
-        (on_punch(rotation={"rate": 1, "axis": "w"}), 'must be "x", "y" or "z", or two or three'),
+        (on_punch(rotation={"rate": 1, "axis": "w"}), 'must be "x", "y" or "z", or components'),
         ({"top": ROUND}, "tools.top: a surface of the mesh has this name already"),
-        ({"die": plane(normal=[0, 0])}, "tools.die.normal = [0, 0]: must be"),
+        ({"die": plane(normal=[0, 0])}, "tools.die.normal = [0, 0]: must not be zero"),
         ({"die": plane(rotation={"rate": 1})}, "tools.die.rotation.centre: missing; a shape "),
         ({"die": LINE | {"fillet_radius": "-1 mm"}}, "tools.die.fillet_radius = "),
         ({"die": LINE | {"fillet_radius": [1, 2]}}, "must be one radius, or 1, one for each"),
@@ -172,11 +175,12 @@ def test_a_tool_that_grips_does_so_from_the_first_stage_on():
 def test_explicit_dynamics_needs_the_masses_of_what_loads_move():
     data = tomllib.loads(BLOCK)
     bodies = {name: body | {"density": 1000} for name, body in data["bodies"].items()}
-    rolled = circle(force={"y": "1 N"}, rotation={"moment": 0})
+    rolled = circle(force={"y": "1 N"}, rotation={"moment": 0}, stop={"y": 1})
     found = mistakes({"punch": rolled}, bodies=bodies, solver={"kind": "explicit"})
     assert [line.partition(":")[0] for line in found] == [
         "tools.punch.mass",
         "tools.punch.rotation.inertia",
+        "tools.punch.stop",
     ]
 
 

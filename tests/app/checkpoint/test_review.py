@@ -22,8 +22,9 @@ from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
 from tribox.app.results.directory import checkpoint_numbers
 from tribox.app.results.inputs import write_case
+from tribox.app.run.ranks import RunOptions
 from tribox.app.run.run import Interruption, run_case
-from tribox.app.run.sweep_runs import SweepOptions, _to_run, collate
+from tribox.app.run.sweep_runs import _to_run, collate
 from tribox.app.simulation.simulation import Simulation
 
 COARSE = {
@@ -302,7 +303,7 @@ LONGER = [*COARSE["stage"], {"name": "wait", "duration": "1 s", "steps": 1}]
 
 
 def test_values_of_another_sweep_are_not_mixed_with_new_ones(swept, tmp_path):
-    options = SweepOptions(resume=True)
+    options = RunOptions(resume=True)
     assert _to_run(sweep_of(), swept, options) == []
     with pytest.raises(InputError, match=r"elastomer\.nu = 0\.4 instead of 0\.45"):
         _to_run(sweep_of(bodies=SOFTER), swept, options)
@@ -311,7 +312,7 @@ def test_values_of_another_sweep_are_not_mixed_with_new_ones(swept, tmp_path):
 
 
 def test_a_sweep_that_was_extended_in_part_is_extended_in_the_rest(swept, tmp_path):
-    longer, options = sweep_of(stage=LONGER), SweepOptions(extend=True)
+    longer, options = sweep_of(stage=LONGER), RunOptions(extend=True)
     out = tmp_path / "out"
     shutil.copytree(swept, out)
     (first, case), (second, _) = longer.sweep_cases()

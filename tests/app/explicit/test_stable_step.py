@@ -133,44 +133,14 @@ def thrown(problem, blocks, speed):
     return velocity
 
 
-def exact_with_film(stiffness, viscosity, mass):
-    """Step at which the amplification matrix of explicit central differences leaves the circle."""
-    k, c, eye = stiffness / mass[:, None], viscosity / mass[:, None], np.eye(len(mass))
-
-    def radius(dt):
-        kick = eye - dt * c
-        whole = np.block([[eye - dt * dt * k, dt * kick], [-dt * k, kick]])
-        return np.abs(np.linalg.eigvals(whole)).max()
-
-    low, high = 1e-6, 1.0
-    for _ in range(40):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if radius(middle) < 1.0 + 1e-9 else (low, middle)
-    return low
-
-
-def test_viscous_film_in_the_bound(pair):
-    problem, x = pressed(pair, viscous_map(20.0), 20.0, film=0.5)
-    one = stepper(problem, x, viscous="bounded")
-    stiffness, mass = dense(problem, one, x, rate_dependent=False)
-    with_film, _ = dense(problem, one, x, dt=1.0)
-    exact = exact_with_film(stiffness, with_film - stiffness, mass)
-    found = one.estimate()
-    assert found.viscous < 0.9 * found.penalty
-    assert 0.97 * exact < found.viscous < 1.001 * exact
-    assert "viscous" in found.reason
-    assert growth(one, 0.95 * found.limit, 3000) < 20.0
-    assert growth(stepper(problem, x, viscous="bounded"), 1.1 * exact, 600) > 1e3
-
-
-def test_semi_implicit_film_does_not_limit_the_step(pair):
-    """Stable at 0.95 of the step of the bodies and the penalty, far beyond the viscous bound."""
+def test_a_film_does_not_limit_the_step(pair):
+    """Stable at 0.95 of the step of the bodies and the penalty, far beyond that of the film."""
     problem, x = pressed(pair, viscous_map(2000.0), 20.0, film=0.5)
     one = stepper(problem, x)
     found = one.estimate()
-    assert found.viscous == found.penalty
-    bound = stepper(problem, x, viscous="bounded").estimate().viscous
-    assert bound < 0.02 * found.penalty
+    (stiffness, mass), (whole, _) = dense(problem, one, x, 1.0, False), dense(problem, one, x)
+    fastest = np.linalg.eigvals((whole - stiffness) / mass[:, None]).real.max()
+    assert 2.0 / fastest < 0.02 * found.penalty  # where explicit dashpots would be stable
     # The film takes energy from the shaken blocks: what is left is less than there was.
     assert growth(one, 0.95 * found.penalty, 1500) < 5.0
 

@@ -294,18 +294,18 @@ def test_steady_sliding_on_a_film_is_exact(viscosity):
     assert term.surface.slave.weight @ traction / steps == pytest.approx(total, rel=0.02)
 
 
-def test_semi_implicit_and_explicit_films_agree_in_transients():
-    """Both treatments converge to one another as the step falls, and to first order."""
-    apart = []
-    for dt in (0.008, 0.004):
-        histories = []
-        for viscous in ("semi-implicit", "bounded"):
-            stepper, top, platen = sliding(3.0, viscous=viscous, damping=0.5)
-            assert dt < stepper.stable_step()
-            histories.append(drag(stepper, top, platen, dt, 3.6))
-        apart.append(np.abs(histories[0] - histories[1]).max() / np.abs(histories[1]).max())
+def test_films_converge_in_transients():
+    """To first order as the step falls."""
+    histories = []
+    for dt in (0.008, 0.004, 0.001):
+        stepper, top, platen = sliding(3.0, damping=0.5)
+        assert dt < stepper.stable_step()
+        histories.append(
+            drag(stepper, top, platen, dt, 3.6)[round(0.008 / dt) - 1 :: round(0.008 / dt)]
+        )
+    apart = [np.abs(one - histories[2]).max() / np.abs(histories[2]).max() for one in histories[:2]]
     assert apart[0] < 0.02
-    assert apart[1] < 0.65 * apart[0]
+    assert apart[1] < 0.5 * apart[0]  # 3/7 of first order
 
 
 def test_a_film_that_opens_loses_its_traction():

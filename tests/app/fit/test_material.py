@@ -473,7 +473,7 @@ def test_the_section_loads_in_a_case(tmp_path, block, kind):
         ("frequency [rad/s],weight", {}, 'the unit of another column, "angular_frequency'),
         ("angular_frequency [Hz],weight", {}, 'the unit of another column, "frequency [Hz]"'),
         ("frequency [Hz],shear_storage_modulus [Pa]", {}, "column loss_modulus is missing"),
-        ("temperature [degF],weight", {}, '"degF" is no unit of temperature; write degC or K'),
+        ("temperature [degF],weight", {}, '"degF" has the wrong dimension; must be a number (in'),
         ("time [s],true_strain,true_stres [Pa]", {}, 'did you mean "true_stress"'),
     ],
 )  # fmt: skip

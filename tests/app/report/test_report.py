@@ -21,7 +21,7 @@ from tribox.app.case.case import given_keys
 from tribox.app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.app.report.page import pictures_of, readable, write_report
+from tribox.app.report.page import input_tables, pictures_of, readable, write_report
 from tribox.app.report.tables import frame_table
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
@@ -205,6 +205,13 @@ def test_inputs_are_readable_and_defaults_marked(run):
     assert values["friction.eta_b"] == ("0.8 Pa s", False)  # of the preset
     assert values["penalty_factor"] == ("30", False)
     assert "default" in page.words("span")
+    # A program with its ramp, and options by name, are one value of one key each.
+    ramp = 'boundary.1.platen.pressure={table=[["0 s", 0], ["1 s", 5]], ramp="smooth"}'
+    more = load_case(run / "case.toml", [ramp, "solver.petsc={ksp_rtol=1e-9, ksp_max_it=50}"])
+    rows = {one.key: one for table in input_tables(more, given_keys(more)) for one in table.inputs}
+    assert rows["platen.pressure"].value == "table: 0 s → 0 Pa; 1 s → 5 Pa; ramp: smooth"
+    assert (rows["petsc"].value, rows["petsc"].given) == ("ksp_rtol: 1e-9; ksp_max_it: 50", True)
+    assert rows["petsc"].meaning.startswith("PETSc options")
     summary = json.loads((run / "summary.json").read_text())
     del summary["given"]
     (run / "summary.json").write_text(json.dumps(summary))

@@ -20,7 +20,7 @@ from tribox.app.errors import InputError
 from tribox.app.report.page import write_report
 from tribox.app.results.directory import check_free
 from tribox.app.results.point_probes import PointProbes, ShapeTable, arc_length
-from tribox.app.results.probes import BodyProbes, ProbeRecorder, shape_line
+from tribox.app.results.probes import BodyProbes, ProbeRecorder, final_shapes, shape_line
 from tribox.app.results.reading import read, read_table
 from tribox.app.run import run as running
 from tribox.app.simulation.simulation import Simulation
@@ -466,6 +466,26 @@ def test_what_springs_back_of_an_elastic_strip_is_all(strip):
     assert "Shape of surfaces: angle, radius and thickness" in page
     frame = read(strip).shape_probes
     assert len(frame) == 2 * 4 and len(read(strip).surface_probes) == 2 * 4 * 17
+
+
+@pytest.mark.parametrize(
+    ("pressing", "angles", "springback"),
+    [
+        ([5.0, 9.0, 0.0], [0.4, 0.9, 0.7], 0.2),
+        ([5.0, 9.0, 0.0], [0.4, 0.7, 0.9], -0.2),  # coined: it closes further when let go
+        ([5.0, 9.0, 9.0], [0.4, 0.7, 0.9], 0.0),  # bent on
+        ([0.0, 0.0, 0.0], [0.4, 0.9, 0.7], 0.2),  # by moments, without a contact
+        ([9.0], [0.9], None),
+    ],
+)
+def test_springback_is_what_a_bend_opens_by_when_tools_let_go(
+    tmp_path, pressing, angles, springback
+):
+    rows = [f"{step},{step},s,bend,{angle}" for step, angle in enumerate(angles, 1)]
+    text = "\n".join(["step,time,stage,probe,bend_angle", *rows, ""])
+    (tmp_path / "shape_probes.csv").write_text(text)
+    found = final_shapes(tmp_path, dict(enumerate(pressing, 1)))["bend"]["springback"]
+    assert found == (None if springback is None else pytest.approx(springback))
 
 
 def bent_line(degrees, straight=()):

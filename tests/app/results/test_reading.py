@@ -1,4 +1,4 @@
-"""Results directories read as one object: tables, sweeps, earlier versions, and what is wrong."""
+"""Results directories read as one object: tables, sweeps, and what is wrong."""
 
 import tomllib
 from pathlib import Path
@@ -73,15 +73,6 @@ def test_a_sweep_holds_its_parts(tmp_path, block):
     (tmp_path / "mu=0.1").mkdir()
     (tmp_path / "mu=0.1" / "case.toml").write_text(block)
     assert list(read(tmp_path).parts) == ["mu=0.3", "mu=0.1"]
-
-
-def test_contact_files_of_earlier_versions(directory):
-    for name in ("contact", "contact_nodes"):
-        (directory / name).mkdir()
-        (directory / name / "000001.vtu").write_text("cut off")
-    for ask, name in (("contact", "contact_nodes"), ("contact_points", "contact")):
-        with pytest.raises(InputError, match=f"/{name}/000001.vtu: is cut off"):
-            getattr(read(directory), ask)()
 
 
 WRONG = {

@@ -14,11 +14,11 @@ from tribox.app.figures.sweep import comparison_figure
 from tribox.app.results import read
 from tribox.app.results.claim import claimed, is_beginning
 from tribox.app.results.directory import BEGINNING, write_table
+from tribox.app.run.ranks import RunOptions
 from tribox.app.run.sweep_runs import (
     NO_SUMMARY,
     Part,
     SweepLines,
-    SweepOptions,
     _make_ready,
     _to_run,
     collate,
@@ -194,7 +194,7 @@ def test_a_sweep_that_was_killed_before_it_began_begins_anew(case_file, block, t
     if left is LEFT:
         (out / "case.toml").write_text(block + SWEPT)
         (out / "mu=0.1" / "summary.json").write_text('{"status": "done"}')
-    options = SweepOptions(resume=True)
+    options = RunOptions(resume=True)
     assert [label for _, label in _to_run(case, out, options)] == ["mu=0.1", "mu=0.3"]
     with claimed(out, force=True, goes_on=True) as claim:
         _make_ready(case, claim, goes_on=True)
@@ -209,7 +209,7 @@ def test_a_sweep_does_not_go_on_in_the_place_of_something_else(case_file, block,
     (tmp_path / "out" / "history.csv").write_text("")
     path = case_file(block + SWEPT)
     with pytest.raises(InputError, match="holds no checkpoint and no unfinished run to go on with"):
-        run_sweep(load_case(path), path, tmp_path / "out", SweepOptions(resume=True), 1)
+        run_sweep(load_case(path), path, tmp_path / "out", RunOptions(resume=True))
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["history.csv"]
 
 

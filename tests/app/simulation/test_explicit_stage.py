@@ -65,7 +65,7 @@ def test_velocity_goes_over_smoothly_to_the_next():
 
 
 def test_an_explicit_case_reads_back_to_itself(film, tmp_path):
-    data = explicit(film, damping="1e3 1/s", viscous="bounded", step_safety=0.8)
+    data = explicit(film, damping="1e3 1/s", step_safety=0.8)
     data["solver"]["mass_scaling"] = {"step": "10 ns"}
     data["bodies"]["elastomer"]["velocity"] = {"x": "2 mm/s"}
     pressure = {"table": [["0 s", 0], ["1 s", "0.5 MPa"]], "ramp": "smooth"}

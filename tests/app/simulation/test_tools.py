@@ -317,6 +317,29 @@ def test_a_holder_presses_with_its_force_from_first_touch_on(tmp_path):
     assert sum(row.newton_iterations for row in simulation.rows) <= 15
 
 
+def test_a_force_moves_a_tool_as_far_as_its_stop_and_back(mesh):
+    """On the stop the block feels what a displacement as far does, and the blocks bear the rest.
+
+    Nothing is left at the end, where nothing presses and no force says where the tool is.
+    """
+    driven = run(block_case(mesh, tools={"punch": plane(displacement=down())}))
+    force = float(of_tool(driven, "force_y")[-1])
+    table = [[f"{t} s", f"{-share * force!r} N"] for t, share in enumerate((0.0, 3.0, 0.5, 0.0))]
+    stopped = {"punch": plane(force={"y": table}, stop={"y": "-50 um"})}
+    there_and_back = run(
+        block_case(mesh, tools=stopped, stage=stages("on", "off", "back", steps=1))
+    )
+    place = of_tool(there_and_back, "displacement_y")
+    assert place[0] == pytest.approx(-50e-6, abs=1.1e-6 * np.hypot(WIDTH, HEIGHT))
+    assert place[1] > place[0] and place[2] == pytest.approx(0.0, abs=1e-9)
+    on = of_tool(there_and_back, "force_y")
+    assert on[0] == pytest.approx(force, rel=1e-3)
+    assert on[1:] == pytest.approx([0.5 * force, 0.0], abs=1e-7 * force)
+    assert of_tool(there_and_back, "driving_force_y") == pytest.approx(-on, abs=1e-7 * force)
+    assert [row.attempts for row in there_and_back.rows] == [1, 1, 1]
+    assert sum(row.newton_iterations for row in there_and_back.rows) <= 40
+
+
 @pytest.mark.parametrize("gap", [0.0, 50e-6])
 def test_a_tool_that_is_pressed_and_drawn_at_once_finds_the_contact(mesh, gap):
     """It is held sideways until it presses: friction carries nothing before."""
@@ -367,13 +390,14 @@ def test_a_tool_on_a_spring_is_in_balance_between_spring_and_block(mesh):
 
 
 def facts(comm, directory):
-    """A roller on a spring, and a plane that a force moves, and which then lets go: rows, work."""
+    """A roller on a spring, a plane that a force moves to a stop, and is released: rows, work."""
     mesh = directory / "ranks.msh"
     if comm.rank == 0:
         block_mesh(mesh)
     comm.barrier()
     tables = rolled(moment=0)
-    tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], force={"x": "-0.1 N"})
+    wall = {"force": {"x": "-0.1 N"}, "stop": {"x": "-0.2 um"}}
+    tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], **wall)
     wall = {"slave": "right", "master": "wall", "friction": FREE}
     tables["contact"].append(wall)
     del tables["tools"]["punch"]["displacement"]["y"]
