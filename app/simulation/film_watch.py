@@ -50,7 +50,7 @@ PILED = 0.1  # share of the oil given to the slave that lies at an end that it f
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
-OWN = 0.01  # of what a film carries, that a flooded reservoir's own pressure may make of it
+OWN = 0.02  # of what a film carries, that a flooded reservoir's own pressure may make of it
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
@@ -448,7 +448,7 @@ def reservoirs(look: Look) -> Found:
     """Hold what reservoirs press by themselves, as they flood a film, against the film's load."""
     step, area, p = look.step, look.solver.cells.area, look.solution.pressure
     own = look.solver.scale * look.solver.smoothing**2 / UNFILLED
-    bearing = area[p > LOADED * p.max()].sum()
+    bearing = area[p > 1.01 * own].sum()  # less is a cavity, or the reservoir
     off = float(own * bearing / (area @ p))
     if off > OWN and not np.isfinite(step.content[step.fixed]).all():
         yield (
