@@ -260,6 +260,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     began_inside = attempt.newton.inside.last and attempt.has_contacts and not floats
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
+    if attempt.held_first and attempt.bodies.directions:
+        first = (HeldApproach(), *first)
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")

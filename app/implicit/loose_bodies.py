@@ -73,7 +73,8 @@ class LooseBodies:
             nearest = problem.comm.allreduce(float(np.min(gap, initial=np.inf)), op=MPI.MIN)
             near = term.surface.slave.weight * (gap <= nearest + NEAR * term.surface.facet_length)
             for row, one in enumerate(self.directions):
-                if len(names.intersection(one.bodies)) == 1 and not one.turns:
+                apart = pair.slave is not pair.master
+                if apart and len(names.intersection(one.bodies)) == 1 and not one.turns:
                     squared = trial.kinematics.normal[:, one.component] ** 2
                     sums[row] += near @ squared, near.sum()
         total = problem.comm.allreduce(sums)
@@ -90,7 +91,7 @@ class LooseBodies:
             name
             for one, presses in zip(ends, pressed, strict=True)
             for name in (one.slave.name, one.master.name)
-            if presses
+            if presses and one.slave is not one.master
         }
         loose = [one for one, wanted in zip(self.directions, among, strict=True) if wanted]
         return tuple(sorted({one.body for one in loose if touched.isdisjoint(one.bodies)}))
@@ -147,6 +148,7 @@ def nodal_shares(problem: Equilibrium) -> Floats:
 SHARE = 1e-6
 """Largest force of the springs of a body, and least contact force that holds one, over the largest
 force of the run."""
+ALIKE = 0.9  # cosine of the angle between forces from which on they have one direction
 
 
 @dataclass(slots=True)
@@ -219,24 +221,56 @@ class WeakHold:
     def is_loaded(self, largest: float) -> bool:
         """Whether a load acts on a free body, which springs as weak could not hold; collective.
 
-        Loads along an axis in which a support holds the body are borne by that.
-
         Args:
             largest: N, force of the run that loads are compared with.
         """
-        problem, dim = self.problem, self.problem.dim
+        return bool(np.abs(self.loads()).max(initial=0.0) > SHARE * largest)
+
+    def is_let_go(self, largest: float) -> bool:
+        """Whether nothing loads a free body any more that contacts pressed on; collective."""
+        loads, pressed = self.loads(), self.pressed()
+        free, all_ = (np.linalg.norm(forces, axis=1) for forces in pressed)
+        none = np.linalg.norm(loads, axis=1) <= SHARE * largest
+        return bool(np.any(none & (free > SHARE * largest) & (free >= ALIKE * all_)))
+
+    def is_pulled_off(self, largest: float) -> bool:
+        """Whether a load acts on a free body the way contacts pressed on it; collective."""
+        loads, (_, pressed) = self.loads(), self.pressed()
+        sizes = [np.linalg.norm(forces, axis=1) for forces in (loads, pressed)]
+        along = np.einsum("bi,bi->b", loads, pressed) >= ALIKE * sizes[0] * sizes[1]
+        return bool(np.any(along & (np.minimum(*sizes) > SHARE * largest)))
+
+    def loads(self) -> Floats:
+        """Loads (b, i), N, on the free bodies, 0 along axes that supports hold; collective."""
+        problem = self.problem
         forces = problem.load_forces()
         for platen in problem.platens:
             if platen.loaded and len(platen.all_dofs):
                 at = platen.dofs
                 forces[at] += platen.force / len(platen.all_dofs)
+        return self._sums(forces)[0]
+
+    def pressed(self) -> Floats:
+        """Forces (2, b, i), N, of contacts on the free bodies at the last step; collective.
+
+        First those along axes in which no support holds, then all.
+        """
+        pairs = sorted({pair for on in self.pairs for pair in on})
+        forces = np.zeros(self.problem.owned)
+        for pair in pairs:
+            forces += self.problem.pair_forces(pair)
+        return self._sums(forces)
+
+    def _sums(self, forces: Floats) -> Floats:
+        """Sums (2, b, i) of forces (n,) on each body: along unsupported axes, and all."""
+        problem, dim = self.problem, self.problem.dim
         held, axes = problem.constrained_dofs(), np.arange(dim)
         local = [
             [forces.reshape(-1, dim)[body.nodes].sum(axis=0) for body in self.bodies],
             [np.isin(body.nodes[:, None] * dim + axes, held).sum(axis=0) for body in self.bodies],
         ]
         total, supports = problem.comm.allreduce(np.array(local, dtype=float).reshape(2, -1, dim))
-        return bool(np.abs(total[supports == 0.0]).max(initial=0.0) > SHARE * largest)
+        return np.stack([np.where(supports == 0.0, total, 0.0), total])
 
     def springs(self, place: Floats, largest: float) -> HoldingSprings:
         """Springs of all free bodies, without force at ``place`` (n,), m.

@@ -461,6 +461,8 @@ class Attempt:
         continued: whether that continues the path of the last steps.
         relaxed: whether the solution was found by springs that give way.
         adrift: bodies that the load moves away from all that they could touch.
+        held_first: whether springs that give way come first: a load pulls a body off what pressed
+            on it, or acts on one that nothing presses on.
     """
 
     newton: Newton
@@ -475,6 +477,7 @@ class Attempt:
     continued: bool = False
     relaxed: bool = False
     adrift: tuple[str, ...] = ()
+    held_first: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:

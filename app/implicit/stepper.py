@@ -6,6 +6,7 @@ step is solved is in :mod:`tribox.app.implicit.globalisation`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
 from tribox.app.implicit.newton import Newton
 from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.predictor import Attempt, Predictor
+from tribox.forms.contact.state import ContactTrial
 
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
@@ -177,39 +179,59 @@ class ImplicitStepper:
         """
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
-        trials = problem.committed
-        if not (self._floating or (self._may_float(largest) and self._weak.adrift(largest))):
-            iterations, reason = self._tried(step, self._pressed)
+        weak, trials = self._weak, problem.committed
+        may_float = self._may_float(largest)
+        if may_float and weak.is_let_go(largest):
+            iterations, reason, share = self._sprung(step, largest, trials)
+            if reason > 0 and self._trial_floating:
+                return iterations, reason, share
+        # Where nothing presses and a load acts, contact is sought as at first touch.
+        anew = bool(self._floating) and weak.is_loaded(largest)
+        anew &= len(weak.idle_pairs(largest, trials)) == len(problem.contacts)
+        if anew or not (self._floating or (may_float and weak.adrift(largest))):
+            more, reason = self._tried(step, self._pressed and not anew, anew=anew)
+            iterations += more
             if reason > 0:
                 newton.evaluate(step)
                 largest = max(largest, problem.reference_force)
             trials = problem.trials
             sure = reason > 0 or not newton.strayed
-            held = sure and not self._weak.floating(largest)
-            if not self._may_float(largest) or held or self._weak.is_loaded(largest):
+            held = sure and not weak.floating(largest)
+            if not self._may_float(largest) or held or weak.is_loaded(largest):
                 return iterations, reason, 0.0
+        more, reason, share = self._sprung(step, largest, trials)
+        return iterations + more, reason, share
+
+    def _sprung(
+        self, step: StepMode, largest: float, trials: Sequence[ContactTrial]
+    ) -> tuple[int, int, float]:
+        """Solve a step with weak springs, see :meth:`_solve`; ``trials`` show what floats."""
+        problem, newton = self.problem, self.newton
         springs = self._weak.springs(self.x.array_r, largest)
         idle = self._weak.idle_pairs(largest, trials)
         if trials is not problem.committed:  # where an attempt has failed it may have lost some
             idle &= self._weak.idle_pairs(largest, problem.committed)
-        more, reason = self._tried(step.held(springs), True, idle)
+        iterations, reason = self._tried(step.held(springs), True, idle)
         if reason > 0:
             newton.evaluate(step.held(springs))
         self._trial_floating = tuple(self._weak.floating(largest))
         if reason <= 0:  # where an iteration that leads nowhere ends is no equilibrium to judge by
             before = self._weak.floating(largest, problem.committed)
             self._trial_floating = tuple(b for b in self._trial_floating if b in before)
-        return iterations + more, reason, self._weak.strain(springs, self.trial.array_r) / largest
+        return iterations, reason, self._weak.strain(springs, self.trial.array_r) / largest
 
     def _may_float(self, largest: float) -> bool:
         """Whether a body may, and there is a force to compare with, N; collective."""
         return bool(self._weak.bodies) and largest > self.problem.roundoff
 
     def _tried(
-        self, step: StepMode, pressed: bool, idle: frozenset[int] = frozenset()
+        self, step: StepMode, pressed: bool, idle: frozenset[int] = frozenset(), anew: bool = False
     ) -> tuple[int, int]:
         parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
         attempt = Attempt(*parts, self.failures, idle)
+        largest, may_turn = self.newton.largest_force, step.holding is None and not anew
+        may_turn &= self._may_float(largest)
+        attempt.held_first = anew or (may_turn and self._weak.is_pulled_off(largest))
         found = solve(attempt)
         self._relaxed, self._adrift = attempt.relaxed, attempt.adrift
         return found
