@@ -23,7 +23,7 @@ from tribox.app.simulation.history import Row
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.state import ContactTrial, Lubrication
-from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
+from tribox.forms.film.reynolds import UNFILLED, FilmSolution, FilmStep, ReynoldsFilm
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -50,6 +50,7 @@ PILED = 0.1  # share of the oil given to the slave that lies at an end that it f
 PASSED = 0.98  # share of the oil given that passes: below it the rest would pile up
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
+OWN = 0.02  # of what a film carries, that a flooded reservoir's own pressure may make of it
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
@@ -443,6 +444,22 @@ def steady_flow(look: Look) -> Found:
         )
 
 
+def reservoirs(look: Look) -> Found:
+    """Hold what reservoirs press by themselves, as they flood a film, against the film's load."""
+    step, area, p = look.step, look.solver.cells.area, look.solution.pressure
+    own = look.solver.scale * look.solver.smoothing**2 / UNFILLED
+    bearing = area[p > 1.01 * own].sum()  # less is a cavity, or the reservoir
+    off = float(own * bearing / (area @ p))
+    if off > OWN and not np.isfinite(step.content[step.fixed]).all():
+        yield (
+            "reservoirs",
+            off,
+            f"the reservoirs press by {own:.2g} Pa of their own, which goes with the bodies' "
+            f"modulus: {100.0 * off:.2g} % of what the film carries ({look.when}); a hundredth of "
+            "the modulus, if that is still as good as rigid",
+        )
+
+
 def lag(look: Look) -> Found:
     """Hold by how much a film changes in a step as its master slides on against the film.
 
@@ -474,7 +491,7 @@ def lag(look: Look) -> Found:
         )
 
 
-CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, lag)
+CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs, lag)
 """All that a film which carries a part of the load is held against."""
 
 

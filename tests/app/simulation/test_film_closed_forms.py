@@ -156,6 +156,15 @@ def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
         "slider", tmp_path / "out", slow, "stage.0.steps=1", "stage.0.duration=10 s"
     )
     assert column(directory, "normal_force") == pytest.approx(31776.6e-4, rel=8e-3)
+    assert "of their own" not in words_of(directory)
+
+
+def test_a_slider_so_slow_that_its_reservoirs_bear_a_part_is_told(tmp_path):
+    slow = 'tools.runner.velocity={x="1 um/s", y="-2 nm/s"}', "stage.0.duration=1000 s"
+    directory = shipped("slider", tmp_path / "out", *slow, "stage.0.steps=1")
+    more = column(directory, "normal_force") / 31776.6e-6 - 1.0
+    told = re.findall(r"modulus: ([\d.]+) % of what the film carries", words_of(directory))
+    assert float(told[0]) == pytest.approx(100.0 * more / (1.0 + more), rel=0.2)
 
 
 @pytest.mark.parametrize(
