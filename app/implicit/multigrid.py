@@ -20,7 +20,6 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import (
     add_product,
     columns_of_others,
-    forget_product,
     is_direct,
     pattern_in_place,
     values_in_place,
@@ -473,8 +472,6 @@ class CoarseLevels:
         self._between: list[Any] = [pc.getMGInterpolation(level) for level in numbers]
         self._solvers = [pc.getMGCoarseSolve(), *(pc.getMGSmoother(one) for one in numbers[:-1])]
         self._matrices = [solver.getOperators()[0] for solver in self._solvers]
-        for made in (*self._between, *self._matrices):
-            forget_product(made)
         if self._between and can_interpolate(self._between[-1]):
             self._between[-1] = Interpolation(self._between[-1])
         self._vectors = [(*one.createVecs(), one.createVecLeft()) for one in self._matrices]
