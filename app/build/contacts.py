@@ -144,7 +144,7 @@ class ContactBuilder:
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
-        if at_once:
+        if at_once and not self._folds(asked):
             start.check_facing(self.case.tools.get(asked.master))
         fit = fit_program(self.case, asked, at)
         if fit is not None:
@@ -152,6 +152,12 @@ class ContactBuilder:
         if at_once:
             start.check_overlap()
         return start, fit
+
+    def _folds(self, asked: Contact) -> bool:
+        """Whether a body meets itself, as a hem does whose sides begin as one flat."""
+        if asked.master in self.case.tools:
+            return False
+        return self.named.body_of(asked.slave) == self.named.body_of(asked.master)
 
     def _is_alone(self, asked: Contact) -> bool:
         """Whether no other surface of the slave's body meets the master."""
@@ -297,11 +303,6 @@ class ContactBuilder:
         if contact.master in self.tools:
             return (self.materials[self.named.body_of(contact.slave)],)
         owners = [self.named.body_of(name) for name in (contact.slave, contact.master)]
-        if owners[0] == owners[1]:
-            raise InputError(
-                f'contact.{index}: slave "{contact.slave}" and master "{contact.master}" are both '
-                f"on body {owners[0]}; contact is between two bodies"
-            )
         return self.materials[owners[0]], self.materials[owners[1]]
 
 

@@ -111,10 +111,13 @@ def _check_surfaces(case: Case, named: NamedMesh) -> None:
                 named.body_of(contact.slave)
                 continue
             first, second = map(named.body_of, pair)
-            if first != second and (shared := surfaces_sharing_nodes(named, pair)):
+            if shared := surfaces_sharing_nodes(named, pair):
+                cure = f'bodies "{first}" and "{second}" cannot slide there; mesh them apart'
+                if first == second:
+                    cure = f'body "{first}" cannot close there; leave a facet between them'
                 raise InputError(
                     f'contact.{index}: slave "{pair[0]}" and master "{pair[1]}" share {shared} '
-                    f'nodes, so bodies "{first}" and "{second}" cannot slide there; mesh them apart'
+                    f"nodes, so {cure}"
                 )
         groups = bonded_groups(named)
         for boundary in case.boundary:

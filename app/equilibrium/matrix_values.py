@@ -26,6 +26,7 @@ _SIGNATURES = {
     "MatMPIAIJGetSeqAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatMPIBAIJGetSeqBAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatGetSize": [ctypes.c_void_p, *2 * [ctypes.POINTER(ctypes.c_int32)]],
+    "MatProductClear": [ctypes.c_void_p],
     "MatMultAdd": 4 * [ctypes.c_void_p],
     "MatMultTransposeAdd": 4 * [ctypes.c_void_p],
 }
@@ -93,6 +94,22 @@ def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
         yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
     finally:
         petsc.MatRestoreRowIJ(block.handle, *_PLAIN, *found)
+
+
+def pattern_of(A: PETSc.Mat) -> tuple[Ints, Ints]:
+    """Ends of this rank's rows, and the columns in them, counted over all ranks."""
+    ends, columns = A.getRowIJ() if A.comm.size == 1 else A.getValuesCSR()[:2]
+    return ends, columns
+
+
+def forget_product(A: PETSc.Mat) -> None:
+    """Give back what ``A`` was made with as a product, which nobody makes again; collective.
+
+    On several ranks that is twice as much as the matrices of the multigrid themselves.
+    """
+    petsc = _petsc()
+    if petsc is not None and petsc.MatProductClear(A.handle):
+        raise PETSc.Error("the parts of a product cannot be given back")
 
 
 def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:

@@ -282,7 +282,21 @@ def _with_notes(result: MaterialResult) -> MaterialResult:
         tried = result.criterion
         if len(tried) == MOST_BRANCHES and fit.branches == MOST_BRANCHES:
             notes.append(f"more than {MOST_BRANCHES} branches might fit still better; none tried")
-    elif fit.problem.branches == 0 and not fit.flows_back():
+        return dataclasses.replace(result, notes=tuple(notes))
+    problem = fit.problem
+    hidden = problem.strain[~problem.rows]
+    if hidden.size:
+        notes.append(
+            f"the strain turns between rows, {hidden.size} times, first at {hidden[0]:.4g}: where "
+            "is taken from the distances of the rows around; add the rows of the turns if you can"
+        )
+    if problem.unknown:
+        notes.append(
+            f"where between rows the strain has its turn is unknown, {len(problem.unknown)} times, "
+            f"first near {problem.unknown[0]:.4g}, as rows around are unevenly apart: E and b may "
+            "be far off; add the rows of the turns, or fix E"
+        )
+    if problem.branches == 0 and not fit.flows_back():
         notes.append(
             "no row flows after a turn of the strain, which alone tells back stress from yield "
             "stress: all hardening is taken as isotropic"

@@ -193,12 +193,13 @@ def _spectrum(axes: Axes, result: MaterialResult) -> None:
 def _draw_metal(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     fit = result.fit
     assert isinstance(fit, MetalFit)
-    strain, stress = fit.problem.strain, fit.problem.measured
+    strain, rows = fit.problem.strain, fit.problem.rows
     edges = np.concatenate([[0.0], strain])
     parts = [np.linspace(a, b, 11)[1:] for a, b in itertools.pairwise(edges) if a != b]
     fine = np.concatenate(parts)
     curve, _ = response(fit.metal, fine, paths(fine))
-    top.plot(strain, stress / 1e6, "o", ms=3.5, mfc="none", color=BLUE, label="measured")
+    stress = fit.problem.measured / 1e6
+    top.plot(strain[rows], stress, "o", ms=3.5, mfc="none", color=BLUE, label="measured")
     n = fit.problem.branches
     back = {0: "", 1: " with a back stress"}.get(n, f" with {n} back stresses")
     top.plot(np.append(0.0, fine), np.append(0.0, curve) / 1e6, color=RED, lw=1.1,
@@ -207,7 +208,7 @@ def _draw_metal(top: Axes, bottom: Axes, result: MaterialResult) -> None:
     top.set_xlabel("logarithmic strain")
     top.set_ylabel("true stress σ (MPa)")
     path = np.cumsum(np.abs(np.diff(strain, prepend=0.0)))
-    bottom.plot(path, result.residual, "o", ms=3, mfc="none", color=BLUE)
+    bottom.plot(path[rows], result.residual, "o", ms=3, mfc="none", color=BLUE)
     bottom.set_xlabel("strain covered Σ|Δε|")
     bottom.set_ylabel("(data − fit)/rms")
 
@@ -388,7 +389,8 @@ def report(result: MaterialResult) -> Iterator[str]:
         yield f"note: {what}, by the information criterion ({tried}, see fit.json)"
     yield from not_determined(result.estimates, "body.toml")
     for line in result.notes:
-        yield f"{'warning' if 'Durbin' in line else 'note'}: {line}"
+        grave = "Durbin" in line or "turn is unknown" in line
+        yield f"{'warning' if grave else 'note'}: {line}"
     yield from described(result.scatter, BAD_SCATTER, result.assumed, "body.toml")
 
 

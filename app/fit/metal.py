@@ -30,6 +30,7 @@ from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_mi
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 LAWS: dict[str, dict[str, str]] = {
     "linear": {"yield_stress": "Pa", "modulus": "Pa"},
@@ -55,6 +56,12 @@ MOST_GIVEN = 6
 """Branches that are tried, and that may be asked for."""
 FLOWED = 1e-6
 """Plastic strain from which on a path counts as one that flows."""
+NEXT = 4
+"""Distances of rows before and after a turn that tell where it lies between two of them."""
+EVEN = 0.2
+"""Share of their mean that these may differ by."""
+AT_ROW = 0.95
+"""Share of the distance of the rows from which on a turn is at one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +91,38 @@ def paths(strain: Floats) -> list[slice]:
     edges = np.flatnonzero(np.diff(turn)) + 1
     ends = [0, *(int(edge) for edge in edges), len(strain)]
     return [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+
+def with_turns(strain: Floats) -> tuple[Floats, Bools, list[float]]:
+    """Strains (r,) with the turns between rows, which of them are rows, and turns not found.
+
+    A machine is read out at equal times, and need not be where the strain turns. If rows keep their
+    distances d and d' before and after a turn, it lies as far beyond the row i before it, and the
+    row j after it, as they are covered in one such time:
+
+        s (ε - ε_i)/d + s (ε - ε_j)/d' = 1.
+
+    Args:
+        strain: (n,) of the rows.
+    """
+    found: Floats = strain
+    rows: Bools = np.ones(len(strain), dtype=bool)
+    unknown: list[float] = []
+    apart = np.abs(np.diff(strain))
+    for path, then in reversed(list(itertools.pairwise(paths(strain)))):
+        # The farthest row is that before the turn, or that after it.
+        i = path.stop - 1
+        i = min(range(max(i - 1, path.start), i + 1), key=lambda row: float(apart[row]))
+        before, after = apart[path.start : i][-NEXT:], apart[i + 1 : then.stop - 1][:NEXT]
+        if not (before.size and after.size) or apart[i] >= AT_ROW * min(before[-1], after[0]):
+            continue
+        if any(np.ptp(one) > EVEN * one.mean() for one in (before, after)):
+            unknown.append(float(strain[path.stop - 1]))
+            continue
+        s, d, e = np.sign(strain[i] - strain[i - 1]), before.mean(), after.mean()
+        at = (s + strain[i] / d + strain[i + 1] / e) / (1.0 / d + 1.0 / e)
+        found, rows = np.insert(found, i + 1, at), np.insert(rows, i + 1, False)
+    return found, rows, unknown[::-1]
 
 
 def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floats, Floats]:
@@ -142,8 +181,9 @@ class MetalProblem:
         branches: Number of back stresses.
         fixed: What is not fitted, SI, by key.
         keys: What is: E, keys of the law, and c and b of each branch.
-        strain: (n,), logarithmic.
-        along: Its paths between turns.
+        strain: (r,), logarithmic, with turns between rows; rows: (r,), which are rows.
+        along: Its paths between turns; unknown: strains of turns of which it is not known where
+            between rows they lie.
         measured: (n,), Pa, true stress.
     """
 
@@ -153,8 +193,8 @@ class MetalProblem:
         """Take a test of a metal."""
         assert data.strain is not None and data.stress is not None
         self.law, self.branches, self.fixed = law, branches, dict(fixed)
-        self.strain, self.measured = data.strain, data.stress
-        self.along = paths(data.strain)
+        self.strain, self.rows, self.unknown = with_turns(data.strain)
+        self.measured, self.along = data.stress, paths(self.strain)
         self._root = np.sqrt(data.weight)
         self.scale = float(np.sqrt(np.mean(data.stress**2)))
         isotropic = [key for key in ("E", *LAWS[law]) if key not in fixed]
@@ -193,7 +233,7 @@ class MetalProblem:
     def residual(self, x: Floats) -> Floats:
         """Weighted differences of the stress, (n,), over its root mean square."""
         stress, _ = response(self.metal(x), self.strain, self.along)
-        return np.asarray(self._root * (stress - self.measured) / self.scale)
+        return np.asarray(self._root * (stress[self.rows] - self.measured) / self.scale)
 
     def jacobian(self, x: Floats) -> Floats:
         """(n, c), of the residual, by central differences."""
@@ -216,8 +256,8 @@ class MetalProblem:
         """Search coordinates to start from; ``fewer``: what was found with a branch less."""
         # E, the highest stress, and the stress at which the line of E is left, Pa.
         top = float(np.abs(self.measured).max())
-        rows = self.along[0]
-        e, s = np.abs(self.strain[rows]), np.abs(self.measured[rows])
+        e = np.abs(self.strain[self.along[0]][self.rows[self.along[0]]])
+        s = np.abs(self.measured[: len(e)])
         slope = np.where(e > 0.0, s / np.where(e > 0.0, e, 1.0), 0.0)
         E = self.fixed.get("E", float(np.max(slope)))
         # The highest stress that lies on the line of E yet: where it yields, about.
@@ -323,7 +363,7 @@ class MetalFit(MaterialFit[MetalProblem]):
 
     def computed(self) -> Floats:
         """Stress of every row, Pa."""
-        return response(self.metal, self.problem.strain, self.problem.along)[0]
+        return response(self.metal, self.problem.strain, self.problem.along)[0][self.problem.rows]
 
     def cure(self, name: str) -> str:
         """What to do about a parameter that the data do not determine."""

@@ -19,13 +19,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.matrix_values import pattern_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
 from tribox.app.implicit.factor import (
     CLOSEST,
     DIRECT,
-    LEFT,
     Effort,
     Factor,
     factors_fit,
@@ -34,6 +34,7 @@ from tribox.app.implicit.factor import (
 )
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.multigrid import (
+    ITERATED,
     KRYLOV,
     Multigrid,
     MultigridSolver,
@@ -125,7 +126,7 @@ class BodyBlocks:
         self._chosen = False  # whether the bodies are
         self._works = False  # whether what was factorised last could be
         self._failures = 0
-        self._share = LEFT  # of forces that a solve may leave out of balance
+        self._share = ITERATED  # of forces that a solve may leave out of balance
         self._rest = problem.new_vector()
 
     @property
@@ -238,7 +239,7 @@ class BodyBlocks:
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`."""
         if not self.direct:
-            share = max(share, CLOSE if on_path else LEFT)
+            share = max(share, CLOSE if on_path else ITERATED)
         self._share = share
 
     @property
@@ -593,6 +594,6 @@ class BodyByBody:
 
 def _same_pattern(one: PETSc.Mat, other: PETSc.Mat) -> bool:
     """Whether two matrices have entries at the same places, on all ranks; collective."""
-    pairs = zip(one.getValuesCSR()[:2], other.getValuesCSR()[:2], strict=True)
+    pairs = zip(pattern_of(one), pattern_of(other), strict=True)
     same = all(np.array_equal(a, b) for a, b in pairs)
     return bool(one.comm.tompi4py().allreduce(same, op=MPI.LAND))

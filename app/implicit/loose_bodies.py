@@ -73,7 +73,8 @@ class LooseBodies:
             nearest = problem.comm.allreduce(float(np.min(gap, initial=np.inf)), op=MPI.MIN)
             near = term.surface.slave.weight * (gap <= nearest + NEAR * term.surface.facet_length)
             for row, one in enumerate(self.directions):
-                if len(names.intersection(one.bodies)) == 1 and not one.turns:
+                apart = pair.slave is not pair.master
+                if apart and len(names.intersection(one.bodies)) == 1 and not one.turns:
                     squared = trial.kinematics.normal[:, one.component] ** 2
                     sums[row] += near @ squared, near.sum()
         total = problem.comm.allreduce(sums)
@@ -90,7 +91,7 @@ class LooseBodies:
             name
             for one, presses in zip(ends, pressed, strict=True)
             for name in (one.slave.name, one.master.name)
-            if presses
+            if presses and one.slave is not one.master
         }
         loose = [one for one, wanted in zip(self.directions, among, strict=True) if wanted]
         return tuple(sorted({one.body for one in loose if touched.isdisjoint(one.bodies)}))

@@ -467,8 +467,6 @@ INLINE vec log_ratio(vec w, vec v, vec difference)
     vec z = (w - v) / (w + v), s = z * z;
     ivec near = (ivec)(absolute(z) < SERIES);
     vec series = 1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * (1.0 / 9))));
-    if (!any(~near))
-        return series;
     return choose(near, series, difference / choose(near, all(1.0), z));
 }
 
@@ -1078,7 +1076,7 @@ INLINE void carriers(int space, const Axes *at, vec M[6][9])
  * it is dF S + F dS with S = F^-1 tau F^-T, and F dS F^T = (c d) - d tau - tau d. */
 INLINE void carried_moduli(int space, const Axes *at, const vec *tau, vec *c, vec *A)
 {
-    const int count = space ? 9 : 5, size = space ? 6 : 4;
+    const int count = space ? 9 : 5, size = space ? 6 : 4, wide = space ? 3 : 2;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     vec M[6][9];
     tensor S = {};
@@ -1090,23 +1088,28 @@ INLINE void carried_moduli(int space, const Axes *at, const vec *tau, vec *c, ve
         if (COUPLED(space, a, i))
             S[i][j] += tau[a] * at->G[a][i] * at->G[a][j];
     mirror(space, S);
-#pragma GCC unroll 9
-    for (int q = 0; q < count; ++q) {
-        vec along[6];
-        for (int i = 0; i < size; ++i) {
-            along[i] = all(0.0);
-            for (int j = 0; j < size; ++j)
-                if (CARRIED(space, j, q))
-                    along[i] += c[i * size + j] * M[j][q];
-        }
-#pragma GCC unroll 9
-        for (int p = 0; p < count; ++p) {
-            vec sum = place[p][0] == place[q][0] ? S[place[p][1]][place[q][1]] : all(0.0);
+#pragma GCC unroll 3
+    for (int first = 0; first < count; first += wide) { /* columns of one row of F: what is read serves all */
+        const int many = first + wide < count ? wide : count - first;
+        vec along[3][6];
+        for (int j = 0; j < size; ++j)
             for (int i = 0; i < size; ++i)
-                if (CARRIED(space, i, p))
-                    sum += M[i][p] * along[i];
-            A[p * count + q] = sum;
-        }
+                for (int q = 0; q < many; ++q) {
+                    if (j == 0)
+                        along[q][i] = all(0.0);
+                    if (CARRIED(space, j, first + q))
+                        along[q][i] += c[i * size + j] * M[j][first + q];
+                }
+#pragma GCC unroll 9
+        for (int p = 0; p < count; ++p)
+            for (int q = 0; q < many; ++q) {
+                const int J = place[p][1], L = place[first + q][1];
+                vec sum = place[p][0] == place[first][0] ? S[J][L] : all(0.0);
+                for (int i = 0; i < size; ++i)
+                    if (CARRIED(space, i, p))
+                        sum += M[i][p] * along[q][i];
+                A[p * count + first + q] = sum;
+            }
     }
 }
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import tribox
-from benchmarks import law as bench_law
 from benchmarks import probe as bench_probe
 from benchmarks.bench import CONTACT, PARTS, Measured, Options, measure, run_bench, tables
 from benchmarks.comparison import Job
-from benchmarks.explicit import contact_table, kernel_table, sliding, step_table
+from benchmarks.explicit import contact_table, kernel_table, step_table
 from benchmarks.law_figures import (
     FLOWS,
     draw_law,
@@ -107,13 +106,6 @@ def test_tables_state_shares_ratios_and_growth():
     assert cells(growth, "peak memory") == ["× 1.50"]
 
 
-def test_parts_of_a_run_add_up_to_the_command(measured):
-    assert set(measured.seconds) <= set(PARTS)
-    assert measured.sum(PARTS) == pytest.approx(sum(measured.seconds.values()))
-    # What is left is the end of Python.
-    assert 0.75 * measured.command < measured.sum(PARTS) <= measured.command
-
-
 def test_every_probe_is_met_in_a_run(measured):
     """A part nobody calls any more would read as one that costs nothing."""
     expected = {*bench_probe.FRAME.values(), *bench_probe.PROBES.values(), "law"}
@@ -122,33 +114,9 @@ def test_every_probe_is_met_in_a_run(measured):
     assert all(measured.seconds[part] > 0.0 for part in expected)
 
 
-def test_counts_of_a_run_fit_each_other(measured):
-    assert measured.steps == 10 and measured.attempts == 10
-    assert measured.steps <= measured.tangents <= measured.iterations
-    assert measured.solves >= measured.iterations
-    assert measured.evaluations >= measured.iterations
-    assert measured.calls["law"] <= measured.evaluations + measured.tangents
-    assert 1 <= measured.gross <= 3
-    assert 0.0 < measured.factorisation < measured.command
-
-
-def test_memory_is_that_of_the_whole_process(measured):
-    """At least what Python and the libraries take by themselves; MiB, not KiB or bytes."""
-    assert 80.0 < measured.memory < 2000.0
-
-
 def test_a_run_that_fails_says_why(short):
     with pytest.raises(SolutionError, match=r"short, level 1 failed: .*no_such_key"):
         measure(Job("short", 1, (str(short), "--set", "no_such_key=1")))
-
-
-def test_law_is_compared_with_plain_coulomb():
-    lines = list(bench_law.lines(points=2000, repeat=1))
-    assert cells(lines, "law") == ["s", "ns per point", "over the faster Coulomb"]
-    rows = {name: cells(lines, name) for name in ("Coulomb, plain", "Coulomb, lean")}
-    assert min(float(row[-1]) for row in rows.values()) == 1.0
-    assert float(cells(lines, "slip weakening")[-1]) > 0.0
-    assert lines[-1].endswith("(limit 8)")
 
 
 def test_bench_is_a_command(tribox):
@@ -188,43 +156,19 @@ def test_every_figure_is_drawn(tmp_path):
     assert len(files) == 3 and all(file.stat().st_size > 1e4 for file in files)
 
 
-# -- The table of explicit timings, on meshes that cost nothing ------------------------------------
+# -- The tables of explicit timings, on meshes that cost nothing -----------------------------------
+
+
+def test_parts_of_explicit_steps_are_measured():
+    assert len(list(kernel_table(cells=6))) == 2 + 6
+    assert len(list(contact_table(0.2))) == 2 + 2
+    head, _, *rows = step_table((0.2,))
+    assert len(rows) == 2
+    for row in rows:
+        found = dict(zip(cells_of(head), cells_of(row), strict=True))
+        parts = ("assembly", "contact", "time integration")
+        assert sum(float(found[part].rstrip("% ")) for part in parts) == pytest.approx(100, abs=3)
 
 
 def cells_of(line):
     return [cell.strip() for cell in line.strip("|").split("|")]
-
-
-def test_kernels_and_steps_are_measured():
-    lines = list(kernel_table(cells=6))
-    assert len(lines) == 2 + 6 and "36 cells" in lines[0]
-    for line in lines[2:]:
-        assert all(float(number) > 0.0 for number in cells_of(line)[1:])
-    head, _, *rows = step_table((0.2,))
-    for row in rows:
-        found = dict(zip(cells_of(head), cells_of(row), strict=True))
-        assert int(found["cells"]) == 8 * 4 + 12 * 3
-        assert float(found["ms per step"]) > 0.0
-        shares = [
-            float(found[part].rstrip("% ")) for part in ("assembly", "contact", "time integration")
-        ]
-        assert sum(shares) == pytest.approx(100.0, abs=3.0)
-    assert len(rows) == 2
-
-
-def test_contact_pairs_are_measured():
-    head, _, *rows = contact_table(0.2)
-    assert len(rows) == 2
-    for row in rows:
-        found = dict(zip(cells_of(head), cells_of(row), strict=True))
-        ratio = float(found["numpy (ms)"]) / float(found["compiled (ms)"])
-        assert float(found["ratio"]) == pytest.approx(ratio, abs=0.2)
-
-
-@pytest.mark.parametrize("friction", ["film", "coulomb"])
-def test_what_is_measured_slides(friction):
-    case = sliding(0.3, friction)
-    case.run(600)
-    trial = case.stepper.problem.trials[0]
-    assert (trial.pressure > 0.0).mean() > 0.5
-    assert trial.response.traction[:, 0].max() > 0.0

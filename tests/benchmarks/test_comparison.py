@@ -88,12 +88,6 @@ def test_a_force_that_is_no_number_differs():
     assert difference(normal_force=[math.nan, 2.0]).worst == math.inf
 
 
-def test_a_history_without_forces_is_an_error():
-    bare = ran(history=[{"step": 1.0, "time": 0.0}])
-    with pytest.raises(InputError, match="no column of forces"):
-        force_difference(bare, bare)
-
-
 # --- runs -----------------------------------------------------------------------------------------
 
 
@@ -146,12 +140,7 @@ def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file,
     assert f"**{new['cpu'] / old['cpu']:.3f}**" in text
 
 
-# --- tables ---------------------------------------------------------------------------------------
-
-
 # -- Runs in processes of their own: whose packages they have, and what they cost ------------------
-
-BURN = "import time\nwhile time.process_time() < 0.4: pass\n"
 
 
 def test_packages_are_those_of_the_tree(tmp_path, monkeypatch):
@@ -167,25 +156,7 @@ def test_packages_are_those_of_the_tree(tmp_path, monkeypatch):
     assert told.read_text(encoding="utf-8") == str(tmp_path / "app" / "where.py")
 
 
-def test_children_of_a_process_count():
-    inner = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BURN!r}])"
-    assert run_python(["-c", inner], "a run").cpu > 0.4
-
-
 # -- What ``tribox bench`` compares with what ------------------------------------------------------
-
-
-def a_tree(place):
-    for name in ("app", "forms", "geometry", "src/tribox", "benchmarks"):
-        (place / name).mkdir(parents=True)
-
-
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_another_tree_is_the_old_one(tmp_path, ranks):
-    a_tree(tmp_path)
-    old, new = sides_of(tmp_path, (), ranks)
-    assert (old.name, old.tree, old.ranks) == ("old", tmp_path / "src", ranks)
-    assert (new.name, new.tree, new.ranks) == ("new", SOURCES, ranks)
 
 
 def test_a_directory_that_is_no_tree_is_refused(tmp_path):
@@ -217,15 +188,6 @@ def test_a_level_refines_both_blocks():
     ]
 
 
-def test_a_level_divides_a_given_size(block, case_file):
-    text = block.replace("elements = [10, 5]", 'size = "0.1 mm"')
-    path = case_file(text)
-    options = level_options(load_case(path), 4)
-    refined = load_case(path, options[1::2])
-    assert refined.geometry.upper.size == pytest.approx(2.5e-5)
-    assert refined.geometry.lower.elements == (60, 16)
-
-
 def test_levels_and_values_of_a_sweep_are_runs_of_their_own():
     path = ROOT / "cases" / "sfa.toml"
     jobs = list(jobs_of(path, (1, 2)))
@@ -233,14 +195,6 @@ def test_levels_and_values_of_a_sweep_are_runs_of_their_own():
     assert [(job.name, job.level) for job in jobs] == [(n, k) for k in (1, 2) for n in labels]
     assert jobs[1].words == (str(path), "--part", "1")
     assert jobs[-1].words[1] == "--set" and jobs[-1].words[-2:] == ("--part", f"{len(labels) - 1}")
-
-
-def test_a_level_refines_boxes_in_all_directions():
-    options = level_options(load_case(ROOT / "cases" / "boxes-3d.toml"), 2)
-    assert options[1::2] == [
-        "geometry.upper.elements=[16, 8, 16]",
-        "geometry.lower.elements=[22, 6, 22]",
-    ]
 
 
 def test_changes_of_the_case_come_before_the_level_refines_it():

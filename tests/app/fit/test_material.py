@@ -16,10 +16,10 @@ from tribox.app.case import load_case
 from tribox.app.case.bodies import ElastoPlasticBody, NeoHookeanBody
 from tribox.app.case.quantities import parse_quantity
 from tribox.app.errors import InputError
-from tribox.app.fit.material import MaterialOptions, durbin_watson, fit_material
+from tribox.app.fit.material import MaterialOptions, durbin_watson, fit_material, fitted
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.material_files import body_section, run_material
-from tribox.app.fit.metal import Metal, MetalProblem, fit_metal, paths, response
+from tribox.app.fit.metal import Metal, MetalProblem, fit_metal, paths, response, with_turns
 from tribox.app.fit.model import interval
 from tribox.app.fit.prony import PronyProblem, Shift, branch_stress, fit_prony, relaxation_curve
 from tribox.forms.bodies.hardening import Linear, Swift, Voce
@@ -212,11 +212,38 @@ def test_exact_data_give_exact_series(kind):
     assert fit.series.long_term == pytest.approx(LONG_TERM, rel=1e-5)
 
 
+def read_out(first: float, apart: float) -> MaterialData:
+    """A cycle to ±5 % at constant rate, read at equal times."""
+    covered = np.unique(np.append(np.arange(first, 0.23, apart), [0.05, 0.15]))
+    strain = np.interp(covered, [0.0, 0.05, 0.15, 0.23], [0.0, 0.05, -0.05, 0.03])
+    stress, _ = response(METAL, strain, paths(strain))
+    rows = ~np.isin(covered, [0.05, 0.15])
+    return MaterialData("metal", np.ones(rows.sum()), strain=strain[rows], stress=stress[rows])
+
+
 def test_exact_data_give_exact_metals():
+    """Read at the turns of the strain, and past them: before the middle of two rows, and after."""
     stress, _ = response(METAL, CYCLE, paths(CYCLE))
     data = MaterialData("metal", np.ones(len(CYCLE)), strain=CYCLE, stress=stress)
-    fit = MetalProblem(data, "voce", 1, {}).fitted()
-    assert fit.values == pytest.approx(OF_METAL, rel=1e-5)
+    for one in (data, read_out(0.0003, 0.001), read_out(0.0016, 0.002), read_out(0.001, 0.002)):
+        fit = MetalProblem(one, "voce", 1, {}).fitted()
+        assert fit.values == pytest.approx(OF_METAL, rel=1e-5)
+        turns = fit.problem.strain[~fit.problem.rows]
+        assert turns == pytest.approx([] if one is data else [0.05, -0.05], abs=1e-12)
+
+
+def test_turns_between_rows_are_told_and_not_guessed_where_rows_are_unevenly_apart():
+    strain = np.array([0.01, 0.02, 0.03, 0.04, 0.044, 0.0435, 0.042, 0.03, 0.02])
+    found, rows, unknown = with_turns(strain)
+    assert found is strain and rows.all() and unknown == [0.044]
+    for strain, said in (
+        (strain, "turn is unknown, 1 times"),
+        (read_out(3e-4, 1e-3).strain, "2 times, first at 0.05"),
+    ):
+        stress, _ = response(METAL, strain, paths(strain))
+        data = MaterialData("metal", np.ones(len(strain)), strain=strain, stress=stress)
+        result = fitted(data, MaterialOptions(law="linear", branches=0), {"E": 70e9})
+        assert any(said in line for line in result.notes)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import case_of, run
 from tests.app.read_log import read_log
@@ -19,6 +20,8 @@ from tests.app.simulation.film_runs import (
     words_of,
 )
 from tribox import load_case, read, run_case
+from tribox.app.build.model import build_model
+from tribox.app.errors import InputError
 from tribox.app.results.reading import read_table
 
 
@@ -36,22 +39,47 @@ def test_a_slider_carries_and_drags_as_reynolds_says(slider):
     assert warnings_of(slider) == []
 
 
-def test_a_mesh_may_number_the_ends_of_its_facets_as_it_likes(slider, tmp_path):
-    """A steady film has one speed along all of them."""
+def test_the_pull_of_pressure_at_the_inlet_is_no_friction_of_a_slider(tmp_path):
+    """Where the gap narrows to a fifth the shear changes its sign before the outlet."""
+    runner = 'tools.runner={shape="plane", point=["10 mm", "5 um"], normal=[-0.002, -1], '
+    runner += 'velocity={x="0.1 m/s", y="-0.2 mm/s"}}'
+    directory = shipped("slider", tmp_path / "out", runner, "stage.0.steps=1")
+    drag = (np.log(5.0) - 1.0) * 0.8 * 0.1 * 0.01 / 5e-6  # (4 ln a - 6k/(a + 1))/k η U L/h
+    for name in ("friction_force", "tangential_force"):
+        assert column(directory, name) == pytest.approx(drag, rel=2e-3)
+
+
+def test_a_steady_film_that_changes_on_its_slave_is_told(tmp_path):
+    """The runner does not move along itself: behind it the film would not carry at all."""
+    directory = shipped("slider", tmp_path / "out", 'tools.runner.velocity={x="1 m/s", y=0}')
+    assert "at one speed the film changes by what takes 1.4e+02 % of its flow" in words_of(
+        directory
+    )
+
+
+def pad_of_a_mesh(file, angle=0.0):
+    """Write the slider's pad, turned by an angle, its facets numbered either way round."""
     n = 41
     points = np.array([[1e-2 * i / (n - 1), y] for y in (0.0, -1e-4) for i in range(n)])
+    points = points @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     quads = [np.roll([i + n, i + n + 1, i + 1, i], i * i // 3) for i in range(n - 1)]
-    lines = np.array([[i, i + 1] for row in (0, n) for i in range(row, row + n - 1)])
-    parts = np.repeat([2, 3], n - 1), np.ones(n - 1, dtype=int)
+    lines = [[i, i + 1] for row in (0, n) for i in range(row, row + n - 1)]
+    lines = np.array([*lines, [0, n]])
+    parts = np.array([*np.repeat([2, 3], n - 1), 4]), np.ones(n - 1, dtype=int)
     tags = {f"gmsh:{kind}": list(parts) for kind in ("physical", "geometrical")}
-    named = {"pad": [1, 2], "pad_top": [2, 1], "pad_bottom": [3, 1]}
+    named = {"pad": [1, 2], "pad_top": [2, 1], "pad_bottom": [3, 1], "pad_left": [4, 1]}
     mesh = meshio.Mesh(
         np.column_stack([points, np.zeros(2 * n)]),
         [("line", lines), ("quad", np.array(quads))],
         cell_data=tags,
         field_data={name: np.array(of) for name, of in named.items()},
     )
-    mesh.write(tmp_path / "pad.msh", "gmsh22", binary=False)
+    mesh.write(file, "gmsh22", binary=False)
+
+
+def test_a_mesh_may_number_the_ends_of_its_facets_as_it_likes(slider, tmp_path):
+    """A steady film has one speed along all of them."""
+    pad_of_a_mesh(tmp_path / "pad.msh")
     data = tomllib.loads((FILMS / "slider.toml").read_text())
     data["geometry"] = {"mesh": str(tmp_path / "pad.msh"), "thickness": "1 m"}
     data["stage"][0]["steps"], data["output"] = 1, {"figures": False}
@@ -59,6 +87,16 @@ def test_a_mesh_may_number_the_ends_of_its_facets_as_it_likes(slider, tmp_path):
     for name in ("normal_force", "friction_force"):
         assert column(tmp_path / "out", name) == pytest.approx(column(slider, name), rel=1e-9)
     assert warnings_of(tmp_path / "out") == []
+
+
+def test_half_a_film_at_an_oblique_plane_of_symmetry_is_refused(tmp_path):
+    pad_of_a_mesh(tmp_path / "pad.msh", angle=0.5)
+    data = tomllib.loads((FILMS / "squeeze.toml").read_text())
+    data["geometry"] = {"mesh": str(tmp_path / "pad.msh"), "thickness": "1 m"}
+    data["boundary"] = [{"surface": f"pad_{s}", "symmetry": True} for s in ("left", "bottom")]
+    data["tools"]["plate"]["point"][1] = "5 mm"
+    with pytest.raises(InputError, match="plane of symmetry that is across no axis"):
+        build_model(case_of(data), MPI.COMM_SELF)
 
 
 def test_a_film_that_ends_with_its_runner_does_not_begin_too_close(tmp_path):
@@ -158,8 +196,10 @@ ROUND = {"shape": "circle", "centre": ["5 mm", "50.1 mm"], "radius": "50 mm"}
 SPREAD = {"oil": "60 g/m^2", "density": "900 kg/m^3", "cells": 4}
 
 
-@pytest.mark.parametrize(("plate", "film"), [(PLATE, {}), (ROUND, SPREAD)])
-def test_half_a_film_is_half_of_the_whole(tmp_path, plate, film):
+@pytest.mark.parametrize(
+    ("plate", "film", "held"), [(PLATE, {}, {"velocity": {"x": 0}}), (ROUND, SPREAD, {})]
+)
+def test_half_a_film_is_half_of_the_whole(tmp_path, plate, film, held):
     """Nothing flows across a plane of symmetry, whatever floods the film at its ends."""
     data, found = tomllib.loads(Path("cases/film/squeeze.toml").read_text()), []
     data["stage"], data["output"] = data["stage"][:2], {"figures": False}
@@ -169,7 +209,8 @@ def test_half_a_film_is_half_of_the_whole(tmp_path, plate, film):
         if half:
             data["geometry"]["blocks"]["pad"] |= {"x": ["5 mm", "10 mm"], "elements": [20, 1]}
             data["tools"]["plate"]["force"]["y"][1][1] = "-15 kN"
-            data["boundary"].append({"surface": "pad_left", "symmetry": True})
+            data["tools"]["plate"] |= held
+            data["boundary"].append({"surface": "pad_left"} | (held or {"symmetry": True}))
         run_case(case_of(data), tmp_path / str(half), quiet=True)
         surface = read(tmp_path / str(half)).contact()
         order = np.argsort(surface.points[:, 0])[-21:]
