@@ -322,7 +322,9 @@ class Loads:
         """Prescribe a velocity; what begins in the middle of a run goes on from where it is."""
         acts, dofs = self._acts(boundary), self._dofs(boundary.surface, component)
         value, source = of_time(speed.integral), ("velocity", speed)
-        if not boundary.stages and not any(speed.values):  # held, as by a displacement of 0
+        if all(map(acts, self._stages)) and not any(
+            speed.values
+        ):  # held, as by a displacement of 0
             self._fix(boundary.surface, dofs, component, acts)
             return
         if not boundary.stages:

@@ -187,16 +187,17 @@ class ContactBuilder:
                 f"contact.{index}.film.sigma = 0: nothing carries load in stage {dry[0]}, which is "
                 "not rate_dependent"
             )
+        try:
+            held = self._held_with(table.master)
+            term = LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
+        except ValueError as error:  # on several ranks always
+            raise InputError(f'{place} = "reynolds": {error}') from None
         if np.isin(surface.vertices.nodes, self._slanted()).any():
             raise InputError(
                 f'{place} = "reynolds": its slave {table.slave} ends at a plane of symmetry that '
                 "is across no axis; turn the mesh"
             )
-        try:
-            held = self._held_with(table.master)
-            return LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
-        except ValueError as error:
-            raise InputError(f'{place} = "reynolds": {error}') from None
+        return term
 
     def _slanted(self) -> Ints:
         """Nodes of this rank on planes of symmetry that are across no axis."""

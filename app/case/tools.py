@@ -91,19 +91,29 @@ class ToolStop(Model):
     y: _Length | None = Field(default=None, description="displacement in y")
     z: _Length | None = Field(default=None, description="displacement in z, in 3D")
 
-    def problems(self, force: ToolForce | None, place: Place) -> Iterator[Problem]:
-        """Components without a force, or whose force turns round."""
+    def problems(self, tool: Tool, place: Place) -> Iterator[Problem]:
+        """Components that no force drives, or to the other side."""
         for component in COMPONENTS:
-            if (value := getattr(self, component)) is None:
-                continue
-            drives: TimeTable | None = getattr(force, component, None)
-            if drives is None:
-                reason = f"goes with force.{component} only: it is as far as the force moves it"
-            elif not min(drives.values) < 0.0 < max(drives.values):
-                continue
-            else:
-                reason = f"a stop is on one side, but force.{component} turns round"
-            yield Problem((*place, component), reason, value)
+            value = getattr(self, component)
+            if value is not None and (reason := self._problem(tool, component, value)):
+                yield Problem((*place, component), reason, value)
+
+    def _problem(self, tool: Tool, component: str, value: float) -> str | None:
+        """Why a tool cannot have a stop at ``value``, m."""
+        force: TimeTable | None = getattr(tool.force, component, None)
+        moved = getattr(tool.displacement, component, None)
+        if force is None or component in tool.hold_force:
+            return f"goes with force.{component} only: it is as far as the force moves it"
+        low, high = min(force.values), max(force.values)
+        if low < 0.0 < high:
+            return f"a stop is on one side, but force.{component} turns round"
+        if low == high == 0.0:
+            return f"force.{component} drives the tool nowhere"
+        places = moved.values if isinstance(moved, TimeTable) else (0.0,)
+        side = 1.0 if high > 0.0 else -1.0
+        if any(side * (at - value) > 0.0 for at in places):
+            return "the tool is beyond it before the force moves it there"
+        return None
 
 
 class ToolRotation(Model):
@@ -275,7 +285,7 @@ class Tool(Model):
         if self.displacement is not None:
             yield from self.displacement.problems((*place, "displacement"))
         if self.stop is not None:
-            yield from self.stop.problems(self.force, (*place, "stop"))
+            yield from self.stop.problems(self, (*place, "stop"))
         if self.mass is not None and self.force is None and self.spring is None:
             yield Problem((*place, "mass"), "goes with force or spring only", self.mass)
         if self.spring is not None and self.spring.mass > 0.0:

@@ -368,7 +368,7 @@ class Equilibrium:
         with self.timer("contact"):
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
-        for springs in self._springs(step, x.array_r):
+        for springs in self._springs(step):
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
@@ -464,7 +464,14 @@ class Equilibrium:
         forces = -self._gathered(add) if acting else np.zeros(self.owned)
         for load in self.nodal_loads:
             load.add_to(forces)
+        rests = self.rests()
+        if rests is not None:
+            forces -= rests.force(self.u.x.array[: self.owned])
         return forces
+
+    def rests(self) -> HoldingSprings | None:
+        """Stops that tools rest on at the displacement spread last; None: no tool has any."""
+        return rests_of_tools(self.tools, self.u.x.array[: self.owned], self.constraints.dofs)
 
     def reaction(self, part: Prescribed | Platen) -> float:
         """Force of a support or platen on the bodies at the last evaluation; collective.
@@ -508,20 +515,20 @@ class Equilibrium:
                 self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
-        springs = self._springs(step, x.array_r)
+        rests = self.rests()
+        springs = self._springs(step) + ([rests] if rests is not None else [])
         self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
         driving = np.zeros(self.owned)
         for load in self.nodal_loads:
             load.add_to(driving)
         hold_what_slips(A, self.tools, self.solids, driving, self.first)
 
-    def _springs(self, step: StepMode, at: Floats) -> list[HoldingSprings]:
-        """Springs that hold bodies and tools in a step at displacements (n,), m."""
+    def _springs(self, step: StepMode) -> list[HoldingSprings]:
+        """Springs that hold bodies and tools in a step."""
         turning = self.turning
         if turning is not None and any(mode.friction_as_load for mode in step.modes):
             turning = held_fast(turning)
-        every = (turning, step.holding, rests_of_tools(self.tools, at))
-        return [springs for springs in every if springs is not None]
+        return [springs for springs in (turning, step.holding) if springs is not None]
 
     def is_held_slightly(self) -> bool:
         """Whether idle tools are held by next to nothing at the last evaluation; collective.

@@ -100,10 +100,13 @@ class RigidTool:
         return self.motion.control_points(slots[:-1], float(slots[-1]) / self.motion.length)
 
 
-def rests_of_tools(tools: Sequence[RigidTool], at: Floats) -> HoldingSprings | None:
+def rests_of_tools(tools: Sequence[RigidTool], at: Floats, given: Ints) -> HoldingSprings | None:
     """Springs of the stops that tools have passed at displacements (n,) of owned unknowns, m.
 
     Returns None if no tool has a stop; the same kind on all ranks.
+
+    Args:
+        given: owned unknowns that are prescribed, and that no stop holds.
     """
     if all(tool.stop is None for tool in tools):
         return None
@@ -114,6 +117,7 @@ def rests_of_tools(tools: Sequence[RigidTool], at: Floats) -> HoldingSprings | N
             place[here] = np.clip(at[here], tool.stop.low[tool.here], tool.stop.high[tool.here])
             passed = place[here] != at[here]
             stiffness[here] = np.where(passed, tool.stop.stiffness[tool.here], 0.0)
+    stiffness[given] = 0.0
     return HoldingSprings(stiffness, place)
 
 
@@ -175,11 +179,12 @@ def hold_what_slips(
     modulus, diagonal = _softest(solids), A.getDiagonal().array_r
     for tool in free:
         fast = modulus * _size(tool)
-        slots = tool.free & tool.here & (forces[tool.dofs] == 0.0)
-        slots[-1] &= tool.idle
-        enough = np.where(np.arange(tool.slots) < tool.slots - 1, SLIGHT, SLIPPING) * fast
-        for row, least in zip(tool.dofs[slots], enough[slots], strict=True):  # a few tools at most
-            if diagonal[row] < least:
+        slots = np.flatnonzero(tool.free & tool.here)
+        for slot in slots:  # a few tools at most
+            row, turns = tool.dofs[slot], slot == tool.slots - 1
+            if forces[row] != 0.0 or (turns and not tool.idle):
+                continue
+            if diagonal[row] < (SLIPPING if turns else SLIGHT) * fast:
                 at = int(row) + first
                 A.setValue(at, at, fast, addv=PETSc.InsertMode.ADD_VALUES)
     A.assemble()

@@ -172,8 +172,10 @@ def final_shapes(directory: Path, ends: Mapping[int, float]) -> dict[str, dict[s
     path, found = directory / PROBE_TABLES[3], {}
     if not has_rows(path):
         return {}
-    rows, left = read_table(path), ends.get(max(ends, default=0), 0.0) / UNLOADED
-    loaded = {step for step, force in ends.items() if force > left} or set(ends)
+    rows, felt = read_table(path), UNLOADED * max(ends.values(), default=0.0)
+    loaded = {step for step, force in ends.items() if force > felt}
+    if max(ends, default=0) in loaded or not loaded:  # nothing was let go, or nothing pressed
+        loaded = set(ends)
     if len(ends) == 1:  # nothing was let go
         loaded = set()
     for name in dict.fromkeys(str(row["probe"]) for row in rows):

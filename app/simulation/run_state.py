@@ -384,7 +384,7 @@ class ToolHistory:
         """
         loads = np.sum(outside.loads, axis=0) if outside.loads else np.zeros_like(motion[0])
         problem = self._model.problem
-        rests = rests_of_tools(self._tools, motion[0])
+        rests = rests_of_tools(self._tools, motion[0], problem.constrained_dofs())
         if rests is not None:
             loads[: problem.owned] -= rests.force(motion[0])
         out = np.zeros((len(self._tools), 3, self._model.problem.dim + 1))

@@ -77,6 +77,8 @@ def on_punch(**changed):
         (on_punch(stop={"y": 0}), "tools.punch.stop.y = 0.0: goes with force.y only: it is as far"),
         (on_punch(force={"x": [[0, -1], [1, 1]]}, stop={"x": 0}),
          "tools.punch.stop.x = 0.0: a stop is on one side, but force.x turns round"),
+        (on_punch(force={"x": 0}, stop={"x": 0}), "force.x drives the tool nowhere"),
+        (on_punch(force={"x": -1}, stop={"x": 1}), "the tool is beyond it before the force moves"),
         (on_punch(rotation={}),
          "tools.punch.rotation: give one of angle, rate, rim and moment, found n"),
         (on_punch(rotation={"angle": 1, "rate": 1}), "found angle and rate"),

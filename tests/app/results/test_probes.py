@@ -473,6 +473,7 @@ def test_what_springs_back_of_an_elastic_strip_is_all(strip):
     [
         ([5.0, 9.0, 0.0], [0.4, 0.9, 0.7], 0.2),
         ([5.0, 9.0, 0.0], [0.4, 0.7, 0.9], -0.2),  # coined: it closes further when let go
+        ([9.0, 1e-8, 0.0], [0.7, 0.9, 0.9], -0.2),  # and held
         ([5.0, 9.0, 9.0], [0.4, 0.7, 0.9], 0.0),  # bent on
         ([0.0, 0.0, 0.0], [0.4, 0.9, 0.7], 0.2),  # by moments, without a contact
         ([9.0], [0.9], None),
