@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +21,7 @@ from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -71,7 +70,6 @@ class Reporter(Observer):
         dt = state.rows[-1].dt if state.rows else state.time
         self._progress.go_on(ends, state.time, dt)
         self._pace.speed(steps)
-        self._show("goes on")
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
@@ -149,7 +147,7 @@ class Reporter(Observer):
 
     def _show(self, details: str) -> None:
         if self._bars is not None:
-            self._bars.show(details)
+            self._bars.details = details
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -170,8 +168,8 @@ class Reporter(Observer):
             forces = _bond(pair) if bonded else _at_end(pair)
             self.tell(f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}")
         self._progress.end_load_step()
-        all_done = self._progress.here.share == 1.0
-        self._show("all stages done; writing results and figures" if all_done else "")
+        if self._progress.here.ended is not None:
+            self._show("all stages done; writing results and figures")
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
@@ -310,23 +308,28 @@ class StageProgress:
     """How far one stage has come.
 
     Attributes:
-        stage: the stage; name: its number and name.
+        stage: the stage; number: from 1.
         velocities: m/s, of its load steps; none if it has a duration.
-        began: s, time of the run at its start.
+        began: s, time of the run at its start; started: s, of the clock.
         time: s, of the run; dt: s, of the last step.
         done: load steps done; turned: s, time of the run at the start of the one at hand.
         cuts: steps cut so far.
+        ended: s, of the clock; None before.
+        before: share that was done when a run was gone on with.
     """
 
     stage: Stage
-    name: str
+    number: int
     velocities: tuple[float, ...]
     began: float
+    started: float
     time: float
     turned: float
     dt: float = 0.0
     done: int = 0
     cuts: int = 0
+    ended: float | None = None
+    before: float = 0.0
 
     @property
     def load_steps(self) -> int:
@@ -349,6 +352,15 @@ class StageProgress:
             return min(max((self.time - self.began) / self.stage.duration, 0.0), 1.0)
         return (self.done + min(self.steps / self.stage.max_steps, 1.0)) / self.load_steps
 
+    def seconds_left(self, now: float) -> float | None:
+        """Seconds of the clock that the rest takes at the pace so far; None at the start.
+
+        Until steady it is the most it can be.
+        """
+        share = self.share
+        made = share - self.before
+        return (now - self.started) * (1.0 - share) / made if made > 0.0 else None
+
     def place(self) -> str:
         """Where the stage is: its own time, or its load step and the steps at this velocity."""
         if self.stage.duration is not None:
@@ -361,18 +373,36 @@ class StageProgress:
             f"step {self.steps:.0f}/{self.stage.max_steps}"
         )
 
+    def time_left(self, now: float) -> str:
+        """The time left in words, or the time taken by a stage that is done."""
+        if self.before == 1.0:
+            return "done before"
+        if self.ended is not None:
+            return f"done in {clock(self.ended - self.started)}"
+        left = self.seconds_left(now)
+        if left is None:
+            return ""
+        most = "" if self.stage.duration is not None else "at most "
+        return f"{most}{clock(left)} left"
+
 
 class StagesProgress:
     """The stages of a run, one after the other.
 
     Attributes:
         begun: progress of the stages begun so far; the last is the one at hand.
+        now: the clock, s.
     """
 
-    def __init__(self, case: Case) -> None:
-        """Begin with the first stage."""
+    def __init__(self, case: Case, now: Callable[[], float] = time.monotonic) -> None:
+        """Begin with the first stage.
+
+        Args:
+            now: the clock, s.
+        """
         self._stages = case.stage
         self._conductance = case.film_conductance
+        self.now = now
         self.begun: list[StageProgress] = []
         self._begin(0.0)
 
@@ -380,6 +410,11 @@ class StagesProgress:
     def here(self) -> StageProgress:
         """The stage at hand, or the last of all."""
         return self.begun[-1]
+
+    @property
+    def count(self) -> int:
+        """Number of stages, those to come included."""
+        return len(self._stages)
 
     def at(self, time: float, dt: float) -> StageProgress:
         """The run has come to ``time`` (s), by a step of ``dt`` (s)."""
@@ -391,8 +426,10 @@ class StagesProgress:
         """A load step of the stage at hand has ended, and perhaps the stage."""
         here = self.here
         here.done, here.turned = here.done + 1, here.time
-        if here.done == here.load_steps and len(self.begun) < len(self._stages):
-            self._begin(here.time)
+        if here.done == here.load_steps:
+            here.ended = self.now()
+            if len(self.begun) < self.count:
+                self._begin(here.time)
 
     def go_on(self, ends: Iterable[tuple[float, float]], time: float, dt: float) -> None:
         """A run goes on that had come somewhere.
@@ -405,56 +442,78 @@ class StagesProgress:
             self.at(*end)
             self.end_load_step()
         self.at(time, dt)
+        for one in self.begun:
+            one.before = one.share
 
     def _begin(self, time: float) -> None:
         stage = self._stages[len(self.begun)]
         velocities = stage.velocities_within(self._conductance)
-        name = f"{len(self.begun) + 1}/{len(self._stages)} {stage.name}"
-        self.begun.append(StageProgress(stage, name, velocities, time, time=time, turned=time))
+        number = len(self.begun) + 1
+        self.begun.append(
+            StageProgress(stage, number, velocities, time, self.now(), time=time, turned=time)
+        )
 
 
-# -- The stages of a run on a terminal: a bar for each, and what the step at hand gave  ------------
+def clock(seconds: float) -> str:
+    """A duration as 0:05 or 1:02:03."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+# -- The stages of a run on a terminal: a bar for each, and a line on the step at hand  -----------
 
 MOST_BARS = 6  # stages shown at a time
 NAME_WIDTH, BAR_WIDTH = 20, 20  # characters
 
 
 class StageBars:
-    """Bars that stay below the lines of a run while it goes on, and vanish at its end."""
+    """Bars that stay below the lines of a run while it goes on, and vanish at its end.
+
+    Attributes:
+        details: what is said of the step at hand.
+    """
 
     def __init__(self, progress: StagesProgress, console: Console) -> None:
-        # These take long to load, and no other run has a use for them.
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-        from rich.table import Column
+        from rich.live import Live  # takes long to load, and no other run has a use for it
 
         self._progress = progress
-        name, rest = (
-            Column(no_wrap=True, overflow="ellipsis", max_width=n) for n in (NAME_WIDTH, None)
-        )
-        self._bars = Progress(
-            TextColumn("{task.description}", markup=False, table_column=name),
-            BarColumn(BAR_WIDTH, finished_style="green"),
-            TimeRemainingColumn(compact=True, elapsed_when_finished=True),
-            TextColumn("{task.fields[place]}", markup=False, table_column=rest),
+        self.details = ""
+        self._live = Live(
             console=console,
             transient=True,
             refresh_per_second=4,
+            get_renderable=self.render,
             redirect_stderr=False,
-            speed_estimate_period=math.inf,
         )
-        self._bars.start()
-        self.show("")
+        self._live.start()
 
-    def show(self, details: str) -> None:
-        """Bring the bars up to date, with what is said of the step at hand."""
-        begun, here = self._progress.begun, self._progress.here
-        for one in begun[len(self._bars.tasks) :]:
-            self._bars.add_task(one.name, total=1.0, place="")
-        for task, one in zip(self._bars.tasks, begun, strict=True):
-            place = "  ".join(filter(None, (one.place(), details if one is here else "")))
-            seen = one in begun[-MOST_BARS:]
-            self._bars.update(task.id, completed=one.share, place=place, visible=seen)
+    def render(self) -> RenderableType:
+        """The bars as they stand."""
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        grid = Table.grid(padding=(0, 1))
+        begun = self._progress.begun[-MOST_BARS:]
+        names = [f"{one.number}/{self._progress.count} {one.stage.name}" for one in begun]
+        width = min(max(map(len, names)), NAME_WIDTH)
+        grid.add_column(no_wrap=True, overflow="ellipsis", width=width)
+        grid.add_column(width=BAR_WIDTH)
+        grid.add_column(no_wrap=True, overflow="ellipsis")
+        now = self._progress.now()
+        for name, one in zip(names, begun, strict=True):
+            said = one.time_left(now)
+            if one.ended is None:
+                said = ", ".join(part for part in (one.place(), said) if part)
+            grid.add_row(
+                Text(name),
+                ProgressBar(total=1.0, completed=one.share, width=BAR_WIDTH),
+                Text(said),
+            )
+        return Group(grid, Text(self.details, no_wrap=True, overflow="ellipsis"))
 
     def close(self) -> None:
         """Take the bars away."""
-        self._bars.stop()
+        self._live.stop()

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -49,12 +50,12 @@ from tribox.app.run.process import (
     tribox_command,
     with_sources,
 )
+from tribox.app.run.progress import clock
 from tribox.app.run.ranks import INTERRUPTED, Forwarding, RunOptions
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import TaskID
+    from rich.console import Console, RenderableType
 
 # -- What a sweep tells: labelled lines, or on a terminal one line for each value that is running --
 
@@ -88,64 +89,71 @@ class SweepLines(AbstractContextManager["SweepLines"]):
 
 
 class SweepScreen(SweepLines):
-    """On a terminal: one line for each running value, the others of its lines above."""
+    """On a terminal: one line for each running value, the others of its lines above.
+
+    Attributes:
+        running: of each running value the time of the clock (s) it was begun, and its last line.
+    """
 
     def __init__(self, count: int, console: Console) -> None:
-        from rich.progress import Progress, TextColumn, TimeElapsedColumn
-        from rich.table import Column
+        from rich.live import Live
 
         super().__init__()
-        self._count, self._done, self._failed = count, 0, 0
-        self._lines = Progress(
-            TextColumn("{task.description}", markup=False),
-            TimeElapsedColumn(),
-            TextColumn(
-                "{task.fields[said]}",
-                markup=False,
-                table_column=Column(no_wrap=True, overflow="ellipsis"),
-            ),
+        self._count, self._console = count, console
+        self.running: dict[str, tuple[float, str]] = {}
+        self._done = self._failed = 0
+        self._live = Live(
             console=console,
             transient=True,
             refresh_per_second=4,
+            get_renderable=self.render,
             redirect_stderr=False,
         )
-        self._all = self._lines.add_task("all values", total=None, said="")
-        self._running: dict[str, TaskID] = {}
 
     def __enter__(self) -> Self:
         """Show the lines."""
-        self._lines.start()
+        self._live.start()
         return self
 
     def begin(self, label: str) -> None:
         """A value is begun: it has a line from now on."""
-        self._running[label] = self._lines.add_task(label, total=None, said="starting")
-        self._count_up()
+        self.running[label] = (time.monotonic(), "starting")
 
     def say(self, label: str, line: str) -> None:
         """Show a line in the place of the value's last; print it above if it is to stay."""
         if is_passing(line):
-            self._lines.update(self._running[label], said=" ".join(line.split()))
+            started, _ = self.running[label]
+            self.running[label] = (started, " ".join(line.split()))
         elif self._once.is_new(line):
-            console = self._lines.console
-            console.print(folded(f"[{label}] {line}", console.width), markup=False, soft_wrap=True)
+            text = folded(f"[{label}] {line}", self._console.width)
+            self._console.print(text, markup=False, soft_wrap=True)
 
     def end(self, label: str, code: int) -> None:
         """The value's line goes."""
-        self._lines.remove_task(self._running.pop(label))
+        del self.running[label]
         self._done += 1
         self._failed += code != 0
-        self._count_up()
 
-    def _count_up(self) -> None:
-        waiting = self._count - self._done - len(self._running)
+    def render(self) -> RenderableType:
+        """The lines as they stand."""
+        from rich.console import Group
+        from rich.table import Table
+        from rich.text import Text
+
+        grid = Table.grid(padding=(0, 2))
+        grid.add_column(no_wrap=True)
+        grid.add_column(no_wrap=True, justify="right")
+        grid.add_column(no_wrap=True, overflow="ellipsis")
+        for label, (started, line) in list(self.running.items()):
+            grid.add_row(Text(label), Text(clock(time.monotonic() - started)), Text(line))
+        waiting = self._count - self._done - len(self.running)
         failed = f", {self._failed} failed" if self._failed else ""
-        said = f"{self._done} of {self._count} done{failed}, {waiting} waiting"
-        self._lines.update(self._all, said=said)
+        said = f"{self._done} of {self._count} values done{failed}, {waiting} waiting"
+        return Group(grid, Text(said))
 
     def __exit__(self, *error: object) -> None:
         """Take the lines away."""
-        self._lines.stop()
+        self._live.stop()
 
 
 def sweep_lines(count: int) -> SweepLines:

@@ -96,7 +96,7 @@ def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, mo
     reporter.say("results in " + "d" * 120)
     reporter.close()
     log, shown = (tmp_path / "log.txt").read_text(), stream.getvalue()
-    for text, width in ((log, 100), (re.sub(r"\x1b\[[^A-Za-z]*[A-Za-z]", "", shown), 40)):
+    for text, width in ((log, 100), (re.sub(r"\x1b\[[^A-Za-z]*[A-Za-z]|\r", "", shown), 40)):
         lines = text.splitlines()
         assert max(len(line) for line in lines if "ddd" not in line) <= width
         assert text.count("corners 0.25") == 3 and text.count("smooth the") == 1
