@@ -110,11 +110,15 @@ def with_turns(strain: Floats) -> tuple[Floats, Bools, list[float]]:
     unknown: list[float] = []
     apart = np.abs(np.diff(strain))
     for path, then in reversed(list(itertools.pairwise(paths(strain)))):
-        # The farthest row is that before the turn, or that after it.
+        # The farthest row is that before the turn, or that after it. Rows about a turn are nearer
+        # to each other than to the next ones on their side; on the other the rate may differ.
         i = path.stop - 1
-        i = min(range(max(i - 1, path.start), i + 1), key=lambda row: float(apart[row]))
+        sides = [(i - 1, i - 2)] * (i - 2 >= path.start) + [(i, i + 1)] * (i + 2 < then.stop)
+        short = {row: apart[row] / (apart[beside] or np.inf) for row, beside in sides}
+        i = min(short, key=lambda row: float(short[row]), default=i)
         before, after = apart[path.start : i][-NEXT:], apart[i + 1 : then.stop - 1][:NEXT]
-        if not (before.size and after.size) or apart[i] >= AT_ROW * min(before[-1], after[0]):
+        dwells = not (before.all() and after.all())
+        if dwells or not (before.size and after.size) or short[i] >= AT_ROW:
             continue
         if any(np.ptp(one) > EVEN * one.mean() for one in (before, after)):
             unknown.append(float(strain[path.stop - 1]))

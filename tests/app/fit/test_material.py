@@ -246,6 +246,15 @@ def test_turns_between_rows_are_told_and_not_guessed_where_rows_are_unevenly_apa
         assert any(said in line for line in result.notes)
 
 
+@pytest.mark.parametrize(("up", "down"), [(1e-3, 0.5e-3), (1e-3, 2e-3), (2e-3, 0.5e-3)])
+@pytest.mark.parametrize("first", [0.1, 0.35, 0.6, 0.85])
+def test_turns_are_found_where_the_strain_returns_at_another_rate(up, down, first):
+    ends = np.cumsum([0.0, 0.05 / up, 0.1 / down, 0.08 / up])
+    strain = np.interp(np.arange(first, ends[-1], 1.0), ends, [0.0, 0.05, -0.05, 0.03])
+    found, rows, unknown = with_turns(strain)
+    assert unknown == [] and found[~rows] == pytest.approx([0.05, -0.05], abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("kind", "draws"), [("relaxation", 40), ("vibration", 30), ("shifted", 20), ("metal", 5)]
 )

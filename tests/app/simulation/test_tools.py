@@ -336,6 +336,8 @@ def test_a_force_moves_a_tool_as_far_as_its_stop_and_back(mesh):
     assert on[0] == pytest.approx(force, rel=1e-3)
     assert on[1:] == pytest.approx([0.5 * force, 0.0], abs=1e-7 * force)
     assert of_tool(there_and_back, "driving_force_y") == pytest.approx(-on, abs=1e-7 * force)
+    work = there_and_back.rows[0].external_work  # the blocks under the tool take the rest
+    assert work == pytest.approx(driven.rows[-1].external_work, rel=0.05)
     assert [row.attempts for row in there_and_back.rows] == [1, 1, 1]
     assert sum(row.newton_iterations for row in there_and_back.rows) <= 40
 
@@ -390,11 +392,16 @@ def test_a_tool_on_a_spring_is_in_balance_between_spring_and_block(mesh):
 
 
 def facts(comm, directory):
-    """A roller on a spring, a plane that a force moves to a stop, and is released: rows, work."""
-    mesh = directory / "ranks.msh"
+    """A roller on a spring, a plane that a force moves to a stop, and is released: rows, work.
+
+    And the work on a block of one cell, of which a rank may own nothing.
+    """
+    mesh, cell = directory / "ranks.msh", directory / "cell.msh"
     if comm.rank == 0:
         block_mesh(mesh)
+        block_mesh(cell, (1, 1))
     comm.barrier()
+    small = block_case(cell, tools={"punch": plane(force=pushed("-0.1 N"))})
     tables = rolled(moment=0)
     wall = {"force": {"x": "-0.1 N"}, "stop": {"x": "-0.2 um"}}
     tables["tools"]["wall"] = plane(point=[WIDTH, 0], normal=[-1, 0], **wall)
@@ -409,7 +416,8 @@ def facts(comm, directory):
     simulation = run(block_case(mesh, **tables), comm, Observer())
     columns = simulation.state.tools.columns
     rows = [row[4:] for row in simulation.state.tools.rows]
-    return {"columns": columns, "rows": rows, "work": [r.external_work for r in simulation.rows]}
+    every = simulation.rows + run(small, comm, Observer()).rows
+    return {"columns": columns, "rows": rows, "work": [row.external_work for row in every]}
 
 
 @pytest.mark.mpi(facts, 3)
