@@ -193,12 +193,16 @@ class MultigridSolver:
     def make(self, widened: bool = False) -> bool:
         """Make the preconditioner, if there is none that serves, for the matrix as it is now.
 
-        Returns True: it can be done; collective.
+        Returns whether it could be done; collective.
         """
         if self._finest is not None:
             self._finest.release()
         self._ksp.setPC(self.multigrid.pc)
-        self.multigrid.set_up(widened)
+        try:
+            self.multigrid.set_up(widened)
+        except PETSc.Error:  # no bounds of eigenvalues, on all ranks: far from any equilibrium
+            self.multigrid.renew()
+            return False
         if not can_sweep(self._matrix) or self.multigrid.pc.getMGLevels() == 1:
             return True
         if self._finest is None:
