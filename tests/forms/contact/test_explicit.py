@@ -325,7 +325,7 @@ def test_stiffness_of_a_pair_is_nowhere_less_than_that_of_the_contact(kind):
     matrix, mass = np.empty((size, size)), np.zeros(size)
     for column in range(size):
         w.owned[:], out.owned[:] = np.arange(size) == column, 0.0
-        stiffness.add(w, out, viscous=False)
+        stiffness.add(w, out)
         matrix[column] = out.owned
     out.owned[:] = 0.0
     contact.spread_weights(0.5, out)
