@@ -229,7 +229,8 @@ class Newton(Remembers):
             self._patience = Patience(eager=eager)
             return self._run(BOUNDED_STEPS, step)
         for phase in NEWTON_PHASES:
-            within = phase.within if phase.within is None or not hasty else KINKED
+            far = hasty and not self._is_let_go()
+            within = KINKED if far and phase.within is not None else phase.within
             if within is not None and not self.is_near(within):
                 continue
             more, reason = self._run(phase, step)
@@ -237,6 +238,10 @@ class Newton(Remembers):
             if reason > 0:
                 break
         return iterations, reason
+
+    def _is_let_go(self) -> bool:
+        """Whether hardly any force is left of those of the run, at the last evaluation."""
+        return self.problem.reference_force <= LEAST_FORCE * self.largest_force
 
     @property
     def is_bounded(self) -> bool:

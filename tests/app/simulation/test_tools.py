@@ -342,6 +342,16 @@ def test_a_force_moves_a_tool_as_far_as_its_stop_and_back(mesh):
     assert sum(row.newton_iterations for row in there_and_back.rows) <= 40
 
 
+def test_a_tool_is_let_go_by_a_force_that_ends_at_nothing(mesh):
+    """Once all is open no line search comes nearer: whole steps do."""
+    table = {"y": [["0 s", "0 N"], ["1 s", "-2 N"], ["2 s", "0 N"]]}
+    off = run(block_case(mesh, tools={"punch": plane(force=table)}, stage=stages("on", "off")))
+    assert of_tool(off, "force_y") == pytest.approx([1.0, 2.0, 1.0, 0.0], abs=1e-7)
+    assert of_tool(off, "displacement_y")[-1] == pytest.approx(0.0, abs=1e-9)
+    assert [row.attempts for row in off.rows] == [1] * 4
+    assert sum(row.newton_iterations for row in off.rows) <= 30
+
+
 @pytest.mark.parametrize("gap", [0.0, 50e-6])
 def test_a_tool_that_is_pressed_and_drawn_at_once_finds_the_contact(mesh, gap):
     """It is held sideways until it presses: friction carries nothing before."""
