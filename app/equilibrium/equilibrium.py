@@ -28,7 +28,7 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepM
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
 from tribox.app.equilibrium.unknowns import NodalLoad, box_of, place_of_largest
-from tribox.forms.bodies.loads import Foundation, Load
+from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -464,13 +464,12 @@ class Equilibrium:
         forces = -self._gathered(add) if acting else np.zeros(self.owned)
         for load in self.nodal_loads:
             load.add_to(forces)
-        rests = self.rests()
-        if rests is not None:
-            forces -= rests.force(self.u.x.array[: self.owned])
+        for rest in self.rests():
+            forces -= rest.force(self.u.x.array[: self.owned])
         return forces
 
-    def rests(self) -> HoldingSprings | None:
-        """Stops that tools rest on at the displacement spread last; None: no tool has any."""
+    def rests(self) -> list[HoldingSprings]:
+        """Stops that tools rest on at the displacement spread last."""
         return rests_of_tools(self.tools, self.u.x.array[: self.owned], self.constraints.dofs)
 
     def reaction(self, part: Prescribed | Platen) -> float:
@@ -515,13 +514,9 @@ class Equilibrium:
                 self._evaluate_contacts(x, step)
         if before is not None:
             self._carry_pressures(before)
-        rests = self.rests()
-        springs = self._springs(step) + ([rests] if rests is not None else [])
+        springs = [*self._springs(step), *self.rests()]
         self.tangent.assemble(A, self.trials, self.timer, springs, before is not None)
-        driving = np.zeros(self.owned)
-        for load in self.nodal_loads:
-            load.add_to(driving)
-        hold_what_slips(A, self.tools, self.solids, driving, self.first)
+        hold_what_slips(A, self.tools, self.solids, self.nodal_loads, self.first)
 
     def _springs(self, step: StepMode) -> list[HoldingSprings]:
         """Springs that hold bodies and tools in a step."""
@@ -590,17 +585,3 @@ def load_residuals(problem: Equilibrium, out: Sequence[Floats] = ()) -> list[Flo
         nodal.add_to(values)
         values *= -1.0
     return arrays
-
-
-def foundation_springs(problem: Equilibrium) -> Floats:
-    """Stiffness (n,) of elastic foundations at the owned unknowns, N/m, from above.
-
-    The integrals of products of shape functions are taken for those of single ones at the diagonal,
-    which is more for first-order surfaces, and the larger of both stiffnesses in every
-    direction, also where it does not act yet.
-    """
-    out = np.zeros(problem.owned)
-    for load in problem.loads:
-        if isinstance(load, Foundation):
-            out += load.strongest * np.abs(load.shares)
-    return out

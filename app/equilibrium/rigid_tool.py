@@ -10,6 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.step_mode import HoldingSprings
+from tribox.app.equilibrium.unknowns import NodalLoad
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.blocks import Block
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
@@ -100,16 +101,16 @@ class RigidTool:
         return self.motion.control_points(slots[:-1], float(slots[-1]) / self.motion.length)
 
 
-def rests_of_tools(tools: Sequence[RigidTool], at: Floats, given: Ints) -> HoldingSprings | None:
+def rests_of_tools(tools: Sequence[RigidTool], at: Floats, given: Ints) -> list[HoldingSprings]:
     """Springs of the stops that tools have passed at displacements (n,) of owned unknowns, m.
 
-    Returns None if no tool has a stop; the same kind on all ranks.
+    Returns none if no tool has a stop; as many on all ranks.
 
     Args:
         given: owned unknowns that are prescribed, and that no stop holds.
     """
     if all(tool.stop is None for tool in tools):
-        return None
+        return []
     stiffness, place = np.zeros(len(at)), np.zeros(len(at))
     for tool in tools:
         if tool.stop is not None:
@@ -118,7 +119,7 @@ def rests_of_tools(tools: Sequence[RigidTool], at: Floats, given: Ints) -> Holdi
             passed = place[here] != at[here]
             stiffness[here] = np.where(passed, tool.stop.stiffness[tool.here], 0.0)
     stiffness[given] = 0.0
-    return HoldingSprings(stiffness, place)
+    return [HoldingSprings(stiffness, place)]
 
 
 # -- What holds the angle of a tool that turns freely while nothing else does ----------------------
@@ -160,7 +161,7 @@ def hold_what_slips(
     A: PETSc.Mat,
     tools: Sequence[RigidTool],
     solids: Sequence[Solid],
-    forces: Floats,
+    loads: Sequence[NodalLoad],
     first: int,
 ) -> None:
     """Raise the diagonal of slots that nothing drives and contacts do not resist; collective.
@@ -170,13 +171,16 @@ def hold_what_slips(
     not change.
 
     Args:
-        forces: (n,) N per unit thickness, of the loads on the owned unknowns.
+        loads: forces on single unknowns, those that drive the tools among them.
         first: global number of this rank's first unknown.
     """
     free = [tool for tool in tools if tool.free.any()]
     if not free or not solids:
         return
     modulus, diagonal = _softest(solids), A.getDiagonal().array_r
+    forces = np.zeros(len(diagonal))
+    for load in loads:
+        load.add_to(forces)
     for tool in free:
         fast = modulus * _size(tool)
         slots = np.flatnonzero(tool.free & tool.here)

@@ -27,6 +27,7 @@ from tribox.app.equilibrium.snapshot import Kept, Nodal, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.forms.bodies.internal_force import InternalForce
+from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.weights import cell_field, element_frequencies, lumped_mass
 from tribox.forms.contact.stiffness import PairStiffness
 from tribox.geometry.surfaces.facets import Floats
@@ -415,3 +416,17 @@ def _step_of(value: float) -> float:
     if np.isnan(value):
         return 0.0
     return 2.0 / float(np.sqrt(value)) if value > 0.0 else np.inf
+
+
+def foundation_springs(problem: Equilibrium) -> Floats:
+    """Stiffness (n,) of elastic foundations at the owned unknowns, N/m, from above.
+
+    The integrals of products of shape functions are taken for those of single ones at the diagonal,
+    which is more for first-order surfaces, and the larger of both stiffnesses in every
+    direction, also where it does not act yet.
+    """
+    out = np.zeros(problem.owned)
+    for load in problem.loads:
+        if isinstance(load, Foundation):
+            out += load.strongest * np.abs(load.shares)
+    return out

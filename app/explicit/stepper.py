@@ -17,7 +17,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.equilibrium import Equilibrium, foundation_springs, load_residuals
+from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
 from tribox.app.equilibrium.snapshot import (
     AtPoints,
     Nodal,
@@ -37,6 +37,7 @@ from tribox.app.explicit.stable_step import (
     StableSteps,
     StepEstimate,
     Stiffness,
+    foundation_springs,
     scaled_mass,
     with_tools,
 )

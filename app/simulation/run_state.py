@@ -12,7 +12,6 @@ import numpy as np
 from tribox.app.build.model import Model
 from tribox.app.case.boundary import COMPONENTS, DRIVEN
 from tribox.app.case.stage import LoadStep
-from tribox.app.equilibrium.rigid_tool import rests_of_tools
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
@@ -384,12 +383,11 @@ class ToolHistory:
         """
         loads = np.sum(outside.loads, axis=0) if outside.loads else np.zeros_like(motion[0])
         problem = self._model.problem
-        rests = rests_of_tools(self._tools, motion[0], problem.constrained_dofs())
-        if rests is not None:
-            loads[: problem.owned] -= rests.force(motion[0])
-        out = np.zeros((len(self._tools), 3, self._model.problem.dim + 1))
-        springs = [platen.dofs for platen in self._model.problem.platens]
-        given = np.concatenate([self._model.problem.constrained_dofs(), *springs])
+        for rest in problem.rests():
+            loads[: problem.owned] -= rest.force(motion[0])
+        out = np.zeros((len(self._tools), 3, problem.dim + 1))
+        springs = [platen.dofs for platen in problem.platens]
+        given = np.concatenate([problem.constrained_dofs(), *springs])
         for number, tool in enumerate(self._tools):
             for slot in np.nonzero(tool.here)[0]:
                 dof = tool.dofs[slot]
@@ -397,7 +395,7 @@ class ToolHistory:
                 if dof in given:
                     drive = outside.held[np.searchsorted(self._held, dof)]
                 out[number, :, slot] = motion[0][dof], motion[1][dof], drive
-        return self._model.problem.comm.allreduce(out)
+        return problem.comm.allreduce(out)
 
     def _pressed(self, pairs: Sequence[ContactResultants]) -> tuple[Floats, Floats]:
         """Force (i,), N, and moment (1 or 3,), N m, of the bodies on a tool."""
