@@ -190,7 +190,7 @@ class ContactBuilder:
         try:
             held = self._held_with(table.master)
             term = LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
-        except ValueError as error:  # on several ranks always
+        except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
         if np.isin(surface.vertices.nodes, self._slanted()).any():
             raise InputError(

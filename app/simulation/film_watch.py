@@ -555,7 +555,8 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
     assert isinstance(term.rule, AsperityPressure)
     mine, first = np.unique(term.rule.facet_of, return_index=True)
     index = space.dofmap.index_map
-    ends = index.global_to_local(surface.nodes[surface.slave_rows[first, :2]])
+    nodes = surface.nodes[surface.slave_rows[first, :2]]
+    ends = index.global_to_local(nodes.reshape(-1)).reshape(nodes.shape)
     cells = np.asarray(space.dofmap.list, dtype=np.int64)
     place = np.repeat(np.arange(len(cells)), cells.shape[1])
     table = scipy.sparse.csr_matrix(
