@@ -28,23 +28,15 @@ LAWS = ("neo-hookean", "hencky", *ENERGIES, "elastoplastic", "python")
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One material.
+    """One material."""
 
-    Attributes:
-        name: such as "AA1050-O".
-        about: what it is, in a few words.
-        range: where its numbers hold.
-        keys: of the `[bodies.NAME]` table, as a case file has them.
-        sources: where each number is from, by dotted key.
-        strengths: proof stress and tensile strength that a hardening curve was made from, as text
-            with units; empty where it was not.
-    """
-
-    name: str
-    about: str
-    range: str
-    keys: dict[str, Any]
-    sources: dict[str, str]
+    name: str  # such as "AA1050-O"
+    about: str  # what it is, in a few words
+    range: str  # where its numbers hold
+    keys: dict[str, Any]  # of the `[bodies.NAME]` table, as a case file has them
+    sources: dict[str, str]  # where each number is from, by dotted key
+    # proof stress and tensile strength that a hardening curve was made from, as text with units;
+    # empty where it was not
     strengths: dict[str, str]
 
 

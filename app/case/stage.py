@@ -258,21 +258,13 @@ def _driving_problems(
 
 @dataclass(frozen=True, slots=True)
 class LoadStep:
-    """A stretch of a stage with one velocity and one length of step.
+    """A stretch of a stage with one velocity and one length of step."""
 
-    Attributes:
-        stage: the stage it belongs to.
-        velocity: m/s, of driven boundaries.
-        dt: s, the step asked for; in explicit stages the interval between two rows.
-        steps: number of such steps; None: until steady.
-        before: m/s, velocity of driven boundaries when the load step begins.
-    """
-
-    stage: Stage
-    velocity: float
-    dt: float
-    steps: int | None
-    before: float = 0.0
+    stage: Stage  # the stage it belongs to
+    velocity: float  # m/s, of driven boundaries
+    dt: float  # s, the step asked for; in explicit stages the interval between two rows
+    steps: int | None  # number of such steps; None: until steady
+    before: float = 0.0  # m/s, velocity of driven boundaries when the load step begins
 
     @property
     def label(self) -> str:

@@ -51,17 +51,11 @@ def smooth_step_integral(share: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TimeTable:
-    """A function of time through given points, constant before the first and after the last.
+    """A function of time through given points, constant before the first and after the last."""
 
-    Attributes:
-        times: s, strictly increasing, at least one.
-        values: one SI value per time.
-        smooth: between two points, follow `smooth_step` instead of a straight line.
-    """
-
-    times: tuple[float, ...]
-    values: tuple[float, ...]
-    smooth: bool = False
+    times: tuple[float, ...]  # s, strictly increasing, at least one
+    values: tuple[float, ...]  # one SI value per time
+    smooth: bool = False  # between two points, follow `smooth_step` instead of a straight line
 
     def __post_init__(self) -> None:
         if not self.times or len(self.times) != len(self.values):
@@ -154,15 +148,10 @@ _TIME = Quantity("s", name="time")
 
 @dataclass(frozen=True, slots=True)
 class Program(Written):
-    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`.
+    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`."""
 
-    Attributes:
-        unit: SI unit of the values.
-        word: a word the field accepts too, and keeps as text (such as "driven").
-    """
-
-    unit: str
-    word: str | None = None
+    unit: str  # SI unit of the values
+    word: str | None = None  # a word the field accepts too, and keeps as text (such as "driven")
 
     def parse(self, value: object) -> TimeTable | str:
         """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
@@ -235,13 +224,9 @@ class Program(Written):
 
 @dataclass(frozen=True, slots=True)
 class NumberOrProgram(Program):
-    """Pydantic annotation of a field that is a number, or a `TimeTable` where it changes with time.
+    """Pydantic annotation of a number, or a `TimeTable` where it changes with time."""
 
-    Attributes:
-        least: no value may be below it, SI; None: any may.
-    """
-
-    least: float | None = None
+    least: float | None = None  # no value may be below it, SI; None: any may
 
     def parse(self, value: object) -> float | TimeTable:  # type: ignore[override]
         """The number, or the table of `[[time, value], ...]`."""
@@ -275,14 +260,10 @@ class NumberOrTable(Written):
     """Pydantic annotation of a plain number, or a table of it over another quantity.
 
     The field is a float, or the rows `((argument, value), ...)` with increasing arguments.
-
-    Attributes:
-        argument: the quantity of the first column.
-        value: the quantity of the number, or of the second column.
     """
 
-    argument: Quantity
-    value: Quantity
+    argument: Quantity  # the quantity of the first column
+    value: Quantity  # the quantity of the number, or of the second column
 
     def parse(self, value: object) -> float | tuple[Row, ...]:
         """The number, or the rows."""
@@ -307,12 +288,9 @@ class NumberOrTable(Written):
 
 @dataclass(frozen=True, slots=True)
 class Rows(NumberOrTable):
-    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`.
+    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`."""
 
-    Attributes:
-        rising: whether the arguments must increase; False: they are pairs and no function.
-    """
-
+    # whether the arguments must increase; False: they are pairs and no function
     rising: bool = True
 
     def parse(self, value: object) -> tuple[Row, ...]:

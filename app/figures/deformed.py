@@ -292,17 +292,12 @@ ARROWS = 250  # friction tractions drawn, about
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A slave surface seen along its mean normal.
+    """A slave surface seen along its mean normal."""
 
-    Attributes:
-        across: (v, 2), m, current, in the directions of ``axes``; axes: (2, 3), unit vectors.
-        names: of the two directions. facets: (f, a).
-    """
-
-    across: Floats
-    axes: Floats
-    names: tuple[str, str]
-    facets: Ints
+    across: Floats  # (v, 2), m, current, in the directions of ``axes``
+    axes: Floats  # (2, 3), unit vectors
+    names: tuple[str, str]  # of the two directions
+    facets: Ints  # (f, a)
 
 
 def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:

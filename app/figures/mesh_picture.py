@@ -61,17 +61,12 @@ FLAT = 2.0  # area seen along z over that along y, from which on z points upward
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """What is done to a surface or tool in one direction.
+    """What is done to a surface or tool in one direction."""
 
-    Attributes:
-        direction: (i,) of length one; None: across the surface, into its body.
-        kind: one of `KINDS`.
-        presses: whether the sense of the direction is that into the body.
-    """
-
+    # (i,) of length one; None: across the surface, into its body
     direction: tuple[float, ...] | None
-    kind: str
-    presses: bool = False
+    kind: str  # one of `KINDS`
+    presses: bool = False  # whether the sense of the direction is that into the body
 
     def ways(self, inwards: Points) -> Points:
         """Where the arrow points (n, i) on a surface with directions (n, i) into its body."""
@@ -89,19 +84,15 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What a picture of a case shows beside its mesh.
+    """What a picture of a case shows beside its mesh."""
 
-    Attributes:
-        words: of surfaces and tools, behind their names; arrows: likewise.
-        tools: outlines by name: points (n, i), m, and lines (c, 2) or triangles (c, 3).
-        pairs: lines of text; slaves: their surfaces.
-    """
-
+    # of surfaces and tools, behind their names
     words: Mapping[str, str] = field(default_factory=dict)
-    arrows: Mapping[str, Sequence[Arrow]] = field(default_factory=dict)
+    arrows: Mapping[str, Sequence[Arrow]] = field(default_factory=dict)  # likewise
+    # outlines by name: points (n, i), m, and lines (c, 2) or triangles (c, 3)
     tools: Mapping[str, tuple[Points, npt.NDArray[Any]]] = field(default_factory=dict)
-    pairs: Sequence[str] = ()
-    slaves: Sequence[str] = ()
+    pairs: Sequence[str] = ()  # lines of text
+    slaves: Sequence[str] = ()  # their surfaces
 
     def label(self, name: str) -> str:
         """A name with its words."""
@@ -126,16 +117,11 @@ NO_MARKS = Marks()
 
 @dataclass(frozen=True, slots=True)
 class _Hull:
-    """The outer facets of bodies in space.
+    """The outer facets of bodies in space."""
 
-    Attributes:
-        corners: (f, a, 3), m, nodes round them.
-        surface: (f,) number of the surface of each, the last of all: of none. body: (f,) likewise.
-    """
-
-    corners: Points
-    surface: npt.NDArray[np.int64]
-    body: npt.NDArray[np.int64]
+    corners: Points  # (f, a, 3), m, nodes round them
+    surface: npt.NDArray[np.int64]  # (f,) number of the surface of each, the last of all: of none
+    body: npt.NDArray[np.int64]  # (f,) likewise
 
 
 def _hull(named: NamedMesh) -> _Hull:
@@ -274,17 +260,11 @@ BODY_WIDTH, BODY_HEIGHT, MARGIN, LABEL_PITCH = 6.5, 6.0, 2.0, 0.3
 
 @dataclass(frozen=True, slots=True)
 class _Outline:
-    """The drawn lines, in m: the cells of bodies and the segments of surfaces.
+    """The drawn lines, in m: the cells of bodies and the segments of surfaces."""
 
-    Attributes:
-        cells: Nodes of each body's cells in cyclic order, (c, node, 2).
-        segments: Nodes along each surface's facets, (f, node, 2).
-        inwards: Unit vectors from each facet into its cell, (f, 2).
-    """
-
-    cells: dict[str, Points]
-    segments: dict[str, Points]
-    inwards: dict[str, Points]
+    cells: dict[str, Points]  # nodes of each body's cells in cyclic order, (c, node, 2)
+    segments: dict[str, Points]  # nodes along each surface's facets, (f, node, 2)
+    inwards: dict[str, Points]  # unit vectors from each facet into its cell, (f, 2)
 
 
 def save_picture(named: NamedMesh, path: Path, title: str, marks: Marks = NO_MARKS) -> None:

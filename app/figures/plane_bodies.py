@@ -65,18 +65,13 @@ def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathC
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What a picture in the plane shows.
+    """What a picture in the plane shows."""
 
-    Attributes:
-        low, high: (2,), m, corners round bodies and old outlines.
-        unit: of the axes; stretched: whether the scales differ; names: of the axes.
-    """
-
-    low: Floats
-    high: Floats
-    unit: Unit
-    stretched: bool
-    names: tuple[str, str]
+    low: Floats  # (2,), m, corners round bodies and old outlines
+    high: Floats  # likewise
+    unit: Unit  # of the axes
+    stretched: bool  # whether the scales differ
+    names: tuple[str, str]  # of the axes
 
     @property
     def is_tall(self) -> bool:

@@ -64,23 +64,16 @@ STANDARD = camera_at(OBLIQUE)
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A state to render, in parallel projection: all of it in one scale.
+    """A state to render, in parallel projection: all of it in one scale."""
 
-    Attributes:
-        position: (n, 3), m. polygons: (f, a), a ≥ 3, convex or nearly so.
-        colours: (f, 3), of each polygon, 0 to 1. body: (f,) number of its body.
-        low, high: (3,), m, corners of the frame: scenes of one frame are seen from one place.
-        ambient: brightness of a facet that is turned away from the light.
-    """
-
-    position: Floats
-    polygons: NDArray[np.int64]
-    colours: Floats
-    body: NDArray[np.int64]
-    low: Floats
-    high: Floats
+    position: Floats  # (n, 3), m
+    polygons: NDArray[np.int64]  # (f, a), a ≥ 3, convex or nearly so
+    colours: Floats  # (f, 3), of each polygon, 0 to 1
+    body: NDArray[np.int64]  # (f,) number of its body
+    low: Floats  # (3,), m, corners of the frame: scenes of one frame are seen from one place
+    high: Floats  # likewise
     camera: Camera = STANDARD
-    ambient: float = 0.62
+    ambient: float = 0.62  # brightness of a facet that is turned away from the light
 
     @property
     def window(self) -> tuple[Floats, Floats]:
@@ -225,16 +218,11 @@ def changes(values: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A rendered scene.
+    """A rendered scene."""
 
-    Attributes:
-        scene: what is seen. seen: (h, w) the facet that each pixel shows.
-        veil: (h, w, 4) translucent tools over it; None without any.
-    """
-
-    scene: Scene
-    seen: Ints
-    veil: Floats | None = None
+    scene: Scene  # what is seen
+    seen: Ints  # (h, w) the facet that each pixel shows
+    veil: Floats | None = None  # (h, w, 4) translucent tools over it; None without any
 
 
 def scene_of(

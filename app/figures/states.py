@@ -26,16 +26,11 @@ ENDINGS = {
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state to draw.
+    """A state to draw."""
 
-    Attributes:
-        name: of the picture, without its ending; step: of the field output.
-        title: what it shows, for people.
-    """
-
-    name: str
-    step: int
-    title: str
+    name: str  # of the picture, without its ending
+    step: int  # of the field output
+    title: str  # what it shows, for people
 
 
 def states_to_draw(results: Results) -> list[State]:

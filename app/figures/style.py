@@ -200,14 +200,10 @@ MANY = 1e4  # largest over smallest velocity from which on no prefix fits all of
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit to show values in.
+    """A unit to show values in."""
 
-    Attributes:
-        power: of ten, from it to SI; name: such as "µm".
-    """
-
-    power: int
-    name: str
+    power: int  # of ten, from it to SI
+    name: str  # such as "µm"
 
     @property
     def factor(self) -> float:
@@ -269,15 +265,11 @@ def velocity_text(speed: float, unit: Unit) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity in figures.
+    """A quantity in figures."""
 
-    Attributes:
-        name: in words; symbol: plain text, "" without; unit: SI, "" of a plain number.
-    """
-
-    name: str
-    symbol: str
-    unit: str
+    name: str  # in words
+    symbol: str  # plain text, "" without
+    unit: str  # SI, "" of a plain number
 
     def label(self, unit: str | None = None) -> str:
         """Text of an axis."""

@@ -66,17 +66,11 @@ AT_ROW = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Metal:
-    """A metal, SI.
+    """A metal, SI."""
 
-    Attributes:
-        E: Pa.
-        hardening: Yield stress over the plastic strain.
-        kinematic: Rows (c, b) of the back stresses, Pa and 1.
-    """
-
-    E: float
-    hardening: Hardening
-    kinematic: tuple[tuple[float, float], ...] = ()
+    E: float  # Pa
+    hardening: Hardening  # yield stress over the plastic strain
+    kinematic: tuple[tuple[float, float], ...] = ()  # rows (c, b) of the back stresses, Pa and 1
 
 
 def paths(strain: Floats) -> list[slice]:

@@ -190,17 +190,11 @@ EXACT = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class MaterialParameter(Searched):
-    """A parameter of a material.
+    """A parameter of a material."""
 
-    Attributes:
-        name: such as "G" or "tau 2".
-        unit: SI, "" of a plain number.
-        bounded: Whether it is a share between 0 and 1.
-    """
-
-    name: str
-    unit: str = ""
-    bounded: bool = False
+    name: str  # such as "G" or "tau 2"
+    unit: str = ""  # SI, "" of a plain number
+    bounded: bool = False  # whether it is a share between 0 and 1
 
 
 class _Problem(Protocol):
@@ -219,17 +213,11 @@ Problem = TypeVar("Problem", bound=_Problem)
 
 @dataclass(frozen=True, slots=True)
 class MaterialFit(Generic[Problem]):
-    """A material that was found.
+    """A material that was found."""
 
-    Attributes:
-        problem: What it was fitted to.
-        x: (c,), search coordinates.
-        at_bound: (c,), whether the search ended at a bound.
-    """
-
-    problem: Problem
-    x: Floats
-    at_bound: NDArray[np.bool_]
+    problem: Problem  # what it was fitted to
+    x: Floats  # (c,), search coordinates
+    at_bound: NDArray[np.bool_]  # (c,), whether the search ended at a bound
 
     @property
     def squares(self) -> float:
@@ -318,17 +306,11 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Coordinate(Searched):
-    """One direction of the search.
+    """One direction of the search."""
 
-    Attributes:
-        name: Of the parameter, such as "mu_s" or "alpha at 10 nm".
-        key: Of the parameters.
-        film: m, for alpha: the film thickness that it belongs to; None: all.
-    """
-
-    name: str
-    key: str
-    film: float | None = None
+    name: str  # of the parameter, such as "mu_s" or "alpha at 10 nm"
+    key: str  # of the parameters
+    film: float | None = None  # m, for alpha: the film thickness that it belongs to; None: all
 
     @property
     def bounded(self) -> bool:
@@ -464,21 +446,13 @@ Which = TypeVar("Which", bound=Searched)
 
 @dataclass(frozen=True, slots=True)
 class Estimate(Generic[Which]):
-    """One parameter of the fit.
-
-    Attributes:
-        coordinate: Which.
-        value: SI.
-        low: Lower end of the confidence interval, SI; None: open.
-        high: Upper end.
-        warning: Why the data do not determine it, if they do not.
-    """
+    """One parameter of the fit."""
 
     coordinate: Which
-    value: float
-    low: float | None
-    high: float | None
-    warning: str | None
+    value: float  # SI
+    low: float | None  # lower end of the confidence interval, SI; None: open
+    high: float | None  # upper end
+    warning: str | None  # why the data do not determine it, if they do not
 
 
 def stated(
@@ -507,23 +481,14 @@ def stated(
 
 @dataclass(frozen=True, slots=True)
 class FitResult:
-    """What a fit found.
+    """What a fit found."""
 
-    Attributes:
-        parameters: The calibrated law.
-        estimates: One for each coordinate.
-        traction: (n,), Pa, of the law, for the rows of the data.
-        scatter: Standard deviation of the logarithm of the friction.
-        degrees: Rows less parameters.
-        slopes: Of the coordinates that have one.
-    """
-
-    parameters: Parameters
-    estimates: tuple[Estimate[Coordinate], ...]
-    traction: Floats
-    scatter: float
-    degrees: int
-    slopes: Slopes
+    parameters: Parameters  # the calibrated law
+    estimates: tuple[Estimate[Coordinate], ...]  # one for each coordinate
+    traction: Floats  # (n,), Pa, of the law, for the rows of the data
+    scatter: float  # standard deviation of the logarithm of the friction
+    degrees: int  # rows less parameters
+    slopes: Slopes  # of the coordinates that have one
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -543,21 +508,13 @@ class FitResult:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A minimum.
+    """A minimum."""
 
-    Attributes:
-        x: (c,), search coordinates.
-        residual: (n,), weighted.
-        jacobian: (n, c), or (n, c - 1) where V* was held.
-        at_bound: (c,), whether the search ended at a bound.
-        free: Whether V* was varied; else it was held.
-    """
-
-    x: Floats
-    residual: Floats
-    jacobian: Floats
-    at_bound: NDArray[np.bool_]
-    free: bool
+    x: Floats  # (c,), search coordinates
+    residual: Floats  # (n,), weighted
+    jacobian: Floats  # (n, c), or (n, c - 1) where V* was held
+    at_bound: NDArray[np.bool_]  # (c,), whether the search ended at a bound
+    free: bool  # whether V* was varied; else it was held
 
     @property
     def squares(self) -> float:

@@ -54,14 +54,10 @@ class Shift:
     """Times at a temperature T are a_T those at the reference.
 
     log10 a_T = -C1 (T - reference)/(C2 + T - reference) (Williams, Landel & Ferry, 1955).
-
-    Attributes:
-        reference: K.
-        temperature: (n,), K, of the data.
     """
 
-    reference: float
-    temperature: Floats
+    reference: float  # K
+    temperature: Floats  # (n,), K, of the data
 
     @property
     def above(self) -> Floats:
@@ -84,21 +80,13 @@ LONG_TERM = MaterialParameter("long-term G", "Pa")
 
 @dataclass(frozen=True, slots=True)
 class Prony:
-    """A series.
+    """A series."""
 
-    Attributes:
-        G: Pa, instantaneous shear modulus.
-        shares: (k,), of it.
-        times: (k,), s, rising; at the reference temperature if there is a shift.
-        C1: Of the shift; None without.
-        C2: K.
-    """
-
-    G: float
-    shares: Floats
-    times: Floats
-    C1: float | None = None
-    C2: float | None = None
+    G: float  # Pa, instantaneous shear modulus
+    shares: Floats  # (k,), of it
+    times: Floats  # (k,), s, rising; at the reference temperature if there is a shift
+    C1: float | None = None  # of the shift; None without
+    C2: float | None = None  # K
 
     @property
     def long_term(self) -> float:

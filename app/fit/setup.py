@@ -38,25 +38,15 @@ TOLD = (
 
 @dataclass(frozen=True, slots=True)
 class FitSetup:
-    """A fit as asked for.
+    """A fit as asked for."""
 
-    Attributes:
-        law: Of ``LAWS``.
-        data: Measured friction.
-        names: Parameters to fit.
-        fixed: Keys of the law given by the user, as written.
-        base: The law with everything that is not fitted.
-        friction: The same as a table of a case file.
-        starts: By key, SI.
-    """
-
-    law: str
-    data: TribometerData
-    names: tuple[str, ...]
-    fixed: dict[str, Any]
-    base: Parameters
-    friction: LawTable
-    starts: dict[str, float]
+    law: str  # of ``LAWS``
+    data: TribometerData  # measured friction
+    names: tuple[str, ...]  # parameters to fit
+    fixed: dict[str, Any]  # keys of the law given by the user, as written
+    base: Parameters  # the law with everything that is not fitted
+    friction: LawTable  # the same as a table of a case file
+    starts: dict[str, float]  # by key, SI
 
     @property
     def assumed(self) -> dict[str, Any]:

@@ -68,23 +68,17 @@ TOLERANCE, MOST_ITERATIONS = 1e-8, 60
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A steady contact.
+    """A steady contact."""
 
-    Attributes:
-        gap: g (n,), m; unknown: w (n,) of the film; approach: d, m.
-        friction: F/W; dry: share of the asperities; film: h (n,), m; pressure: p (n,), Pa.
-        passed: share of the oil brought that passes; iterations: of Newton's method.
-    """
-
-    gap: Floats
-    unknown: Floats
-    approach: float
-    friction: float
-    dry: float
-    film: Floats
-    pressure: Floats
-    passed: float
-    iterations: int
+    gap: Floats  # g (n,), m
+    unknown: Floats  # w (n,) of the film
+    approach: float  # d, m
+    friction: float  # F/W
+    dry: float  # share of the asperities
+    film: Floats  # h (n,), m
+    pressure: Floats  # p (n,), Pa
+    passed: float  # share of the oil brought that passes
+    iterations: int  # of Newton's method
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,22 +246,16 @@ def half_plane(place: Floats, modulus: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class FilmMap:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        title: of the case; contact: without places; sigma: m.
-        loads: N/m; speeds: m/s, rising; oils: kg/m², the last infinite; density: kg/m³, of them.
-        notes: what was assumed, a line each.
-    """
-
-    title: str
-    contact: LineContact
-    sigma: float
-    loads: tuple[float, ...]
-    speeds: tuple[float, ...]
-    oils: tuple[float, ...]
-    density: float
-    notes: tuple[str, ...]
+    title: str  # of the case
+    contact: LineContact  # without places
+    sigma: float  # m
+    loads: tuple[float, ...]  # N/m
+    speeds: tuple[float, ...]  # m/s, rising
+    oils: tuple[float, ...]  # kg/m², the last infinite
+    density: float  # kg/m³, of them
+    notes: tuple[str, ...]  # what was assumed, a line each
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,29 +50,17 @@ ASSUMED: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class MapSetup:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        title: For the figures.
-        friction: As the case file says it.
-        parameters: Of the law.
-        films: m, film thicknesses D of T(V; D), rising.
-        film: m, film thickness of T(V; L).
-        pressure: Pa, load per area of T(V; D).
-        loads: Pa, loads per area of T(V; L), rising.
-        speeds: (v,), m/s, rising.
-        notes: What was assumed, a line each.
-    """
-
-    title: str
-    friction: LawTable
-    parameters: FrictionMapParameters
-    films: tuple[float, ...]
-    film: float
-    pressure: float
-    loads: tuple[float, ...]
-    speeds: Floats
-    notes: tuple[str, ...]
+    title: str  # for the figures
+    friction: LawTable  # as the case file says it
+    parameters: FrictionMapParameters  # of the law
+    films: tuple[float, ...]  # m, film thicknesses D of T(V; D), rising
+    film: float  # m, film thickness of T(V; L)
+    pressure: float  # Pa, load per area of T(V; D)
+    loads: tuple[float, ...]  # Pa, loads per area of T(V; L), rising
+    speeds: Floats  # (v,), m/s, rising
+    notes: tuple[str, ...]  # what was assumed, a line each
 
     @property
     def between(self) -> tuple[float, ...]:

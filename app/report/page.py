@@ -66,18 +66,13 @@ _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure.
+    """A figure."""
 
-    Attributes:
-        title: above it; alt: what it shows, for those who cannot see it.
-        source: the image itself, as a data address; width, height: in points of the image.
-    """
-
-    title: str
-    alt: str
-    source: str
-    width: int
-    height: int
+    title: str  # above it
+    alt: str  # what it shows, for those who cannot see it
+    source: str  # the image itself, as a data address
+    width: int  # in points of the image
+    height: int  # likewise
 
 
 def pictures_of(directory: Path, subject: str) -> list[Picture]:
@@ -244,17 +239,12 @@ _QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)(?: (.*))?")
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """One key of a case.
+    """One key of a case."""
 
-    Attributes:
-        key: within its table, such as "film.thickness"; value: with its unit.
-        given: whether the case file gave it; meaning: what the key is.
-    """
-
-    key: str
-    value: str
-    given: bool
-    meaning: str
+    key: str  # within its table, such as "film.thickness"
+    value: str  # with its unit
+    given: bool  # whether the case file gave it
+    meaning: str  # what the key is
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,19 +75,13 @@ _ALWAYS = (
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table that is ready to be written.
+    """A table that is ready to be written."""
 
-    Attributes:
-        caption: what it holds.
-        headings: (title, unit) of each column; the first column names the row.
-        rows: text of the cells.
-        folded: whether it is shown only when asked for.
-    """
-
-    caption: str
+    caption: str  # what it holds
+    # (title, unit) of each column; the first column names the row
     headings: Sequence[tuple[str, str]]
-    rows: Sequence[Sequence[str]]
-    folded: bool = False
+    rows: Sequence[Sequence[str]]  # text of the cells
+    folded: bool = False  # whether it is shown only when asked for
 
 
 def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
@@ -364,15 +358,11 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A judgement.
+    """A judgement."""
 
-    Attributes:
-        kind: "good", "fair" or "bad"; word: in short; text: in full.
-    """
-
-    kind: str
-    word: str
-    text: str
+    kind: str  # "good", "fair" or "bad"
+    word: str  # in short
+    text: str  # in full
 
 
 def status_verdict(summary: Mapping[str, Any], unfinished: str | None = None) -> Verdict:

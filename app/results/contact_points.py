@@ -159,31 +159,20 @@ _AVERAGED = (
 
 @dataclass(frozen=True, slots=True)
 class SlaveFacets:
-    """The slave facets of all pairs, one after the other, in an order that ranks do not change.
+    """The slave facets of all pairs, one after the other, in an order that ranks do not change."""
 
-    Attributes:
-        nodes: (f, k) rows of the vertices of each facet, round it; pair: (f,) number of its pair.
-        kind: "line", "triangle" or "quad".
-    """
-
-    nodes: Longs
-    pair: Ints
-    kind: str
+    nodes: Longs  # (f, k) rows of the vertices of each facet, round it
+    pair: Ints  # (f,) number of its pair
+    kind: str  # "line", "triangle" or "quad"
 
 
 @dataclass(frozen=True, slots=True)
 class ContactNodes:
-    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change.
+    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change."""
 
-    Attributes:
-        values: arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says.
-        facets: (f, k) rows of the vertices of each slave facet, round it; kind: "line", "triangle"
-            or "quad".
-    """
-
-    values: dict[str, Array]
-    facets: Longs
-    kind: str
+    values: dict[str, Array]  # arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says
+    facets: Longs  # (f, k) rows of the vertices of each slave facet, round it
+    kind: str  # "line", "triangle" or "quad"
 
 
 def slave_facets(model: Model) -> SlaveFacets:

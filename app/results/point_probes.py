@@ -43,21 +43,14 @@ def components(dim: int) -> tuple[tuple[str, int, int], ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The points in one body, on this rank; k counts pairs of a point and a cell around it.
+    """The points in one body, on this rank; k counts pairs of a point and a cell around it."""
 
-    Attributes:
-        point: (k,) number among all points; share: (k,) of the cell in the point's values.
-        nodes: (k, a) local nodes of the cell.
-        rows, centre: at the point, and where the volume is taken, if that is another place.
-        stress: of the body's material.
-    """
-
-    point: Longs
-    share: Floats
-    nodes: Ints
-    rows: Rows
-    centre: Rows | None
-    stress: StressAt
+    point: Longs  # (k,) number among all points
+    share: Floats  # (k,) of the cell in the point's values
+    nodes: Ints  # (k, a) local nodes of the cell
+    rows: Rows  # at the point
+    centre: Rows | None  # where the volume is taken, if that is another place
+    stress: StressAt  # of the body's material
 
 
 def stress_and_strain(tensor: Sequence[tuple[str, int, int]]) -> tuple[str, ...]:
@@ -178,22 +171,15 @@ AS_THIN = 1e-7  # relative difference up to which two places are as thin
 
 @dataclass(frozen=True, slots=True)
 class _Along:
-    """How the values of one probe follow from those of the vertices.
+    """How the values of one probe follow from those of the vertices."""
 
-    Attributes:
-        name: of the probe; pair: number of the contact.
-        first, second: (p,) vertices on either side of each point; share: (p,) of the second.
-        way: (p,) m, undeformed arc length; NaN in space.
-        at_vertices: whether the points are the vertices, each with an area of its own.
-    """
-
-    name: str
-    pair: int
-    first: Longs
-    second: Longs
-    share: Floats
-    way: Floats
-    at_vertices: bool
+    name: str  # of the probe
+    pair: int  # number of the contact
+    first: Longs  # (p,) vertices on either side of each point
+    second: Longs  # likewise
+    share: Floats  # (p,) of the second
+    way: Floats  # (p,) m, undeformed arc length; NaN in space
+    at_vertices: bool  # whether the points are the vertices, each with an area of its own
 
 
 class ContactProbes:
@@ -313,11 +299,7 @@ class SurfaceLines:
 
 @dataclass(frozen=True, slots=True)
 class NodeTable:
-    """The table of the nodes of the lines: a row for each.
-
-    Attributes:
-        lines: the lines.
-    """
+    """The table of the nodes of the lines: a row for each."""
 
     lines: SurfaceLines
 
@@ -341,11 +323,7 @@ class NodeTable:
 
 @dataclass(frozen=True, slots=True)
 class ShapeTable:
-    """The table of the shapes of the lines: a row for each line.
-
-    Attributes:
-        lines: the lines.
-    """
+    """The table of the shapes of the lines: a row for each line."""
 
     lines: SurfaceLines
 
