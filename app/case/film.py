@@ -64,10 +64,7 @@ class _OilType(Written):
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         number = {"type": "number", "exclusiveMinimum": 0.0}
-        return {
-            "anyOf": [{"const": FLOODED}, number, text_schema("kg/m^2")],
-            "x-unit": "kg/m^2",
-        }
+        return {"anyOf": [{"const": FLOODED}, number, text_schema("kg/m^2")], "x-unit": "kg/m^2"}
 
 
 if TYPE_CHECKING:

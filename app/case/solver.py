@@ -121,8 +121,7 @@ class Solver(Model):
         default=0.9, description="time step over the stable step; explicit only"
     )
     damping: Annotated[float, Quantity("1/s", ge=0.0)] = Field(
-        default=0.0,
-        description="c of the mass-proportional damping force c m v; explicit only",
+        default=0.0, description="c of the mass-proportional damping force c m v; explicit only"
     )
     mass_scaling: MassScaling | None = Field(
         default=None, description="mass added for a longer step; explicit only"

@@ -14,13 +14,7 @@ from tribox.app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place,
 from tribox.app.case.time_tables import smooth_step, smooth_step_integral
 from tribox.app.case.tools import Tool
 
-_STEADY_KEYS = (
-    "slip_step",
-    "min_steps",
-    "max_steps",
-    "steady_tolerance",
-    "film_stress_limit",
-)
+_STEADY_KEYS = ("slip_step", "min_steps", "max_steps", "steady_tolerance", "film_stress_limit")
 
 
 class Stage(Model):
@@ -226,10 +220,7 @@ def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Itera
 
 
 def _driving_problems(
-    stages: Sequence[Stage],
-    boundaries: Sequence[Boundary],
-    place: Place,
-    tools: Mapping[str, Tool],
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place, tools: Mapping[str, Tool]
 ) -> Iterator[Problem]:
     """Velocities without a driven boundary, or the other way round."""
     movers: list[Place] = [

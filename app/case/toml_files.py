@@ -111,10 +111,7 @@ def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:
 _LISTS = ("boundary", "contact", "probe", "stage")  # tables of which there may be several
 _NUMBER = r"[-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"([\w.-]+)\s*=\s*({_NUMBER}\s*[A-Za-zµ°%][\w/^*·%°µ]*)")
-_WORDS = {
-    **dict.fromkeys(("yes", "on"), "true"),
-    **dict.fromkeys(("no", "off"), "false"),
-}
+_WORDS = {**dict.fromkeys(("yes", "on"), "true"), **dict.fromkeys(("no", "off"), "false")}
 _NOTHING = ("none", "null", "nan", "nil")
 # What is wrong with a line, by a pattern of it without comments, and the cure.
 _CURES = (

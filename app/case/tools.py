@@ -7,24 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import (
-    Field,
-    GetJsonSchemaHandler,
-    ValidationInfo,
-    field_serializer,
-    field_validator,
-)
+from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, field_serializer, field_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from tribox.app.case.boundary import Direction, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
-from tribox.app.case.quantities import (
-    Quantity,
-    Written,
-    format_quantity,
-    text_schema,
-)
+from tribox.app.case.quantities import Quantity, Written, format_quantity, text_schema
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text, size_problems
 from tribox.app.case.time_tables import (
     COMPONENTS,

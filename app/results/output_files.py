@@ -419,10 +419,7 @@ class BpWriter:
         # The default engine writes garbage from a rank without cells; BP4 does not.
         self._writers = [
             dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in (
-                (f"fields{ending}.bp", nodes),
-                (f"stress{ending}.bp", cells),
-            )
+            for name, functions in ((f"fields{ending}.bp", nodes), (f"stress{ending}.bp", cells))
         ]
 
     def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:

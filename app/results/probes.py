@@ -55,11 +55,7 @@ class ProbeRecorder(Observer):
     """Observer that follows the probes; all ranks take part, the first one writes."""
 
     def __init__(
-        self,
-        model: Model,
-        directory: Path,
-        saving: Saving | None = None,
-        after: int | None = None,
+        self, model: Model, directory: Path, saving: Saving | None = None, after: int | None = None
     ) -> None:
         """Make the tables that the case has probes for; collective.
 
