@@ -79,14 +79,8 @@ def from_library(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         reason = f'is of material = "{law}", not "{word}"'
         raise problems_error([Problem(("library",), reason, name)])
     given = {**value, "material": law, "library": name}
-    body = handler(_filled(entry.keys, given))
-    _only_given(body, given)
-    return body
-
-
-def _filled(keys: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The given keys, and those of the entry that they leave open."""
-    base: dict[str, Any] = copy.deepcopy(dict(keys))
+    # The given keys, and those of the entry that they leave open
+    base: dict[str, Any] = copy.deepcopy(dict(entry.keys))
     pairs = {"G", "K"}, {"E", "nu"}  # a pair of moduli that is given takes the other's place
     for moduli, others in (pairs, pairs[::-1]):
         if moduli & given.keys() and others <= base.keys() and not others & given.keys():
@@ -99,16 +93,14 @@ def _filled(keys: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]
             base[key] = {**inner, **value} if same else value
         else:
             base[key] = value
-    return base
-
-
-def _only_given(table: BaseModel, given: Mapping[str, Any]) -> None:
-    """Have a table and those in it know only the given keys as set."""
-    table.__pydantic_fields_set__.intersection_update(given)
+    body = handler(base)
+    # Have a table and those in it know only the given keys as set
+    body.__pydantic_fields_set__.intersection_update(given)
     for key, value in given.items():
-        inner = getattr(table, key, None)
+        inner = getattr(body, key, None)
         if isinstance(inner, BaseModel) and isinstance(value, Mapping):
             inner.__pydantic_fields_set__.intersection_update(value)
+    return body
 
 
 def _unknown(word: str) -> str:

@@ -60,7 +60,17 @@ def parse_toml(text: str) -> dict[str, Any]:
         found = re.search(rf"[0-9_]{{{DIGITS},}}", text)
         line = None if found is None else text.count("\n", 0, found.start()) + 1
         raise TomlError(_TOO_LONG, line) from None
-    see_bounds(data)
+    # See that the bounds are kept; without recursion, which has a bound of its own.
+    level: list[tuple[str, Any]] = [("", data)]
+    for _ in range(DEEPEST + 1):
+        level = [entry for place, value in level for entry in _entries(place, value)]
+        for place, value in level:
+            if isinstance(value, int) and value.bit_length() > DIGITS * 10 // 3:
+                raise TomlError(f"{place}: {_TOO_LONG}")
+            if isinstance(value, date | time):
+                raise TomlError(f"{place}: is a date or time of day, which no key takes")
+    if level:
+        raise TomlError(f"{level[0][0].split('.')[0]}: {_TOO_DEEP}")
     return data
 
 
@@ -77,24 +87,6 @@ def flat(table: Any, before: str = "") -> Iterator[tuple[str, Any]]:
             yield from flat(value, f"{before}{key}.")
         else:
             yield f"{before}{key}", value
-
-
-def see_bounds(data: dict[str, Any]) -> None:
-    """See that plain data keep the bounds; without recursion, which has a bound of its own.
-
-    Raises:
-        TomlError: they do not.
-    """
-    level: list[tuple[str, Any]] = [("", data)]
-    for _ in range(DEEPEST + 1):
-        level = [entry for place, value in level for entry in _entries(place, value)]
-        for place, value in level:
-            if isinstance(value, int) and value.bit_length() > DIGITS * 10 // 3:
-                raise TomlError(f"{place}: {_TOO_LONG}")
-            if isinstance(value, date | time):
-                raise TomlError(f"{place}: is a date or time of day, which no key takes")
-    if level:
-        raise TomlError(f"{level[0][0].split('.')[0]}: {_TOO_DEEP}")
 
 
 def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -518,7 +518,19 @@ def tool_problems(
         yield from tool.problems(place)
         if section is not None:
             yield from tool.section_problems(section, place)
-        yield from _inertia_problems(tool, explicit, place)
+        # Masses that explicit dynamics needs, and that nothing else does
+        turned = tool.rotation is not None and tool.rotation.moment is not None
+        inertia = None if tool.rotation is None else tool.rotation.inertia
+        parts = (
+            (("mass",), tool.force is not None or tool.spring is not None, tool.mass, "kg"),
+            (("rotation", "inertia"), turned, inertia, "kg*m^2"),
+        )
+        for keys, needed, value, unit in parts:
+            if explicit and needed and value is None:
+                reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
+                yield Problem((*place, *keys), reason)
+            if not explicit and needed and value is not None:
+                yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)
         for key in ("stages", "displacement_stages"):
             yield from named_stage_problems(getattr(tool, key) or (), stages, (*place, key))
         if explicit and tool.hold_force:
@@ -527,19 +539,3 @@ def tool_problems(
         if explicit and tool.stop is not None:
             reason = "does not go with explicit stages; give a displacement from there on"
             yield Problem((*place, "stop"), reason)
-
-
-def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:
-    """Masses that explicit dynamics needs, and that nothing else does."""
-    turned = tool.rotation is not None and tool.rotation.moment is not None
-    inertia = None if tool.rotation is None else tool.rotation.inertia
-    parts = (
-        (("mass",), tool.force is not None or tool.spring is not None, tool.mass, "kg"),
-        (("rotation", "inertia"), turned, inertia, "kg*m^2"),
-    )
-    for keys, needed, value, unit in parts:
-        if explicit and needed and value is None:
-            reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
-            yield Problem((*place, *keys), reason)
-        if not explicit and needed and value is not None:
-            yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)

@@ -167,7 +167,26 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
     figure.colorbar(cells, ax=whole, label=scale.label(bodies.field), extend=scale.extend,
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
     figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
-    _fill_panels(panels, nodes, points, pairs, len(names))
+    # Tractions of each pair, in the same unit in all panels
+    total = len(names)
+    data = nodes.point_data
+    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
+    length = fitting(np.ptp(data["reference"], axis=0), "m")
+    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
+        draw_tractions(axes, nodes, points, pair, length, stress)
+        axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
+        if axes.lines:
+            axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
+    words = f"arc length along the slave from the dot, undeformed ({length.name})"
+    if len(pairs) < total:
+        words += f"\n{len(pairs)} of {total} pairs: those that carry most"
+    panels[0].figure.supxlabel(words, fontsize=9)
+    drawn = next((axes for axes in panels if axes.lines), None)
+    if drawn is not None:
+        # Outside of all panels: above a narrow one it would lie on the name of its pair.
+        drawn.figure.legend(
+            *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
+        )
     return figure
 
 
@@ -204,34 +223,6 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
     first, *others = room.subplots(*shape, squeeze=False).flat
     panels = panels_in(below, rows, columns, pairs)
     return figure, first, others[0] if others else None, panels[:pairs]
-
-
-def _fill_panels(
-    panels: list[Axes],
-    nodes: meshio.Mesh,
-    points: meshio.Mesh | None,
-    pairs: Mapping[int, str],
-    total: int,
-) -> None:
-    """Tractions of each pair, in the same unit in all panels."""
-    data = nodes.point_data
-    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
-    length = fitting(np.ptp(data["reference"], axis=0), "m")
-    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
-        draw_tractions(axes, nodes, points, pair, length, stress)
-        axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
-        if axes.lines:
-            axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
-    words = f"arc length along the slave from the dot, undeformed ({length.name})"
-    if len(pairs) < total:
-        words += f"\n{len(pairs)} of {total} pairs: those that carry most"
-    panels[0].figure.supxlabel(words, fontsize=9)
-    drawn = next((axes for axes in panels if axes.lines), None)
-    if drawn is not None:
-        # Outside of all panels: above a narrow one it would lie on the name of its pair.
-        drawn.figure.legend(
-            *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
-        )
 
 
 # -- Pictures of deformed bodies in space, with the pressure of each pair seen along its normal ----
@@ -380,7 +371,15 @@ def draw_pressure(
         axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
     else:
         write_no_load(axes)
-    _limit(axes, place[np.unique(facets)], place[pressed])
+    # Limits round a slave, or round what is pressed where that is a small part of it
+    whole = place[np.unique(facets)]
+    pressed = place[pressed]
+    shown = whole
+    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
+        shown = pressed
+    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
+    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
+    axes.set(xlim=(left, right), ylim=(low, high))
 
 
 def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Outline:
@@ -407,16 +406,6 @@ def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulati
     places = np.concatenate([place, place[facets].mean(axis=1)])
     mesh = Triangulation(*places.T, np.concatenate(sides))
     return mesh, np.concatenate([values, values[facets].mean(axis=1)])
-
-
-def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
-    """Limits round a slave, or round what is pressed where that is a small part of it."""
-    shown = whole
-    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
-        shown = pressed
-    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
-    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
-    axes.set(xlim=(left, right), ylim=(low, high))
 
 
 def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> None:

@@ -159,7 +159,13 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
         ambient=DARKEST,
     )
     unit = fitting(np.ptp(nodes, axis=0), "m")
-    upwards = _upwards(hull, [k for k, name in enumerate(names) if name in marks.slaves])
+    # The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat. Drawings have z
+    # upwards as often as not, and a sheet across it would be seen as a wall.
+    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
+    flat = np.isin(hull.surface, slaves)
+    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
+    _, along_y, along_z = np.abs(normals).sum(axis=0)
+    upwards = 2 if along_z > FLAT * along_y else 1
     for number, (words, eye) in enumerate(VIEWS.items(), start=1):
         seen = replace(scene, camera=camera_at(eye, upwards))
         view = View(seen, facets_seen(seen), veil_of(seen, every))
@@ -182,17 +188,6 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=9, ncols=2)
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11)
     return figure
-
-
-def _upwards(hull: _Hull, slaves: Sequence[int]) -> int:
-    """The axis that points upwards in the picture: 1 (y), or 2 where contacts or bodies lie flat.
-
-    Drawings have z upwards as often as not, and a sheet across it would be seen as a wall.
-    """
-    flat = np.isin(hull.surface, slaves)
-    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
-    _, along_y, along_z = np.abs(normals).sum(axis=0)
-    return 2 if along_z > FLAT * along_y else 1
 
 
 def _rule(axes: Axes, camera: Camera, unit: Unit) -> None:
@@ -220,7 +215,12 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
             continue
         # The middle of a tool may lie far beyond the frame, which it would widen.
         middle = np.clip(places[name].mean(axis=(0, 1)), scene.low, scene.high)
-        inside = _inwards(places[name], centre)
+        # Mean direction across polygons (f, a, 3), to the side of a point
+        polygons = places[name]
+        normals = area_vectors(polygons)
+        away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
+        mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
+        inside = np.asarray(mean / (np.linalg.norm(mean) or 1.0))
         for arrow in arrows:
             along = length * arrow.ways(inside[None])[0]
             start = (middle - along if arrow.comes else middle) @ scene.camera.plane
@@ -233,14 +233,6 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
                 axes.annotate("", tuple(start + across), tuple(start), zorder=9, arrowprops={
                     "arrowstyle": "-|>", "lw": 2.0, "color": colour, "shrinkA": 0, "shrinkB": 0,
                 })  # fmt: skip
-
-
-def _inwards(polygons: Points, centre: Points) -> Points:
-    """Mean direction across polygons (f, a, 3), to the side of a point."""
-    normals = area_vectors(polygons)
-    away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
-    mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
-    return np.asarray(mean / (np.linalg.norm(mean) or 1.0))
 
 
 # -- Meshes in the plane, and the picture of either ------------------------------------------------
@@ -329,13 +321,7 @@ def _plane_figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     axes.set_aspect("equal")
     axes.set(xlabel=f"x ({unit.name})", ylabel=f"y ({unit.name})")
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11 if marks.pairs else None)
-    _draw_bodies(axes, outline, factor, marks)
-    _draw_surfaces(axes, outline, factor, per_inch, marks)
-    return figure
-
-
-def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> None:
-    """The cells, one colour for each body, and a legend with their numbers."""
+    # The cells, one colour for each body, and a legend with their numbers.
     colours = color_sequences["Pastel1"]
     total = sum(len(c) for c in outline.cells.values())
     width = 0.0 if total > MAX_CELLS_OUTLINED else float(np.clip(20.0 / total**0.5, 0.05, 0.6))
@@ -353,6 +339,8 @@ def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> N
     axes.legend(
         handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False
     )
+    _draw_surfaces(axes, outline, factor, per_inch, marks)
+    return figure
 
 
 def _draw_surfaces(

@@ -267,11 +267,7 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
         right, up = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
         halo = withStroke(linewidth=2.2, foreground="w", alpha=0.8)
         axes.annotate(name, (right, up), ha="center", va="center", fontsize=8, path_effects=[halo])
-    _draw_scale(axes, scene)
-
-
-def _draw_scale(axes: Axes, scene: Scene) -> None:
-    """A bar of a round length, and arrows along the axes, below the picture."""
+    # A bar of a round length, and arrows along the axes, below the picture
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     width = right - left
     decade = 10.0 ** float(np.floor(np.log10(0.25 * width)))

@@ -380,7 +380,14 @@ def with_values(
 def friction(parameters: Parameters, data: TribometerData) -> Floats:
     """Traction of every row, (n,), Pa."""
     if isinstance(parameters, StribeckParameters | CoulombParameters):
-        return _without_film(parameters, data)
+        # Traction of every row under a law that asks for no film, (n,), Pa
+        law: FrictionLaw
+        if isinstance(parameters, CoulombParameters):
+            law, most = CoulombLaw(parameters), parameters.mu
+        else:
+            law, most = StribeckLaw(parameters), parameters.mu_s
+        sliding = 10.0 * most * data.pressure / parameters.K_T
+        return _one_step(law, data, np.where(data.steady, sliding, data.slip))
     # Neither a memory of alpha nor a lag in it has a part in sliding at one speed.
     parameters = dataclasses.replace(parameters, switch="implicit", reentry="literal")
     out = np.empty(len(data))
@@ -402,19 +409,6 @@ def friction(parameters: Parameters, data: TribometerData) -> Floats:
         rows = _rows(data, ~steady)
         out[~steady] = _one_step(FrictionMap(parameters), rows, rows.slip)
     return out
-
-
-def _without_film(parameters: StribeckParameters | CoulombParameters, data: TribometerData) -> (
-    Floats
-):  # fmt: skip
-    """Traction of every row under a law that asks for no film, (n,), Pa."""
-    law: FrictionLaw
-    if isinstance(parameters, CoulombParameters):
-        law, most = CoulombLaw(parameters), parameters.mu
-    else:
-        law, most = StribeckLaw(parameters), parameters.mu_s
-    sliding = 10.0 * most * data.pressure / parameters.K_T
-    return _one_step(law, data, np.where(data.steady, sliding, data.slip))
 
 
 def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:

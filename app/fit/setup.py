@@ -84,7 +84,17 @@ def fit_setup(
     if names is None:
         suggested = _suggested(data, given) if law == "friction-map" else _usual(law, data)
         names = tuple(name for name in suggested if name not in given)
-    _check_names(names, given)
+    for name in names:
+        if name in given:
+            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
+    for first, second in EXCLUSIVE:
+        both = {*names, *given} & {first, second}
+        if len(both) == 2:
+            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
+    if not names:
+        raise InputError("--fix: holds every parameter, so nothing is left to fit")
+    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
+        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
     friction: LawTable
     base: Parameters
     if law == "friction-map":
@@ -177,20 +187,6 @@ def _drags(names: Sequence[str] | None, given: Mapping[str, Any]) -> bool:
     if "viscous" not in given:
         return names is None  # It is fitted as long as nothing is said, and 0 where it is not.
     return parsed("--fix", "viscous", given["viscous"], Quantity("Pa*s/m")) != 0.0
-
-
-def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
-    for name in names:
-        if name in given:
-            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
-    for first, second in EXCLUSIVE:
-        both = {*names, *given} & {first, second}
-        if len(both) == 2:
-            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
-    if not names:
-        raise InputError("--fix: holds every parameter, so nothing is left to fit")
-    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
-        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
 
 
 def _base(

@@ -464,7 +464,11 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
                 if not curve.rows:
                     continue
                 rows = np.array(curve.rows)
-                label = _label(curve, by_load)
+                # What a curve is called
+                if by_load:
+                    label = f"p = {curve.rows[0][1] / 1e6:.3g} MPa"
+                else:
+                    label = "flooded" if np.isinf(curve.oil) else f"{1e3 * curve.oil:.3g} g/m²"
                 for axes, name in zip(column, (4, 5), strict=True):
                     axes.plot(
                         rows[:, 2], rows[:, name], **look_of(number), lw=0.9, ms=4, label=label
@@ -484,13 +488,6 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
         words = "a round tool on a half plane, steady, with the film that is found"
         figure.suptitle(titled(setup.title, words), fontsize=9)
         save(figure, path)
-
-
-def _label(curve: Curve, by_load: bool) -> str:
-    """What a curve is called."""
-    if by_load:
-        return f"p = {curve.rows[0][1] / 1e6:.3g} MPa"
-    return "flooded" if np.isinf(curve.oil) else f"{1e3 * curve.oil:.3g} g/m²"
 
 
 def map_film(setup: FilmMap, directory: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tribox.app.errors import tell
 from tribox.app.friction_map.material_tests import compute_map, summary, write_map
@@ -53,7 +53,17 @@ def run_map(
 
         (directory / "figures").mkdir(exist_ok=True)
         draw_map(setup, result, directory / "figures")
-    _tell(directory, law_notes(setup), summary(setup, result, seconds))
+    notes = law_notes(setup)
+    numbers = summary(setup, result, seconds)
+    for note in notes:
+        tell(f"note: {note}")
+    print(
+        f"{numbers['points']} steady states in {numbers['seconds']} s, within "
+        f"{numbers['largest_deviation_from_closed_form']:.1e} of the closed form"
+    )
+    if numbers["points_not_steady"]:
+        print(f"warning: {numbers['points_not_steady']} of them are not steady yet")
+    print(f"results in {directory}")
     return directory
 
 
@@ -73,15 +83,3 @@ def suffixed_directory(source: Path, suffix: str) -> Path:
     """The default directory of a command beside ``run``: ``results/SOURCE-suffix``."""
     default = default_directory(source)
     return default.with_name(f"{default.name}-{suffix}")
-
-
-def _tell(directory: Path, notes: Sequence[str], numbers: dict[str, Any]) -> None:
-    for note in notes:
-        tell(f"note: {note}")
-    print(
-        f"{numbers['points']} steady states in {numbers['seconds']} s, within "
-        f"{numbers['largest_deviation_from_closed_form']:.1e} of the closed form"
-    )
-    if numbers["points_not_steady"]:
-        print(f"warning: {numbers['points_not_steady']} of them are not steady yet")
-    print(f"results in {directory}")

@@ -139,6 +139,11 @@ def _setup(
     # Over loads a film is shown through which asperities rub as well, if there is one.
     if not parameters.D_min < film < parameters.D_max and inside:
         film = inside[0]
+    # The usual range, further up where film and friction drag alike only there
+    wet = [D for D in films if parameters.D_min < D]
+    crossover = crossover_speed(np.array(wet), load, parameters.mu_dynamic, parameters.eta_b)
+    low, high = SPEEDS[0], max(SPEEDS[1], float(np.max(crossover, initial=0.0)))
+    count = int(np.ceil(np.log10(high / low))) * SPEEDS_PER_DECADE + 1
     return MapSetup(
         title=title,
         friction=friction,
@@ -147,18 +152,9 @@ def _setup(
         film=film,
         pressure=load,
         loads=tuple(factor * load for factor in LOAD_FACTORS),
-        speeds=_speeds(parameters, films, load),
+        speeds=np.asarray(np.geomspace(low, high, count), dtype=np.float64),
         notes=(note,) if note else (),
     )
-
-
-def _speeds(parameters: FrictionMapParameters, films: tuple[float, ...], load: float) -> Floats:
-    """The usual range, further up where film and friction drag alike only there."""
-    wet = [D for D in films if parameters.D_min < D]
-    crossover = crossover_speed(np.array(wet), load, parameters.mu_dynamic, parameters.eta_b)
-    low, high = SPEEDS[0], max(SPEEDS[1], float(np.max(crossover, initial=0.0)))
-    count = int(np.ceil(np.log10(high / low))) * SPEEDS_PER_DECADE + 1
-    return np.asarray(np.geomspace(low, high, count), dtype=np.float64)
 
 
 def _thickness(film: Film, pressure: float) -> float:
