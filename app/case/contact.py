@@ -21,8 +21,7 @@ _SMOOTHED = ("quadrilateral", "hexahedron")
 _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
-DRAWN = "drawn"
-"""The overlap of a fit is that of the mesh."""
+DRAWN = "drawn"  # the overlap of a fit is that of the mesh
 _MISSING: Any = None  # refused by Contact.problems
 # Keys that do not go with tied.
 _NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length", "interference")

@@ -38,8 +38,7 @@ else:
         },
     )
 
-CLOSE = 0.01
-"""Relative difference of the moduli that a case gives from those of the energy."""
+CLOSE = 0.01  # relative difference of the moduli that a case gives from those of the energy
 
 
 class NamesAClass(_NamesAClass):

@@ -32,8 +32,7 @@ _NUMBER_AND_UNIT = re.compile(
 _UNIT = re.compile(r"[\w°µμΩ%*/^.()·⋅⁻²³¹⁰⁴-⁹+\- \t\u00a0]*")
 # Of a temperature, "K"; a difference is in "kelvin".
 CELSIUS, ICE = ("degC", "°C"), Decimal("273.15")
-LONGEST = 80
-"""Letters of a quantity; the unit library takes its time over thousands."""
+LONGEST = 80  # letters of a quantity; the unit library takes its time over thousands
 LARGEST = 1e50
 """Size in SI up to which a key may be; one that may not be 0 is at least as much above it. What is
 computed from several of them then stays within the range of numbers."""

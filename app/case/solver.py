@@ -34,8 +34,7 @@ from tribox.app.case.table import (
 _LETTERS = "A-Za-z0-9.+=_%µμ-"
 LABEL = re.compile(rf"[{_LETTERS}]*=[{_LETTERS}]*")
 """What the name of a directory looks like that a value of a sweep gets."""
-LONGEST_LABEL = 200
-"""Bytes of such a name; file systems take 255."""
+LONGEST_LABEL = 200  # bytes of such a name; file systems take 255
 
 
 def _petsc_value(value: object) -> object:

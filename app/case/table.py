@@ -61,8 +61,7 @@ class _Absent:
         return "ABSENT"
 
 
-ABSENT = _Absent()
-"""Stands for "no value to show" in a `Problem`; None could be a value."""
+ABSENT = _Absent()  # stands for "no value to show" in a `Problem`; None could be a value
 
 
 @dataclass(frozen=True, slots=True)

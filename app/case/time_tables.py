@@ -29,8 +29,7 @@ from tribox.app.case.quantities import (
 )
 from tribox.app.case.table import ABSENT, Model, Place, Problem
 
-Row = tuple[float, float]
-"""One row of a table: an argument (such as a time) and a value, both SI."""
+Row = tuple[float, float]  # one row of a table: an argument (such as a time) and a value, both SI
 
 
 RAMPS = ("linear", "smooth")

@@ -19,10 +19,8 @@ from tribox.app.errors import InputError
 
 # -- TOML of anyone's making as plain data within bounds; what goes beyond them is refused ---------
 
-DEEPEST = 30
-"""Tables and arrays inside each other; a case needs eight."""
-DIGITS = 400
-"""Of a whole number; no float is larger."""
+DEEPEST = 30  # tables and arrays inside each other; a case needs eight
+DIGITS = 400  # of a whole number; no float is larger
 
 
 class TomlError(ValueError):
@@ -353,8 +351,7 @@ def _value(value: Any) -> str:
 # -- Text files of anyone's making: read if they are files, of bounded size, in UTF-8  ------------
 
 MEGABYTE = 1_000_000
-LARGEST = 4 * MEGABYTE
-"""Bytes of a case file or of data."""
+LARGEST = 4 * MEGABYTE  # bytes of a case file or of data
 
 
 def read_text(path: Path, largest: int = LARGEST) -> str:

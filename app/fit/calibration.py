@@ -46,14 +46,11 @@ from tribox.forms.friction.parameters import FrictionMapParameters
 Floats = NDArray[np.float64]
 Ends = tuple[float | None, float | None]
 
-MOST_GAPS = 40
-"""Gaps of V* that are tried at first; then those beside the best."""
-ROWS_FOR_SLOPE = 3
-"""Rows within the transition from which on V* has an interval from the Jacobian."""
+MOST_GAPS = 40  # gaps of V* that are tried at first; then those beside the best
+ROWS_FOR_SLOPE = 3  # rows within the transition from which on V* has an interval from the Jacobian
 OFF_BRANCH = 0.999
 """Confidence with which a row must lie off both branches to count as within the transition."""
-ROUNDED = 1e-8
-"""Logarithms of speeds that are no further apart are the same."""
+ROUNDED = 1e-8  # logarithms of speeds that are no further apart are the same
 
 
 class Calibration:

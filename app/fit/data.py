@@ -24,8 +24,7 @@ from tribox.app.errors import InputError
 Aliases = Mapping[str, Sequence[str]]
 NO_ALIASES: Aliases = {}
 MOST_ROWS = 5000
-MOST_TOLD = 20
-"""Faults of a file that are told; of more only the number."""
+MOST_TOLD = 20  # faults of a file that are told; of more only the number
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
 _POINT, _COMMA = (

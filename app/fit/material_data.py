@@ -23,8 +23,7 @@ Floats = NDArray[np.float64]
 Kind = Literal["relaxation", "vibration", "cycles", "metal"]
 
 
-HOTTEST = 2000.0
-"""K, of a temperature that is no mistake."""
+HOTTEST = 2000.0  # K, of a temperature that is no mistake
 LARGEST_STRAIN = 20.0
 
 
@@ -67,8 +66,7 @@ COLUMNS: dict[str, Quantity] = {
 }
 CONSTANTS = tuple(name for name in COLUMNS if name.endswith("strain"))
 """Columns that one value may stand for: the strain of a relaxation test."""
-HELD = 1e-3
-"""Share by which the strain of a relaxation test may vary."""
+HELD = 1e-3  # share by which the strain of a relaxation test may vary
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,16 +52,11 @@ LIMITS = {
 }
 """Within which parameters are searched, SI; of saturation_stress what it is above yield_stress."""
 MOST_BRANCHES = 3
-MOST_GIVEN = 6
-"""Branches that are tried, and that may be asked for."""
-FLOWED = 1e-6
-"""Plastic strain from which on a path counts as one that flows."""
-NEXT = 4
-"""Distances of rows before and after a turn that tell where it lies between two of them."""
-EVEN = 0.2
-"""Share of their mean that these may differ by."""
-AT_ROW = 0.95
-"""Share of the distance of the rows from which on a turn is at one."""
+MOST_GIVEN = 6  # branches that are tried, and that may be asked for
+FLOWED = 1e-6  # plastic strain from which on a path counts as one that flows
+NEXT = 4  # distances of rows before and after a turn that tell where it lies between two of them
+EVEN = 0.2  # share of their mean that these may differ by
+AT_ROW = 0.95  # share of the distance of the rows from which on a turn is at one
 
 
 @dataclass(frozen=True, slots=True)

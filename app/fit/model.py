@@ -31,14 +31,12 @@ from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 INSENSITIVE = 1e-4
 """Change of what is computed, relative, per change of the parameter's logarithm, below which there
 is none."""
-ALIKE = 3e-3
-"""Share of a parameter's effect that no other can have, below which they are one."""
+ALIKE = 3e-3  # share of a parameter's effect that no other can have, below which they are one
 CONFIDENCE = 0.95
 BROAD = math.log(10.0)
 """Half-width of an interval, in logarithms, from which on the parameter is not determined."""
 AT_BOUND = "the search ended at its bound"
-NOISE = 1e-3
-"""Scatter that is assumed at least when asking whether data determine a parameter."""
+NOISE = 1e-3  # scatter that is assumed at least when asking whether data determine a parameter
 
 
 class Searched:

@@ -35,14 +35,11 @@ Branch = Callable[[Floats], tuple[Floats, Floats]]
 the logarithm of the time."""
 
 MOST_BRANCHES = 12
-PER_DECADE = 4
-"""Times of the grid for starts."""
+PER_DECADE = 4  # times of the grid for starts
 BEYOND = 30.0
 """Factor beyond the shortest and longest time of the data within which relaxation times lie."""
-MOST_LOG = 150.0
-"""Logarithm of a shift factor up to which the search may go astray."""
-SMALL_STRAIN = 0.02
-"""Largest step of logarithmic strain in following a branch through cycles."""
+MOST_LOG = 150.0  # logarithm of a shift factor up to which the search may go astray
+SMALL_STRAIN = 0.02  # largest step of logarithmic strain in following a branch through cycles
 C1_LIMITS, C2_MOST = (0.1, 200.0), 1e4
 C1_START, C2_START = 8.86, 101.6
 """Of most polymers 50 K above the glass transition (Williams, Landel & Ferry, J. Am. Chem. Soc. 77

@@ -354,8 +354,7 @@ AXES = {
 }
 ONE_LEVEL = 1.1
 """Measured loads, or velocities, no further apart than by this factor are one in the figure."""
-MOST_INSIDE = 6
-"""Entries of a legend that still leave room for points and lines beside it."""
+MOST_INSIDE = 6  # entries of a legend that still leave room for points and lines beside it
 _NAMES: dict[type[Parameters], str] = {
     FrictionMapParameters: "friction map",
     StribeckParameters: "Stribeck law",
@@ -370,8 +369,7 @@ class _Group:
     rows: NDArray[np.intp]
     thickness: float
     pressure: float
-    velocity: float | None
-    """m/s, for rows over slip."""
+    velocity: float | None  # m/s, for rows over slip
     label: str
 
 

@@ -29,12 +29,9 @@ from tribox.forms.friction.law import FrictionLaw, Regime
 
 FIRST_SLIP = 1e-9
 """m, first step on the way to steady sliding: short against any pre-sliding length."""
-GROWTH = 1.4
-"""Ratio of a step to the one before, on the way to steady sliding."""
-UNCHANGED = 1e-6
-"""Largest relative change of the traction in one step that counts as none."""
-STEPS_IN_A_ROW = 3
-"""Steps over which the traction must not change any more."""
+GROWTH = 1.4  # ratio of a step to the one before, on the way to steady sliding
+UNCHANGED = 1e-6  # largest relative change of the traction in one step that counts as none
+STEPS_IN_A_ROW = 3  # steps over which the traction must not change any more
 
 
 @dataclass(frozen=True, slots=True)

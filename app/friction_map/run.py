@@ -16,8 +16,7 @@ from tribox.app.results.directory import default_directory, keep_inputs_apart
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
 
-BUILT_IN = Path("built-in.toml")
-"""Names the results of a map without a case."""
+BUILT_IN = Path("built-in.toml")  # names the results of a map without a case
 
 
 def run_map(

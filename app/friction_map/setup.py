@@ -26,11 +26,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PRESSURE = 3.0e6
-"""Pa, the paper's pressure, where a case does not say one."""
+PRESSURE = 3.0e6  # Pa, the paper's pressure, where a case does not say one
 LOAD_FACTORS = (0.1, 0.3, 1.0, 3.0)
-FILM_SHARES = (0.04, 0.12, 0.72, 1.0)
-"""Of D_max: 10, 30, 180 and 250 nm for the paper's 250 nm."""
+FILM_SHARES = (0.04, 0.12, 0.72, 1.0)  # of D_max: 10, 30, 180 and 250 nm for the paper's 250 nm
 SPEEDS = (1e-8, 1e-1)
 SPEEDS_PER_DECADE = 8
 
