@@ -323,7 +323,7 @@ def map_(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Map the friction law of a case at material points: tables and figures, in seconds."""
-    from tribox.app.friction_map.run import run_map
+    from tribox.app.friction_map import run_map
 
     run_map(case_file, overrides or [], out, force)
 

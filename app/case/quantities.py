@@ -215,6 +215,15 @@ class Written:
         """What `parse` reads back to the same."""
         raise NotImplementedError
 
+    def json_schema(self) -> JsonSchemaValue:
+        """JSON schema of how it is written."""
+        raise NotImplementedError
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return self.json_schema()
+
     def _validate(self, value: object) -> Any:
         try:
             return self.parse(value)
@@ -252,9 +261,8 @@ class Quantity(Bounds, Written):
         """Text that reads back to the same."""
         return format_quantity(value, self.unit)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         limits = {
             "minimum": self.ge,
             "exclusiveMinimum": self.gt,

@@ -15,9 +15,9 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, GetJsonSchemaHandler
+from pydantic import Field
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from tribox.app.case.quantities import (
     Quantity,
@@ -210,9 +210,8 @@ class Program(Written):
         text = _rows_as_text(rows, _TIME, Quantity(self.unit))
         return {"table": text, "ramp": "smooth"} if value.smooth else text
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         schema = _table_schema(_TIME.unit, self.unit)
         schema["anyOf"] += [] if self.word is None else [{"const": self.word}]
         ramp = {"enum": list(RAMPS)}
@@ -240,10 +239,9 @@ class NumberOrProgram(Program):
         table = value if isinstance(value, TimeTable) else TimeTable.constant(value)
         return Program.serialise(self, table)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        out = Program.__get_pydantic_json_schema__(self, schema, handler)
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
+        out = Program.json_schema(self)
         if self.least is not None:
             out["anyOf"][0] = {"type": "number", "minimum": self.least}
         return out
@@ -279,9 +277,8 @@ class NumberOrTable(Written):
             return _rows_as_text(value, self.argument, self.value)
         return format_quantity(value, self.value.unit)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         return _table_schema(self.argument.unit, self.value.unit)
 
 
@@ -299,9 +296,8 @@ class Rows(NumberOrTable):
             raise _at((), value, f"must be a table of rows [{pair}, ...]")
         return _parse_rows(value, self.argument, self.value, self.rising)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         whole = _table_schema(self.argument.unit, self.value.unit)
         return {**whole["anyOf"][2], "x-unit": whole["x-unit"]}
 

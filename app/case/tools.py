@@ -7,9 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, field_serializer, field_validator
+from pydantic import Field, ValidationInfo, field_serializer, field_validator
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
 
 from tribox.app.case.boundary import Direction, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
@@ -55,9 +54,8 @@ class _OneOrMany(Written):
             return [format_quantity(one, "m") for one in value]
         return format_quantity(value, "m")
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
         return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 

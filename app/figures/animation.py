@@ -18,6 +18,7 @@ from PIL import Image
 
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale, read_bodies
+from tribox.app.figures.deformed import title_of
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.scenes import (
     View,
@@ -31,7 +32,6 @@ from tribox.app.figures.scenes import (
     veil_of,
     with_room,
 )
-from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE, axis_names, body_names, heading, pair_names
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 from tribox.app.results.directory import written_whole

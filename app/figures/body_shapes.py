@@ -269,18 +269,9 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
         owner.append(first + np.repeat(np.arange(len(corners)), len(table)))
         first += len(corners)
     found, of = np.concatenate(sides), np.concatenate(owner)
-    # Numbers (f,) that are the same for the same rows (f, a) of numbers from 0 on.
     rows = np.sort(found, axis=1)
-    count = int(rows.max(initial=0)) + 1
-    keys, most = rows[:, 0].astype(np.int64), count
-    for column in rows.T[1:]:
-        # Digits of a number to the base ``count``; before it gets too large, what there is so far
-        # is replaced by its rank among all, which is as good a first digit and small.
-        if most > np.iinfo(np.int64).max // count:
-            keys = np.unique(keys, return_inverse=True)[1].astype(np.int64)
-            most = len(rows)
-        keys, most = keys * count + column, most * count
-    order = np.argsort(keys)
-    new = np.diff(keys[order], prepend=-1, append=-1) != 0  # another than the one before
+    order = np.lexsort(rows.T)
+    other = (np.diff(rows[order], axis=0) != 0).any(axis=1)  # than the one before
+    new = np.concatenate([[True], other, [True]])
     once = np.sort(order[new[:-1] & new[1:]])
     return found[once], of[once]

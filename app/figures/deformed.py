@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,7 +48,6 @@ from tribox.app.figures.scenes import (
     veil_of,
     with_room,
 )
-from tribox.app.figures.states import State, states_to_draw
 from tribox.app.figures.style import (
     CASE_STYLE,
     CONTACT_PRESSURE,
@@ -61,6 +61,9 @@ from tribox.app.figures.style import (
     pair_names,
     panels_in,
     save,
+    stage_ends,
+    unit_of_velocity,
+    velocity_text,
 )
 from tribox.app.figures.tractions import (
     Ints,
@@ -71,11 +74,13 @@ from tribox.app.figures.tractions import (
     without_roundoff,
     write_no_load,
 )
+from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:
     import meshio
 
     from tribox.app.results import Results
+    from tribox.app.results.reading import Table
 
 
 MOST_PAIRS = 8  # pairs with a panel of their own
@@ -430,3 +435,93 @@ def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> Non
         f"arrows: {TRACTION.name} {TRACTION.symbol} on the master, up to {stress.text(largest)}",
         (0.0, -0.17), xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
     )  # fmt: skip
+
+
+# -- Which states of a run are worth a picture, and what its title says ---------------------------
+
+AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
+HIGHEST = "highest load"
+ENDINGS = {
+    "failed": "last state before the failure",
+    "interrupted": "last state before the interruption",
+    "running": "last state so far",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A state to draw."""
+
+    name: str  # of the picture, without its ending
+    step: int  # of the field output
+    title: str  # what it shows, for people
+
+
+def states_to_draw(results: Results) -> list[State]:
+    """The last state, the end of each stage before the last, and the highest load.
+
+    The highest load has no picture of its own where another shows it or as good as that, and no
+    mention where several do.
+    """
+    outputs = np.asarray(results.steps, dtype=np.int64)
+    if not len(outputs):
+        return []
+    history = results.table("history")
+    last = int(outputs[-1])
+    names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
+    ends = stage_ends(results)
+    for number, (stage, end) in enumerate(ends[:-1], 1):
+        step = _nearest(outputs, end)
+        names.setdefault(step, f"deformed-{number}-{re.sub(r'[^A-Za-z0-9.+=_%µμ-]+', '_', stage)}")
+        near = "" if step == last else f"nearest output to the end of {stage}"
+        notes.setdefault(step, []).append(f"end of {stage}" if step == end else near)
+    peak = _highest(history, list(names), outputs)
+    if peak is not None:
+        step, note = peak
+        names.setdefault(step, "deformed-highest-load")
+        exact = note == HIGHEST
+        notes.setdefault(step, []).append(note if exact or step != last else "")
+    return [State(names[s], s, title_of(results, s, notes[s])) for s in sorted(names)]
+
+
+def _highest(history: Table, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
+    """The output at the highest load and what to say of it.
+
+    None where nothing is pressed, and where no other picture shows a lower load than one that is
+    drawn.
+    """
+    if not len(history) or "normal_force" not in history:
+        return None
+    force = history["normal_force"]
+    steps = history["step"].astype(np.int64)
+    largest = float(np.nanmax(force))
+    if not largest > 0.0:
+        return None
+    high = {int(step) for step in steps[force >= AS_HIGH * largest]}
+    shown = [step for step in drawn if step in high]
+    if shown:
+        return (shown[0], HIGHEST) if len(shown) == 1 < len(drawn) else None
+    at = int(steps[np.nanargmax(force)])
+    written = [s for s in outputs.tolist() if s in high]
+    if written:
+        return at if at in written else written[0], HIGHEST
+    return _nearest(outputs, at), f"nearest output to the highest load (step {at})"
+
+
+def _nearest(outputs: Any, step: int) -> int:
+    return int(outputs[np.argmin(np.abs(outputs - step))])
+
+
+def title_of(results: Results, step: int, notes: Sequence[str] = ()) -> str:
+    """Stage, velocity, time and number of a step, for people, then what is special."""
+    words = [note for note in notes if note]
+    history = results.table("history")
+    found = history.where("step", step).records() if len(history) else []
+    if not found:
+        return "; ".join([f"step {step}", *words])
+    row, unit = found[0], unit_of_velocity(results)
+    velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
+    moving = f" at {velocity_text(velocity, unit)}" if abs(velocity) > 0.0 else ""
+    when, total = time_text(time, float(row.get("dt", 0.0))), int(history["step"][-1])
+    said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
+    return "; ".join([said, *words])

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.figures.history import spans_decades
-from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import series_numbers
 from tribox.app.figures.style import (
     CROSSES,
@@ -25,6 +24,7 @@ from tribox.app.figures.style import (
     fitting,
     look_of,
     pair_names,
+    stage_ends,
     thin_log_ticks,
     titled,
     velocity_unit,

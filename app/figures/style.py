@@ -342,6 +342,14 @@ def unit_of_velocity(results: Results) -> Unit:
     return velocity_unit(table["velocity"] if len(table) and "velocity" in table else [])
 
 
+def stage_ends(results: Results) -> list[tuple[str, int]]:
+    """Each stage of a run with its last step, in order."""
+    history = results.table("history")
+    if not len(history):
+        return []
+    return [(str(stage), int(rows["step"][-1])) for stage, rows in history.parts("stage")]
+
+
 def heading(results: Results, title: str) -> str:
     """Title of the case above what the picture shows."""
     return titled(results.case.title, title)

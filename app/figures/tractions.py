@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.states import stage_ends
 from tribox.app.figures.style import (
     COLOURS,
     CONTACT_PRESSURE,
@@ -24,6 +23,7 @@ from tribox.app.figures.style import (
     colour_of,
     fitting,
     pair_names,
+    stage_ends,
     thin_log_ticks,
     titled,
 )

@@ -44,9 +44,8 @@ from tribox.app.fit.run import (
     value_and_ends,
     write_fit,
 )
-from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import claimed
-from tribox.app.results.directory import keep_inputs_apart
+from tribox.app.results.directory import keep_inputs_apart, suffixed_directory
 
 # -- Figure of a material's test and what was fitted to it -----------------------------------------
 

@@ -44,9 +44,14 @@ from tribox.app.fit.model import (
     stated,
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
-from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import Claim, claimed
-from tribox.app.results.directory import keep_inputs_apart, write_json, write_table, write_text
+from tribox.app.results.directory import (
+    keep_inputs_apart,
+    suffixed_directory,
+    write_json,
+    write_table,
+    write_text,
+)
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters

@@ -434,37 +434,21 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
         wet = curve.film > p.D_min
         # The abscissa of the Stribeck presentation: what the bulk fluid alone would drag with.
         bulk_stress = p.eta_b * curve.speed / curve.film if wet else np.zeros_like(curve.speed)
-        for i, V in enumerate(curve.speed):
-            exact = float(curve.exact[i])
-            yield [
-                curve.film,
-                curve.pressure,
-                float(V),
-                float(curve.traction[i]),
-                float(curve.viscosity[i]),
-                float(curve.traction[i] / curve.pressure),
-                float(bulk_stress[i]),
-                "" if math.isnan(exact) else exact,
-                float(curve.alpha[i]),
-                float(curve.mu[i]),
-                Regime(int(curve.regime[i])).name.lower(),
-                str(bool(curve.steady[i])).lower(),
-            ]
+        friction = curve.traction, curve.viscosity, curve.traction / curve.pressure
+        columns = (curve.speed, *friction, bulk_stress, curve.exact, curve.alpha, curve.mu)
+        rows = np.stack(columns, axis=1).tolist()
+        for row, regime, steady in zip(rows, curve.regime, curve.steady, strict=True):
+            numbers = ["" if math.isnan(number) else number for number in row]
+            words = Regime(int(regime)).name.lower(), str(bool(steady)).lower()
+            yield [curve.film, curve.pressure, *numbers, *words]
 
 
 def _track_rows(track: Track, films: tuple[float, ...]) -> Iterator[list[Any]]:
+    of_points = track.slip, track.speed, track.traction, track.alpha, track.mu, track.slip_path
     for q, film in enumerate(films):
-        for n, phase in enumerate(track.phase):
-            yield [
-                film,
-                phase,
-                float(track.time[n]),
-                float(track.slip[n, q]),
-                float(track.speed[n, q]),
-                float(track.traction[n, q]),
-                float(track.alpha[n, q]),
-                float(track.mu[n, q]),
-                float(track.slip_path[n, q]),
-                Regime(int(track.regime[n, q])).name.lower(),
-                float(track.dissipated[n, q]),
-            ]
+        columns = track.time, *(values[:, q] for values in of_points)
+        rows, lost = np.stack(columns, axis=1).tolist(), track.dissipated[:, q].tolist()
+        for phase, row, regime, work in zip(
+            track.phase, rows, track.regime[:, q], lost, strict=True
+        ):
+            yield [film, phase, *row, Regime(int(regime)).name.lower(), work]

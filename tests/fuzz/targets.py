@@ -17,7 +17,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
-from tribox.app.friction_map.run import run_map
+from tribox.app.friction_map import run_map
 from tribox.app.results import Results, read
 from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import check_free
