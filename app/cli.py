@@ -211,8 +211,7 @@ def check(
     case_file: CaseFile,
     overrides: Overrides = None,
     law: Annotated[
-        bool,
-        typer.Option("--law", help="try the friction laws too: derivatives and dissipation"),
+        bool, typer.Option("--law", help="try the friction laws too: derivatives and dissipation")
     ] = False,
     trust: Trust = False,
 ) -> None:

@@ -37,30 +37,20 @@ STILL = 1e-9  # of the bodies' extent: what moves less in a step rests
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """What a step took.
+    """What a step took."""
 
-    Attributes:
-        dt: s, length of the step; iterations: of Newton's method.
-        attempts: at the step; in an explicit run the time steps of the row.
-        linear: iterations of linear solves that are iterative.
-    """
-
-    dt: float
-    iterations: int
-    attempts: int
-    linear: int = 0
+    dt: float  # s, length of the step
+    iterations: int  # of Newton's method
+    attempts: int  # at the step; in an explicit run the time steps of the row
+    linear: int = 0  # iterations of linear solves that are iterative
 
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """How the bodies move after a step, and what from outside acts on them.
+    """How the bodies move after a step, and what from outside acts on them."""
 
-    Attributes:
-        velocity: (n,), m/s, of the owned unknowns; outside: forces on the bodies.
-    """
-
-    velocity: Floats
-    outside: OutsideForces
+    velocity: Floats  # (n,), m/s, of the owned unknowns
+    outside: OutsideForces  # forces on the bodies
 
 
 class RunState(Remembers):
@@ -412,21 +402,14 @@ class ToolHistory:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """How an explicit run got from one row to the next.
+    """How an explicit run got from one row to the next."""
 
-    Attributes:
-        steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
-        total: time steps of the run so far.
-        kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
-        failed: whether the run ends within it, without the row.
-    """
-
-    steps: int
-    dt: float
-    stable: float
-    total: int
-    kinetic_ratio: float
-    failed: bool = False
+    steps: int  # time steps
+    dt: float  # s, of the last of them
+    stable: float  # s, stable step at the end
+    total: int  # time steps of the run so far
+    kinetic_ratio: float  # kinetic over strain energy at the end; 0 without strain energy
+    failed: bool = False  # whether the run ends within it, without the row
 
 
 class Observer:

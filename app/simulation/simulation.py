@@ -19,12 +19,7 @@ from tribox.app.implicit.options import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import (
-    body_adrift,
-    explain,
-    is_unstable,
-    not_finite,
-)
+from tribox.app.simulation.failure_diagnosis import body_adrift, explain, is_unstable, not_finite
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
 from tribox.app.simulation.run_state import Effort, Moved, Observer, RunState

@@ -55,20 +55,13 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class FilmCells:
-    """Where the film's places are, and which are neighbours.
+    """Where the film's places are, and which are neighbours."""
 
-    Attributes:
-        ends: (f, 2) places that a face lies between; length: (f,), m, between them; width: (f,),
-            m of rings, or 1 per unit thickness.
-        area: (n,), m² per unit thickness, or of rings.
-        band: of matrices between neighbours.
-    """
-
-    ends: Longs
-    length: Floats
-    width: Floats
-    area: Floats
-    band: Band
+    ends: Longs  # (f, 2) places that a face lies between
+    length: Floats  # (f,), m, between them
+    width: Floats  # (f,), m of rings, or 1 per unit thickness
+    area: Floats  # (n,), m² per unit thickness, or of rings
+    band: Band  # of matrices between neighbours
 
     @classmethod
     def on_line(cls, position: Floats, rings: bool = False) -> FilmCells:

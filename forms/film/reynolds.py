@@ -110,37 +110,26 @@ class FilmStep:
 
 @dataclass(frozen=True, slots=True)
 class FilmSolution:
-    """A film that balances.
+    """A film that balances."""
 
-    Attributes:
-        unknown: w (n,); pressure: p (n,), Pa; filled: θ (n,); volume: θ h M (n,).
-        flux: b q (f,), m²/s or m³/s; supply: (n,) the same, from the reservoirs.
-        iterations: of Newton's method.
-    """
-
-    unknown: Floats
-    pressure: Floats
-    filled: Floats
-    volume: Floats
-    flux: Floats
-    supply: Floats
-    iterations: int
+    unknown: Floats  # w (n,)
+    pressure: Floats  # p (n,), Pa
+    filled: Floats  # θ (n,)
+    volume: Floats  # θ h M (n,)
+    flux: Floats  # b q (f,), m²/s or m³/s
+    supply: Floats  # (n,) the same, from the reservoirs
+    iterations: int  # of Newton's method
     _given: _Given
     _loops: _Loops
 
 
 @dataclass(frozen=True, slots=True)
 class FilmSlopes:
-    """How a film that balances changes with thickness and speed.
+    """How a film that balances changes with thickness and speed."""
 
-    Attributes:
-        by_pressure, by_filled: ∂p/∂w (n,), Pa, and ∂θ/∂w (n,).
-        by_film: (n, n), of the balance at the same w.
-    """
-
-    by_pressure: Floats
-    by_filled: Floats
-    by_film: scipy.sparse.csr_matrix
+    by_pressure: Floats  # ∂p/∂w (n,), Pa
+    by_filled: Floats  # ∂θ/∂w (n,)
+    by_film: scipy.sparse.csr_matrix  # (n, n), of the balance at the same w
     _ends: Longs
     _by_speed: Floats
     _loops: _Loops
@@ -259,18 +248,13 @@ def _code() -> ctypes.CDLL:
 
 @dataclass(frozen=True, slots=True)
 class ReynoldsFilm:
-    """The film on some places.
+    """The film on some places."""
 
-    Attributes:
-        cells: its places; rheology: of the oil; rough: the surfaces' roughness.
-        scale: p_s, Pa, of the order of the pressures; smoothing: ε.
-    """
-
-    cells: FilmCells
-    rheology: FilmRheology
-    rough: RoughGap
-    scale: float
-    smoothing: float = SMOOTHING
+    cells: FilmCells  # its places
+    rheology: FilmRheology  # of the oil
+    rough: RoughGap  # the surfaces' roughness
+    scale: float  # p_s, Pa, of the order of the pressures
+    smoothing: float = SMOOTHING  # ε
 
     def solve(self, step: FilmStep, start: Floats) -> FilmSolution:
         """The film at the end of a step, from ``start`` (n,), a guess of w.

@@ -26,13 +26,7 @@ from tribox.geometry.generators.sphere_on_block import (
     boxed_section,
     round_section,
 )
-from tribox.geometry.generators.two_blocks import (
-    CELLS,
-    check_growth,
-    check_pair,
-    layers,
-    mesh_pair,
-)
+from tribox.geometry.generators.two_blocks import CELLS, check_growth, check_pair, layers, mesh_pair
 
 
 @dataclass(frozen=True, slots=True)
