@@ -264,15 +264,22 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
             continue
         # At a pixel of the body, which the middle of its pixels need not be.
         middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
-        right, up = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
+        place = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
         halo = withStroke(linewidth=2.2, foreground="w", alpha=0.8)
-        axes.annotate(name, (right, up), ha="center", va="center", fontsize=8, path_effects=[halo])
+        axes.annotate(
+            name,
+            (float(place[0]), float(place[1])),
+            ha="center",
+            va="center",
+            fontsize=8,
+            path_effects=[halo],
+        )
     # A bar of a round length, and arrows along the axes, below the picture
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     width = right - left
     decade = 10.0 ** float(np.floor(np.log10(0.25 * width)))
     length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= 0.25 * width)
-    foot = low - 0.06 * width
+    foot = bottom - 0.06 * width
     axes.plot([right - length, right], [foot, foot], color="0.15", lw=2.5, clip_on=False)
     axes.annotate(fitting([length], "m").text(length), (right - 0.5 * length, foot),
                   xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
@@ -284,7 +291,7 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
         })  # fmt: skip
         axes.annotate(name, (x + 1.25 * along, y + 1.25 * up), ha="center", va="center",
                       fontsize=8, annotation_clip=False)  # fmt: skip
-    axes.set(xlim=(left, right), ylim=(foot - 0.12 * width, high))
+    axes.set(xlim=(left, right), ylim=(foot - 0.12 * width, top))
 
 
 # -- Rigid tools in pictures of space: translucent before what they hide, hidden by what is nearer -

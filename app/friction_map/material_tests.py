@@ -436,9 +436,9 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
         bulk_stress = p.eta_b * curve.speed / curve.film if wet else np.zeros_like(curve.speed)
         friction = curve.traction, curve.viscosity, curve.traction / curve.pressure
         columns = (curve.speed, *friction, bulk_stress, curve.exact, curve.alpha, curve.mu)
-        rows = np.stack(columns, axis=1).tolist()
-        for row, regime, steady in zip(rows, curve.regime, curve.steady, strict=True):
-            numbers = ["" if math.isnan(number) else number for number in row]
+        rows = zip(np.stack(columns, axis=1), curve.regime, curve.steady, strict=True)
+        for row, regime, steady in rows:
+            numbers = ["" if math.isnan(number) else float(number) for number in row]
             words = Regime(int(regime)).name.lower(), str(bool(steady)).lower()
             yield [curve.film, curve.pressure, *numbers, *words]
 
@@ -447,8 +447,7 @@ def _track_rows(track: Track, films: tuple[float, ...]) -> Iterator[list[Any]]:
     of_points = track.slip, track.speed, track.traction, track.alpha, track.mu, track.slip_path
     for q, film in enumerate(films):
         columns = track.time, *(values[:, q] for values in of_points)
-        rows, lost = np.stack(columns, axis=1).tolist(), track.dissipated[:, q].tolist()
-        for phase, row, regime, work in zip(
-            track.phase, rows, track.regime[:, q], lost, strict=True
-        ):
-            yield [film, phase, *row, Regime(int(regime)).name.lower(), work]
+        for n, phase in enumerate(track.phase):
+            regime = Regime(int(track.regime[n, q])).name.lower()
+            numbers = [float(column[n]) for column in columns]
+            yield [film, phase, *numbers, regime, float(track.dissipated[n, q])]

@@ -280,40 +280,34 @@ def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
     return np.concatenate(order), np.concatenate(way)
 
 
-class SurfaceLines:
-    """The lines of nodes of surfaces, where they are at present."""
-
-    def __init__(self, model: Model) -> None:
-        """Take the lines of a model."""
-        self.model, self.lines = model, model.lines
-
-    def places(self) -> list[tuple[Floats, Floats]]:
-        """Places of each line (n, i) and of the opposite one (m, i), m; collective."""
-        found = []
-        for line in self.lines:
-            moved = displacement_at(self.model, np.concatenate([line.nodes, line.opposite]))
-            own = line.place + moved[: len(line.nodes)]
-            found.append((own, line.opposite_place + moved[len(line.nodes) :]))
-        return found
+def line_places(model: Model) -> list[tuple[SurfaceLine, Floats, Floats]]:
+    """Each line of nodes, its places (n, i), m, and the opposite one's (m, i); collective."""
+    found = []
+    for line in model.lines:
+        moved = displacement_at(model, np.concatenate([line.nodes, line.opposite]))
+        own = line.place + moved[: len(line.nodes)]
+        found.append((line, own, line.opposite_place + moved[len(line.nodes) :]))
+    return found
 
 
-@dataclass(frozen=True, slots=True)
 class NodeTable:
     """The table of the nodes of the lines: a row for each."""
 
-    lines: SurfaceLines
+    columns = (
+        *("probe", "point", "arc_length"),
+        *(f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]),
+        *("tangent_angle", "curvature", "thickness"),
+    )
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns after those that say when."""
-        places = [f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]]
-        return ("probe", "point", "arc_length", *places, "tangent_angle", "curvature", "thickness")
+    def __init__(self, model: Model) -> None:
+        """Take the lines of a model."""
+        self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
         found: list[tuple[object, ...]] = []
-        for line, (own, other) in zip(self.lines.lines, self.lines.places(), strict=True):
-            if self.lines.model.problem.comm.rank == 0:
+        for line, own, other in line_places(self._model):
+            if self._model.problem.comm.rank == 0:
                 parts = (line.way, *line.place.T, *(own - line.place).T, tangent_angles(own))
                 table = np.stack([*parts, line_curvatures(own), thickness(own, other)], axis=1)
                 rows = enumerate(table.tolist())
@@ -321,28 +315,27 @@ class NodeTable:
         return found
 
 
-@dataclass(frozen=True, slots=True)
 class ShapeTable:
     """The table of the shapes of the lines: a row for each line."""
 
-    lines: SurfaceLines
+    columns = (
+        *("probe", "angle", "bend_angle", "largest_turn", "radius", "off_circle", "length"),
+        *("mean_thickness", "min_thickness", "max_thickness", "thinnest_at"),
+    )
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns after those that say when."""
-        thicknesses = (f"{kind}_thickness" for kind in ("mean", "min", "max"))
-        turned = ("angle", "bend_angle", "largest_turn")
-        return ("probe", *turned, "radius", "off_circle", "length", *thicknesses, "thinnest_at")
+    def __init__(self, model: Model) -> None:
+        """Take the lines of a model."""
+        self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
-        found = zip(self.lines.lines, self.lines.places(), strict=True)
-        if self.lines.model.problem.comm.rank > 0:
+        found = line_places(self._model)
+        if self._model.problem.comm.rank > 0:
             return []
-        return [(line.probe.name, *_shape(line, *places)) for line, places in found]
+        return [(line.probe.name, *shape_of(line, *places)) for line, *places in found]
 
 
-def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
+def shape_of(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
     """Numbers of a line's row, with the places (n, i) and (m, i), m, of it and the opposite one."""
     angle = _angle(line, own)
     radius, off = fitted_circle(own[line.bend])
