@@ -265,15 +265,9 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
         # At a pixel of the body, which the middle of its pixels need not be.
         middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
         place = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
+        x, y = (float(v) for v in place)
         halo = withStroke(linewidth=2.2, foreground="w", alpha=0.8)
-        axes.annotate(
-            name,
-            (float(place[0]), float(place[1])),
-            ha="center",
-            va="center",
-            fontsize=8,
-            path_effects=[halo],
-        )
+        axes.annotate(name, (x, y), ha="center", va="center", fontsize=8, path_effects=[halo])
     # A bar of a round length, and arrows along the axes, below the picture
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     width = right - left
