@@ -299,7 +299,7 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
-    from tribox.app.report.page import write_report
+    from tribox.app.report import write_report
     from tribox.app.results import read
 
     if out is not None and out.exists() and not force:

@@ -181,7 +181,7 @@ def _read_all(directory: Path) -> None:
         for step in _steps(one, errors):
             for kind in ("fields", "contact", "contact_points"):
                 _try(lambda: getattr(one, kind)(step), errors)
-    from tribox.app.report.page import write_report
+    from tribox.app.report import write_report
 
     _try(lambda: write_report(directory, directory.parent / "report.html"), errors)
     _try(lambda: check_free(directory, True, sweep_labels(directory)), errors)
