@@ -8,8 +8,8 @@ but the first only where the iteration before it came near enough.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -18,13 +18,13 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import (
+    Linear,
     LinearSolver,
     errors_as_raised,
     linear_options,
     refusal,
     sets_solver,
 )
-from tribox.app.implicit.options import ImplicitOptions
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -42,6 +42,17 @@ SHORTEST = 6  # times that a single step is halved
 ENOUGH = 0.3  # share of the forces' work along a step that is left where it ends
 LONGER, LENGTHS = 4.0, 10  # factor of a step that may go on, and lengths that are tried at most
 STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not to count as stalled
+
+
+@dataclass(frozen=True, slots=True)
+class ImplicitOptions:
+    """Settings of the Newton iteration."""
+
+    tolerance: float = 1e-8  # residual norm allowed, relative to the contact or reaction force
+    # Newton iterations before an attempt counts as failed; a step may make several
+    max_iterations: int = 25
+    linear: Linear = "auto"  # the solver; direct up to a number of unknowns, or of iterations
+    petsc: Mapping[str, str | float | bool] = field(default_factory=dict)  # without prefix
 
 
 @dataclass(frozen=True, slots=True)
