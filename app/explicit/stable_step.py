@@ -36,21 +36,13 @@ from tribox.geometry.surfaces.surface import NodalVector
 
 @dataclass(frozen=True, slots=True)
 class MassScaling:
-    """Mass added so that the step may be longer.
+    """Mass added so that the step may be longer; ValueError if its values do not fit the kind."""
 
-    Attributes:
-        kind: "uniform": every density times a factor; "limiting": mass only for the elements that
-            would need a shorter step than ``step``.
-        factor: of all densities, >= 1; with "uniform" unless ``step`` is given.
-        step: s, stable step, before the safety factor, that the mass has to allow.
-
-    Raises:
-        ValueError: factor and step do not fit the kind.
-    """
-
+    # "uniform": every density times a factor; "limiting": mass only for the elements that would
+    # need a shorter step than ``step``
     kind: Literal["uniform", "limiting"] = "limiting"
-    factor: float | None = None
-    step: float | None = None
+    factor: float | None = None  # of all densities, >= 1; with "uniform" unless ``step`` is given
+    step: float | None = None  # s, stable step, before the safety factor, that the mass must allow
 
     def __post_init__(self) -> None:
         if self.kind == "limiting" and (self.step is None or self.factor is not None):

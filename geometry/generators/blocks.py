@@ -39,22 +39,16 @@ class PlacedBlock:
 
     Either ``elements`` or ``size`` is given.
 
-    Attributes:
-        name: of the body; its sides are surfaces NAME_left, NAME_right and so on (:data:`SIDES`).
-        low: (i,), m, its corner of least coordinates; high: (i,), m, the opposite one.
-        elements: (i,) their number along each axis.
-        size: m, largest extent of an element at the finest end of each axis.
-        grading: (i,) extent of the last element over that of the first, along each axis.
-
     Raises:
         ValueError: If a value is out of its range; the message names block, field and value.
     """
 
-    name: str
-    low: Sequence[float]
-    high: Sequence[float]
-    elements: Sequence[int] | None = None
-    size: float | None = None
+    name: str  # of the body; its sides are surfaces NAME_left, NAME_right, ... (:data:`SIDES`)
+    low: Sequence[float]  # (i,), m, its corner of least coordinates
+    high: Sequence[float]  # (i,), m, the opposite one
+    elements: Sequence[int] | None = None  # (i,) their number along each axis
+    size: float | None = None  # m, largest extent of an element at the finest end of each axis
+    # (i,) extent of the last element over that of the first, along each axis
     grading: Sequence[float] = ()
 
     def __post_init__(self) -> None:
@@ -168,18 +162,15 @@ class RegularMesh:
 class Blocks:
     """Rectangles or boxes that do not overlap by more than a press fit does.
 
-    Attributes:
-        blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
-        groups: names of points and edges, each with the names of the sides that meet there.
-        renamed: other names of sides, by those that they would have.
-
     Raises:
         ValueError: If blocks overlap so, or do not go with the cells; if sides do not meet.
     """
 
-    blocks: tuple[PlacedBlock, ...]
-    cell: str = "quadrilateral"
+    blocks: tuple[PlacedBlock, ...]  # with different names
+    cell: str = "quadrilateral"  # shape of all cells, see :data:`CELLS`
+    # names of points and edges, each with the names of the sides that meet there
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    # other names of sides, by those that they would have
     renamed: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -42,19 +42,13 @@ ENDS = {4: "left", 0: "right"}
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """Where the points of one name lie; those on the axis have no radius.
+    """Where the points of one name lie; those on the axis have no radius."""
 
-    Attributes:
-        radius: Distance from the axis in the half planes x and z, m.
-        y: Height there, m.
-        diagonal: x and z half way between them, m.
-        on: The surface or curve that the point lies on: "sphere", "circle" (about the axis, in its
-            own plane) or "".
-    """
-
-    radius: float
-    y: float
-    diagonal: float = 0.0
+    radius: float  # distance from the axis in the half planes x and z, m
+    y: float  # height there, m
+    diagonal: float = 0.0  # x and z half way between them, m
+    # the surface or curve that the point lies on: "sphere", "circle" (about the axis, in its own
+    # plane) or ""
     on: str = ""
 
 
