@@ -57,27 +57,18 @@ class ImplicitOptions:
 
 @dataclass(frozen=True, slots=True)
 class NewtonPhase:
-    """One way to iterate.
+    """One way to iterate."""
 
-    Attributes:
-        name: of the phase.
-        within: relative residual that the phase before must have ended with at most; None: any.
-        line_search: PETSc's kind; None: that of the options.
-        freezes_facets: whether points do not leave their master facets for a neighbour as soon as
-            they pass an edge.
-        only_pressed: whether contacts that only touch have no stiffness.
-        starts_over: whether the residuals of the phase before are forgotten.
-        ends_stalled: whether the phase ends where the residual has stopped to fall.
-        ends_wavering: whether it ends where it is near, and gains less than an iteration should.
-    """
-
-    name: str
+    name: str  # of the phase
+    # relative residual that the phase before must have ended with at most; None: any
     within: float | None = None
-    line_search: str | None = None
+    line_search: str | None = None  # PETSc's kind; None: that of the options
+    # whether points do not leave their master facets for a neighbour as soon as they pass an edge
     freezes_facets: bool = False
-    only_pressed: bool = False
-    starts_over: bool = False
-    ends_stalled: bool = False
+    only_pressed: bool = False  # whether contacts that only touch have no stiffness
+    starts_over: bool = False  # whether the residuals of the phase before are forgotten
+    ends_stalled: bool = False  # whether the phase ends where the residual has stopped to fall
+    # whether it ends where it is near, and gains less than an iteration should
     ends_wavering: bool = False
 
 
@@ -106,15 +97,10 @@ WHOLE_STEPS = NewtonPhase("whole steps", line_search="basic", starts_over=True)
 
 @dataclass(slots=True)
 class Inside:
-    """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`).
+    """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`)."""
 
-    Attributes:
-        last: whether the last step was, as the next one may be.
-        opening: the one that worked last.
-    """
-
-    last: bool = False
-    opening: int = 0
+    last: bool = False  # whether the last step was, as the next one may be
+    opening: int = 0  # the one that worked last
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +130,7 @@ class Newton(Remembers):
     inside: Kept[Inside]
 
     def __init__(
-        self,
-        problem: Equilibrium,
-        solver: LinearSolver,
-        trial: PETSc.Vec,
-        options: ImplicitOptions,
+        self, problem: Equilibrium, solver: LinearSolver, trial: PETSc.Vec, options: ImplicitOptions
     ) -> None:
         """Set SNES up on the problem's residual and tangent; collective.
 
