@@ -179,15 +179,22 @@ def _to_go_on(directory: Path, extend: bool, comm: MPI.Comm) -> Found | None:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """How a run begins."""
+    """How a run begins.
 
-    claim: Claim  # on the results directory
-    found: Found | None  # checkpoint that it goes on from, or None
-    resume: bool  # whether it was to go on
-    extend: bool  # past the end
-    # results directory of the sweep, whose copies of mesh and laws are linked
+    Attributes:
+        claim: on the results directory.
+        found: checkpoint that it goes on from, or None.
+        resume: whether it was to go on; extend: past the end.
+        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
+        quiet: print warnings and errors only.
+    """
+
+    claim: Claim
+    found: Found | None
+    resume: bool
+    extend: bool
     inputs_of: Path | None
-    quiet: bool  # print warnings and errors only
+    quiet: bool
 
 
 def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:

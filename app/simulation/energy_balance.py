@@ -34,12 +34,17 @@ _SUMS = (*_COLUMNS, "_initial_kinetic")
 
 @dataclass(slots=True)
 class Work:
-    """External forces on the bodies at a converged state, for the work they do."""
+    """External forces on the bodies at a converged state, for the work they do.
 
-    force: Floats  # owned part of the forces of supports, platens and loads, N/m
-    position: Floats  # owned unknowns, m
-    # of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and the offset
-    # of the gaps of a fit, m
+    Attributes:
+        force: owned part of the forces of supports, platens and loads, N/m.
+        position: owned unknowns, m.
+        contacts: of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and
+            the offset of the gaps of a fit, m.
+    """
+
+    force: Floats
+    position: Floats
     contacts: list[tuple[Floats, Floats, Floats]]
 
     @classmethod
@@ -139,11 +144,17 @@ def fit_work(
 
 @dataclass(frozen=True, slots=True)
 class EnergyFlow:
-    """What happened to the energy over a stretch of explicit steps, J/m, all ranks together."""
+    """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
 
-    work: float  # of supports, platens and loads on the bodies
-    damping: float  # taken by mass-proportional damping, contacts' dashpots and relaxation
-    kinetic: float  # kinetic energy at the end
+    Attributes:
+        work: of supports, platens and loads on the bodies.
+        damping: taken by mass-proportional damping, contacts' dashpots and relaxation.
+        kinetic: kinetic energy at the end.
+    """
+
+    work: float
+    damping: float
+    kinetic: float
 
 
 class EnergyBalance:
@@ -274,12 +285,18 @@ REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as a
 
 @dataclass(slots=True)
 class Inertia:
-    """Kinetic against strain energy over one explicit load step, from its rows."""
+    """Kinetic against strain energy over one explicit load step, from its rows.
 
-    label: str  # of the load step
-    kinetic: float = 0.0  # J/m, sums over its rows
-    strain: float = 0.0  # likewise
-    last: float = 0.0  # kinetic over strain energy at its last row
+    Attributes:
+        label: of the load step.
+        kinetic, strain: J/m, sums over its rows.
+        last: kinetic over strain energy at its last row.
+    """
+
+    label: str
+    kinetic: float = 0.0
+    strain: float = 0.0
+    last: float = 0.0
 
     @property
     def ratio(self) -> float:

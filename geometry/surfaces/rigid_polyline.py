@@ -401,11 +401,15 @@ FACING = 0.45  # cosine between the normals of piece and slave from which on poi
 
 @dataclass(slots=True)
 class Shares:
-    """Shares σ of points."""
+    """Shares σ of points.
 
-    share: Floats  # (q,) σ
-    slope: Floats  # (q,) ∂σ/∂ξ
-    turn: Floats | None = None  # (q, i) ∂σ/∂n, None of closest points
+    Attributes:
+        share: (q,) σ; slope: (q,) ∂σ/∂ξ; turn: (q, i) ∂σ/∂n, None of closest points.
+    """
+
+    share: Floats
+    slope: Floats
+    turn: Floats | None = None
 
 
 class LineEnds:
