@@ -19,6 +19,8 @@ from tribox.app.case.quantities import Quantity, QuantityError
 from tribox.app.case.toml_files import read_text
 from tribox.app.errors import InputError
 
+Floats = NDArray[np.float64]
+
 # -- A CSV file with units in its header, in SI: what all fits read their measurements from --------
 
 Aliases = Mapping[str, Sequence[str]]
@@ -300,8 +302,6 @@ def _value(text: str, unit: str, quantity: Quantity) -> float:
 
 
 # -- Tribometer data: a CSV file with units in its header, in SI -----------------------------------
-
-Floats = NDArray[np.float64]
 
 COLUMNS: dict[str, Quantity] = {
     "thickness": Quantity("m", ge=0.0),

@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity, QuantityError, split_quantity
 from tribox.app.errors import InputError
-from tribox.app.fit.data import Table, read_table, refuse
+from tribox.app.fit.data import Floats, Table, read_table, refuse
 
-Floats = NDArray[np.float64]
 Kind = Literal["relaxation", "vibration", "cycles", "metal"]
 
 

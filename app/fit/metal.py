@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
+from tribox.app.fit.data import Floats
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 LAWS: dict[str, dict[str, str]] = {

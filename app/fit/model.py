@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as t_distribution
 
 from tribox.app.errors import InputError
-from tribox.app.fit.data import TribometerData
+from tribox.app.fit.data import Floats, TribometerData
 from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film import at_rest
@@ -258,7 +258,6 @@ def best_minimum(
 
 # -- Coordinates of the search, and the friction that a law gives for the data ---------------------
 
-Floats = NDArray[np.float64]
 Parameters = FrictionMapParameters | StribeckParameters | CoulombParameters
 
 RIGID = 1e18

@@ -20,16 +20,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
 from tribox.app.errors import InputError
+from tribox.app.fit.data import Floats
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 
-Floats = NDArray[np.float64]
 Branch = Callable[[Floats], tuple[Floats, Floats]]
 """(k,) relaxation times, s, to what a branch of unit modulus gives, (k, m), and its derivative for
 the logarithm of the time."""

@@ -25,6 +25,7 @@ from tribox.app.figures.style import (
     TRACTION,
     VELOCITY,
     VISCOSITY,
+    Floats,
     colour_of,
     marker_of,
     save,
@@ -349,7 +350,6 @@ def _columns(data: TribometerData, result: FitResult) -> dict[str, Floats | None
 
 # -- Figure of tribometer data and the law fitted to them ------------------------------------------
 
-Floats = NDArray[np.float64]
 
 AXES = {
     "traction": TRACTION.label("kPa"),

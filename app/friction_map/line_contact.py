@@ -28,7 +28,7 @@ from tribox.app.case.bodies import Body, Elastomer, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
-from tribox.app.figures.style import STYLE, look_of, save, thin_log_ticks, titled
+from tribox.app.figures.style import STYLE, Floats, look_of, save, thin_log_ticks, titled
 from tribox.app.friction_map.setup import mapped
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.bodies.materials import young_and_poisson
@@ -40,7 +40,6 @@ from tribox.forms.friction.film_rheology import FilmRheology
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
 
-Floats = NDArray[np.float64]
 
 COLUMNS = (
     *("load [N/m]", "pressure [Pa]", "velocity [m/s]", "oil [kg/m^2]", "friction_coefficient [-]"),

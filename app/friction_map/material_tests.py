@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tribox.app.friction_map.setup import MapSetup
+from tribox.app.friction_map.setup import Floats, MapSetup
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.closed_forms.homogeneous_sliding import (
     presliding_length,
@@ -210,7 +210,6 @@ def slide_at_speeds(
 
 # -- The friction map at material points: steady sliding, slip weakening, tests in time ------------
 
-Floats = NDArray[np.float64]
 
 MAP_COLUMNS = (
     "thickness [m]",
