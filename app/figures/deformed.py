@@ -280,7 +280,6 @@ def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourSc
 # -- Pressure and friction on slave surfaces in space, each seen along its mean normal -------------
 #
 # Axis letters: f facets, a corners, v vertices of a slave, i space.
-#
 
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
 ARROWS = 250  # friction tractions drawn, about

@@ -25,7 +25,6 @@ from tribox.forms.friction.law import FrictionLaw, Regime
 # -- Material points: a friction law stepped through given slip, pressure and film, without bodies -
 #
 # Axis letters: n steps, q points; the slip is along one line, so its vectors have one component.
-#
 
 FIRST_SLIP = 1e-9
 """m, first step on the way to steady sliding: short against any pre-sliding length."""

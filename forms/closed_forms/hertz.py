@@ -119,7 +119,6 @@ class LineContact:
 # sphere's. Twisting about the axis of symmetry does not change it for any bodies. Sources: K. L.
 # Johnson, Contact Mechanics, Cambridge University Press 1985, section 4.2; J. L. Lubkin, J. Appl.
 # Mech. 18 (1951) 183-187, for the moment in partial slip.
-#
 
 STUCK = 1e-9  # c/a below which the whole contact counts as sliding
 
