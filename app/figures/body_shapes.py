@@ -269,9 +269,12 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
         owner.append(first + np.repeat(np.arange(len(corners)), len(table)))
         first += len(corners)
     found, of = np.concatenate(sides), np.concatenate(owner)
-    rows = np.sort(found, axis=1)
-    order = np.lexsort(rows.T)
-    other = (np.diff(rows[order], axis=0) != 0).any(axis=1)  # than the one before
+    rows = np.array_split(np.sort(found, axis=1), 2, axis=1)
+    # Two numbers of each side to sort by: its nodes, two by two, as digits to the base of all.
+    base = int(found.max(initial=0)) + 1
+    keys = np.stack([nodes @ base ** np.arange(nodes.shape[1]) for nodes in rows])
+    order = np.lexsort(keys)
+    other = (np.diff(keys[:, order]) != 0).any(axis=0)  # than the one before
     new = np.concatenate([[True], other, [True]])
     once = np.sort(order[new[:-1] & new[1:]])
     return found[once], of[once]
