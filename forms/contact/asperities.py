@@ -28,10 +28,7 @@ from typing import Literal
 import numpy as np
 
 from tribox.forms.contact.pressure import AveragedPressure
-from tribox.forms.contact.state import (
-    ContactMode,
-    NormalContact,
-)
+from tribox.forms.contact.state import ContactMode, NormalContact
 from tribox.forms.film.places import FilmPlaces
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -44,28 +41,19 @@ _WHOLE = 0.999  # share of a facet that must have the master below it
 
 @dataclass(frozen=True, slots=True)
 class FilmModel:
-    """What a film and its surfaces are made of.
+    """What a film and its surfaces are made of."""
 
-    Attributes:
-        rough: roughness; asperities: what they carry; rheology: of the oil.
-        share: "contact": the asperities rub by the law, the film by its viscosity; "map": the law
-            is a map with films, which is given p_a and h_T.
-        oil: m, θh of the oil on the slave; infinite: flooded.
-        reach: m, gap beyond which oil is only kept.
-        steady: whether each step is the steady state of its speed.
-        scale: Pa, of the order of the pressures.
-        cells: of the film per facet of the slave.
-    """
-
-    rough: RoughGap
-    asperities: Asperities
-    rheology: FilmRheology
+    rough: RoughGap  # roughness
+    asperities: Asperities  # what they carry
+    rheology: FilmRheology  # of the oil
+    # "contact": the asperities rub by the law, the film by its viscosity; "map": the law is a map
+    # with films, which is given p_a and h_T
     share: Literal["contact", "map"]
-    oil: float
-    reach: float
-    steady: bool
-    scale: float
-    cells: int = 1
+    oil: float  # m, θh of the oil on the slave; infinite: flooded
+    reach: float  # m, gap beyond which oil is only kept
+    steady: bool  # whether each step is the steady state of its speed
+    scale: float  # Pa, of the order of the pressures
+    cells: int = 1  # of the film per facet of the slave
 
 
 class AsperityPressure(AveragedPressure):

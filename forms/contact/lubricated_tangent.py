@@ -23,11 +23,7 @@ import scipy.sparse
 
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.kinematics import Variations
-from tribox.forms.contact.state import (
-    ContactState,
-    ContactTrial,
-    Lubrication,
-)
+from tribox.forms.contact.state import ContactState, ContactTrial, Lubrication
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.contact.vertex_rows import Coupling, VertexRows, with_others
 from tribox.forms.film.places import FilmPart
@@ -55,8 +51,7 @@ class LubricatedTangent(PairTangent):
     ) -> tuple[Floats, Longs]:
         """See :class:`PairTangent`; kept likewise."""
         return self._once(
-            *("rows", trial, take),
-            lambda: PairTangent.generalised_rows(self, state, trial, take),
+            *("rows", trial, take), lambda: PairTangent.generalised_rows(self, state, trial, take)
         )
 
     def _once(self, kind: str, trial: ContactTrial, take: Longs, make: Callable[[], _T]) -> _T:

@@ -19,15 +19,11 @@ from tribox.geometry.surfaces.slave_points import SlaveVertices
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """A sparse part of the tangent between nodes of the pair.
+    """A sparse part of the tangent between nodes of the pair."""
 
-    Attributes:
-        rows, columns: global nodes; matrix: their unknowns, (rows · i, columns · i).
-    """
-
-    rows: Longs
-    columns: Longs
-    matrix: scipy.sparse.csr_matrix
+    rows: Longs  # global nodes
+    columns: Longs  # likewise
+    matrix: scipy.sparse.csr_matrix  # their unknowns, (rows · i, columns · i)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +53,7 @@ def outside_parts(
     return [
         Coupling(rows[row_out], columns, (left[:, by_row].T @ right).tocsr()),
         Coupling(
-            rows[~row_out],
-            columns[column_out],
-            (left[:, ~by_row].T @ right[:, by_column]).tocsr(),
+            rows[~row_out], columns[column_out], (left[:, ~by_row].T @ right[:, by_column]).tocsr()
         ),
     ]
 
@@ -118,10 +112,7 @@ def with_others(
     columns = np.concatenate([nodes, new])
     column = dim * len(nodes) + dim * np.searchsorted(new, node) + axis
     mine, wanted = rows.tocoo(), here[row]
-    place = (
-        np.concatenate([mine.row, row[wanted]]),
-        np.concatenate([mine.col, column[wanted]]),
-    )
+    place = (np.concatenate([mine.row, row[wanted]]), np.concatenate([mine.col, column[wanted]]))
     data = np.concatenate([mine.data, value[wanted]])
     size = (rows.shape[0], dim * len(columns))
     return scipy.sparse.csr_matrix((data, place), shape=size), columns
@@ -158,8 +149,7 @@ class VertexRows:
         self._shape = (len(needs), dim * count)
         first, self._adding = adding_up(key)
         row, column = np.broadcast_arrays(
-            vertex[first][:, :, None, None],
-            dim * nodes[first][:, None, :, None] + np.arange(dim),
+            vertex[first][:, :, None, None], dim * nodes[first][:, None, :, None] + np.arange(dim)
         )
         keep = np.nonzero(needs[row.reshape(-1)])[0]
         # One number per entry of the matrix: sorted by it, entries of one place stand side by side,

@@ -13,8 +13,13 @@ from tests.laws import FILM, coulomb, film_map
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import ENOUGH, Inside, Newton, length_to_least_energy
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import (
+    ENOUGH,
+    ImplicitOptions,
+    Inside,
+    Newton,
+    length_to_least_energy,
+)
 from tribox.app.implicit.predictor import Predictor
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.friction.law import Regime
