@@ -30,10 +30,9 @@ from tribox.app.simulation.contact_resultants import (
     resultants,
     vector_integrals,
 )
-from tribox.app.simulation.energy_balance import EnergyFlow, Inertia
 from tribox.app.simulation.history import time_text
 from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
-from tribox.app.simulation.run_state import Effort, Interval, Moved, Observer, RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -198,7 +197,7 @@ class ExplicitStage:
         return stage
 
     def snapshot(self) -> Snapshot:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
+        """All that the next step depends on, beside the loads; collective."""
         return {
             "stepper": self.stepper.snapshot(),
             "rate_dependent": self.stepper.rate_dependent,
@@ -206,20 +205,12 @@ class ExplicitStage:
             "averages": self.averages.snapshot(),
         }
 
-    def begin(self, load_step: LoadStep) -> None:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
-        self.state.inertia.append(Inertia(load_step.label))
-
-    def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step, or what is left of it, to its end, or until steady; collective.
+    def advance(self, load_step: LoadStep, observer: Observer) -> None:
+        """The steps up to the next row of the load step, and that row; collective.
 
         Raises:
             SolutionError: an element is turned inside out, or the energy runs away.
         """
-        self.state.run(load_step, observer, self._interval)
-
-    def _interval(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
@@ -231,7 +222,7 @@ class ExplicitStage:
             raise
 
     def _steps(self, load_step: LoadStep, observer: Observer) -> None:
-        """What :meth:`_interval` does, if nothing fails."""
+        """What :meth:`advance` does, if nothing fails."""
         at = self.state.position
         start, driven, end = at.time, at.driven, (at.count + 1) * load_step.dt
         if at.within == 0:
@@ -316,14 +307,14 @@ class ExplicitStage:
         problem.spread(self.stepper.x)
         with problem.timer("resultants"):
             ends = state.resultants_of(problem.committed)
-            state.resultants, flow, outside = self.averages.close(ends, state.driven_direction())
-            state.energy_balance.add_interval(state.resultants, flow)
+            driven, kinetic = state.driven_direction(), self.stepper.kinetic_energy()
+            state.resultants, work, damping, outside = self.averages.close(ends, driven)
+            state.energy_balance.add_interval(state.resultants, work, damping, kinetic)
         inertia = state.inertia[-1]
-        inertia.add(flow.kinetic, state.energy_balance.strain)
+        inertia.add(kinetic, state.energy_balance.strain)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
-        moved = Moved(self.stepper.whole_step_velocity, outside)
         observer.attempt(state, load_step, load_step.dt, interval)
-        row = state.add_row(load_step, Effort(dt, 0, steps), moved)
+        row = state.add_row(load_step, dt, 0, steps, 0, self.stepper.whole_step_velocity, outside)
         observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:
@@ -425,11 +416,11 @@ class IntervalAverages:
 
     def close(
         self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
-    ) -> tuple[list[ContactResultants], EnergyFlow, OutsideForces]:
+    ) -> tuple[list[ContactResultants], float, float, OutsideForces]:
         """End the interval; collective.
 
-        Returns the contacts with mean forces and with what they dissipated; what else happened to
-        the energy; mean forces of the surroundings.
+        Returns the contacts with mean forces and with what they dissipated; work and damping, J/m;
+        mean forces of the surroundings.
         """
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
@@ -437,14 +428,10 @@ class IntervalAverages:
         taken = (self.stepper.energies.work, self.stepper.energies.damped)
         local = np.subtract(taken, self._taken)
         self._taken = taken
-        total = comm.allreduce(local)
-        flow = EnergyFlow(
-            work=float(total[0]),
-            damping=float(total[1]) + self.removed,
-            kinetic=self.stepper.kinetic_energy(),
-        )
+        work, damped = map(float, comm.allreduce(local))
+        damped += self.removed
         self.removed = 0.0
-        return resultants, flow, self._outside.close()
+        return resultants, work, damped, self._outside.close()
 
 
 def _tally_step(
