@@ -350,6 +350,39 @@ class _Tally:
     least: float = np.inf
     worst: tuple[float, ...] = ()
 
+    def add(self, term: ContactTerm, trial: ContactTrial, before: Floats, dt: float) -> None:
+        """Add a step of ``dt`` (s) after tractions ``before`` (q, i), Pa."""
+        weight, parts = term.surface.slave.weight, trial.response.dissipation
+        lost = parts.total
+        self.time += dt
+        for name, vector in vector_integrals(term, trial).items():
+            self.vectors[name] = dt * vector + self.vectors.get(name, 0.0)
+        change = trial.response.traction - before
+        self.dissipated += float(weight @ lost) + fading_loss(term, trial)
+        self.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
+        lost -= parts.numerical
+        at = int(np.argmin(lost)) if len(lost) else -1
+        if at >= 0 and lost[at] < self.least:
+            self.least, self.worst = float(lost[at]), tuple(map(float, trial.position[at]))
+
+    def over(
+        self, end: ContactResultants, driven: Sequence[float] | None, ring: bool, comm: MPI.Comm
+    ) -> ContactResultants:
+        """Resultants at the end, with mean forces and the interval's dissipation; collective."""
+        work = np.zeros(len(self.vectors["force"]))
+        work[:2] = self.dissipated, self.numerical
+        total = comm.allreduce(np.array([*self.vectors.values(), work]))
+        means: dict[str, Floats] = dict(zip(self.vectors, total[:-1] / self.time, strict=True))
+        least, worst = min(comm.allgather((self.least, self.worst)))
+        return replace(
+            end,
+            **resultants(means, driven, ring),
+            dissipated=float(total[-1, 0]),
+            numerical=float(total[-1, 1]),
+            least_dissipation=least,
+            worst=worst,
+        )
+
 
 class IntervalAverages:
     """Adds up forces, work and dissipation step by step.
@@ -410,7 +443,7 @@ class IntervalAverages:
         """Enter the step of ``dt`` (s) just made; local to the rank."""
         pairs = zip(self.problem.contacts, self.problem.committed, self._tallies, strict=True)
         for number, (term, trial, tally) in enumerate(pairs):
-            _tally_step(term, trial, self._tractions[number], tally, dt)
+            tally.add(term, trial, self._tractions[number], dt)
             self._tractions[number] = trial.response.traction
         self._outside.enter(dt)
 
@@ -424,52 +457,13 @@ class IntervalAverages:
         """
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
-        resultants = [_over_interval(term, m, tally, driven, comm) for term, m, tally in parts]
+        means = [
+            tally.over(end, driven, term.surface.axisymmetric, comm) for term, end, tally in parts
+        ]
         taken = (self.stepper.energies.work, self.stepper.energies.damped)
         local = np.subtract(taken, self._taken)
         self._taken = taken
         work, damped = map(float, comm.allreduce(local))
         damped += self.removed
         self.removed = 0.0
-        return resultants, work, damped, self._outside.close()
-
-
-def _tally_step(
-    term: ContactTerm, trial: ContactTrial, before: Floats, tally: _Tally, dt: float
-) -> None:
-    """Add one step of one pair."""
-    weight, parts = term.surface.slave.weight, trial.response.dissipation
-    lost = parts.total
-    tally.time += dt
-    for name, vector in vector_integrals(term, trial).items():
-        tally.vectors[name] = dt * vector + tally.vectors.get(name, 0.0)
-    change = trial.response.traction - before
-    tally.dissipated += float(weight @ lost) + fading_loss(term, trial)
-    tally.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
-    lost -= parts.numerical
-    at = int(np.argmin(lost)) if len(lost) else -1
-    if at >= 0 and lost[at] < tally.least:
-        tally.least, tally.worst = float(lost[at]), tuple(map(float, trial.position[at]))
-
-
-def _over_interval(
-    term: ContactTerm,
-    end: ContactResultants,
-    tally: _Tally,
-    driven: Sequence[float] | None,
-    comm: MPI.Comm,
-) -> ContactResultants:
-    """Resultants at the end, with mean forces and the interval's dissipation; collective."""
-    mine = np.array([*tally.vectors.values(), np.zeros(term.surface.dim)])
-    mine[-1, :2] = tally.dissipated, tally.numerical
-    total = comm.allreduce(mine)
-    means: dict[str, Floats] = dict(zip(tally.vectors, total[:-1] / tally.time, strict=True))
-    least, worst = min(comm.allgather((tally.least, tally.worst)))
-    return replace(
-        end,
-        **resultants(means, driven, term.surface.axisymmetric),
-        dissipated=float(total[-1, 0]),
-        numerical=float(total[-1, 1]),
-        least_dissipation=least,
-        worst=worst,
-    )
+        return means, work, damped, self._outside.close()
