@@ -11,16 +11,23 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 
 #define EXPORT /* seen from outside */
 
+/* A point of a loop: the columns G and g (a, i) of the derivatives of the reference and the current
+ * position by its coordinates, 1/det G, J = det g/det G, and w |det G|. In the half section of a body
+ * of revolution these are the reference position (G null, 1/det G is one), and there is a stretch `hoop`. */
+typedef struct {
+    const vec *G, *g;
+    vec inverse, J, hoop, weight;
+} Place;
+
 /* Points that remember of the same cells as a loop's own, `points` of each cell. `moduli` adds those
- * of a point to the second derivatives (a, i, b, j) by the columns g (a, i) of the derivatives of the
- * current position by parent coordinates, which are `scale` times as long as the unit cell's; it is
+ * of a point to its second derivatives (a, i, b, j) by g, in rings by the hoop stretch last, of which
+ * it has the upper half; it is
  * what costs least where the loop has moduli of its own at that point. `add` adds the matrices of a
  * block's cells: blocks (a, b) of the nodes, where `symmetric` those with a <= b, those of b = 0 first,
  * each (i, j) row by row. The way to the matrix's places takes as long as computing them. */
 typedef struct {
     void (*add)(const void *cells, int64_t block, vec *matrix);
-    void (*moduli)(const void *cells, int64_t block, int64_t point, double scale, const vec *g,
-                   vec *out);
+    void (*moduli)(const void *cells, int64_t block, int64_t point, const Place *at, vec *out);
     const void *cells;
     int64_t points, symmetric;
 } Beside;
