@@ -44,6 +44,9 @@ INLINE vec choose(ivec mask, vec a, vec b)
 
 INLINE int any(ivec mask)
 {
+#ifdef __AVX512DQ__
+    return __builtin_ia32_cvtq2mask512((long long __attribute__((vector_size(64))))mask) != 0;
+#endif
     int64_t found = 0;
     for (int l = 0; l < LANES; ++l)
         found |= mask[l];
@@ -121,6 +124,17 @@ INLINE vec inverse_cube_root(vec x)
     y += (y * e) * ((1.0 / 3 + e * (2.0 / 9)) + ee * far);
     e = 1.0 - (x * y) * (y * y); /* within 2e-6 */
     return y + (y * e) * (1.0 / 3 + e * (2.0 / 9)); /* exactly 1 for x = 1 */
+}
+
+/* The same where x is usually near 1: there from three terms of the series in x - 1, e within 1.3e-4. */
+INLINE vec inverse_cube_root_of_ratio(vec x)
+{
+    vec d = x - 1.0;
+    if (__builtin_expect(any(~(ivec)(absolute(d) < 0.125)), 0))
+        return inverse_cube_root(x);
+    vec y = 1.0 - d * (1.0 / 3 - d * (2.0 / 9 - d * (14.0 / 81)));
+    vec e = 1.0 - (x * y) * (y * y);
+    return y + (y * e) * (1.0 / 3 + e * (2.0 / 9 + e * (14.0 / 81)));
 }
 
 INLINE vec square_root(vec x)

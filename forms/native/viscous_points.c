@@ -46,7 +46,7 @@ typedef struct {
 INLINE vec root_of(vec J, ivec *good)
 {
     *good = (ivec)(J > 0.0) & is_finite(J);
-    return inverse_cube_root(choose(*good, J, all(1.0)));
+    return inverse_cube_root_of_ratio(choose(*good, J, all(1.0)));
 }
 
 INLINE void deformation(int space, const Place *place, Deformation *at)
@@ -110,7 +110,9 @@ INLINE void add_branch(vec g, vec y, const tensor U, const tensor V, const tenso
 #pragma GCC unroll 9
         for (int q = p; q < 9; ++q) {
             const int L = q / 3, k = q % 3;
-            A[p * 9 + q] += twice * U[k][L] + W[i][k] * N[J][L] - yU[i][L] * U[k][J];
+            A[p * 9 + q] += twice * U[k][L]; /* one by one, three instructions for four */
+            A[p * 9 + q] += W[i][k] * N[J][L];
+            A[p * 9 + q] -= yU[i][L] * U[k][J];
         }
     }
 }
@@ -151,7 +153,7 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     }
     mirror(space, M);
     vec m = cofactors(space, M, K), size = place->G ? m * at->turned : m;
-    vec root = inverse_cube_root(size), square = root * root, part = square * at->j;
+    vec root = inverse_cube_root_of_ratio(size), square = root * root, part = square * at->j;
     vec along[3], apart = all(0.0);
     UPPER(space, i, j)
     {
@@ -200,13 +202,15 @@ INLINE void add_shared(const tensor H, const Sum *of, vec *A)
 #pragma GCC unroll 9
         for (int q = p; q < 9; ++q) {
             const int L = q / 3, k = q % 3;
-            A[p * 9 + q] += H[i][J] * Y[k][L] + of->Z[i][J] * H[k][L] + dH[i][L] * H[k][J];
+            A[p * 9 + q] += H[i][J] * Y[k][L];
+            A[p * 9 + q] += of->Z[i][J] * H[k][L];
+            A[p * 9 + q] += dH[i][L] * H[k][J];
         }
     }
 }
 
-/* P and A in the plane, (J, i, L, k) and 33 last, upper half, see viscous_points.py: a L, b L, T_3 and T_4
- * summed up over the branches. Returns which points can be evaluated. */
+/* P in the plane, and A, (J, i, L, k) and 33 last, upper half, see viscous_points.py: a L, b L, T_3 and
+ * T_4 summed up over the branches. Returns which points can be evaluated. */
 INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, const vec *state, vec *P,
                      vec A[5][5])
 {
@@ -219,7 +223,9 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
     const vec across = ring ? at->hoop * at->hoop : all(1.0), turned = at->inverse * at->inverse;
     const vec jT = G ? j * turned : j, jA = (ring ? jj * across : jj) * (G ? turned : all(1.0)), jV = jj * J * J;
     vec first[3] = {}, second[3] = {}, third = all(0.0), fourth = all(0.0);
+#pragma GCC unroll 5
     for (int k = 0; k < 5; ++k)
+#pragma GCC unroll 5
         for (int l = k; l < 5; ++l)
             A[k][l] = all(0.0);
 #pragma GCC unroll 1
@@ -241,7 +247,7 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
         vec one = (s * s) * jT * C[2], two = (s * t) * jA, four = (s * t) * jV * C[2];
         vec three = ring ? (s * s) * j * across * d : (s * s) * j * d;
         vec sum = one + two, m = (s * s * s) * (C[2] * d) + t * (sum * I + three + four) + t * t * t;
-        vec root = inverse_cube_root(m), by = (0.5 * modulus) * (root * root);
+        vec root = inverse_cube_root_of_ratio(m), by = (0.5 * modulus) * (root * root);
         one *= by, two *= by, three *= by, four *= by, sum *= 2.0 * by;
         for (int k = 0; k < 3; ++k) {
             first[k] += one * L[k];
@@ -276,7 +282,7 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
     vec area = slope * scale;
     for (int k = 0; k < 4; ++k) {
         if (P)
-            P[k] = 2.0 * (U[k] + V[k]) + slope * H[k];
+            P[2 * (k & 1) + (k >> 1)] = 2.0 * (U[k] + V[k]) + slope * H[k];
         Z[k] = turn * H[k] - (4.0 / 3.0) * (U[k] + 2.0 * V[k]);
         A[k][4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
     }
@@ -296,7 +302,7 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
     for (int k = 0; k < 4; ++k)
 #pragma GCC unroll 4
         for (int l = k; l < 4; ++l)
-            A[k][l] += H[k] * Z[l] + Z[k] * H[l];
+            A[k][l] = (A[k][l] + H[k] * Z[l]) + Z[k] * H[l];
     return good;
 }
 
