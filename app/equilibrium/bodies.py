@@ -284,7 +284,7 @@ class Bodies:
         """Add matrices; returns whether those of the points beside the cells were added too."""
         u, places = self._u.x.array, placed.places
         inner, outer = placed.points or (None, None)
-        beside = inner and inner.beside(u)
+        beside = None if inner is None else inner.beside(u)
         if len(places.starts):
             more = None if excess is None else excess[places.inside]
             with places.values(A) as values:
@@ -292,6 +292,7 @@ class Bodies:
         if len(places.dense):
             matrices = np.zeros((*places.dense.shape, self._dim))
             more = None if excess is None else excess[~places.inside]
-            placed.outside.add_tangent(u, matrices, places.dense, more, outer and outer.beside(u))
+            other = None if outer is None else outer.beside(u)
+            placed.outside.add_tangent(u, matrices, places.dense, more, other)
             places.add_outside(A, matrices)
         return beside is not None

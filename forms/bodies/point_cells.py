@@ -68,7 +68,15 @@ class _Work(ctypes.Structure):
     _fields_ = (
         *(
             (name, ctypes.c_int64)
-            for name in ("blocks", "lanes_of_last", "points", "nodes", "width", "symmetric", "begin")
+            for name in (
+                "blocks",
+                "lanes_of_last",
+                "points",
+                "nodes",
+                "width",
+                "symmetric",
+                "begin",
+            )
         ),
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
         *((name, ctypes.c_void_p) for name in ("update", "add", "material", "state")),
