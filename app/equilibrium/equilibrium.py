@@ -374,7 +374,7 @@ class Equilibrium:
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
-            self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
+            self._forces(), outside, contact_squared, self.constraints
         )
         self._known.balanced = step
 
@@ -385,6 +385,16 @@ class Equilibrium:
         out = values.copy()
         for field in self.fields:
             out[field.dofs] = 0.0
+        return out
+
+    def _forces(self) -> Floats:
+        """Residuals (n,) of the last evaluation, but for fields and moments on tools.
+
+        A moment grows with how far off the tool's centre lies: beside it no residual would count.
+        """
+        out = self._on_bodies(self.unbalanced).copy()
+        for tool in self.tools:
+            out[tool.dofs[-1:][tool.here[-1:]]] = 0.0
         return out
 
     def judged(self, f: PETSc.Vec, force: float) -> tuple[float, float]:

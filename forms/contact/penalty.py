@@ -486,12 +486,14 @@ class ContactTerm:
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.
 
-        The third is the sum of the squares of what each point adds. A node may occur twice.
+        The third is the sum of the squares of what each point adds, but for moments on a tool,
+        which grow with how far off its centre lies. A node may occur twice.
         """
         if self.compiled is not None:
             return self.surface.nodes, *self.compiled.forces(trial)
         nodes, values = self.nodal_forces(trial)
-        squared = float(np.sum(values**2))
+        forces = values if trial.carried is None else values[:, :-1]
+        squared = float(np.sum(forces**2))
         return nodes.reshape(-1), values.reshape(-1, self.surface.dim), squared
 
     def add_tangent(
