@@ -129,13 +129,14 @@ class ContactBuilder:
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        tool = self.case.tools.get(asked.master)
         if at_once and not self._folds(asked):
-            start.check_facing(self.case.tools.get(asked.master))
+            start.check_facing(tool)
         fit = fit_program(self.case, asked, at)
         if fit is not None:
             at.shift(fit(0.0))
         if at_once:
-            start.check_overlap()
+            start.check_overlap(tool)
         return start, fit
 
     def _folds(self, asked: Contact) -> bool:
