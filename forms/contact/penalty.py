@@ -16,7 +16,8 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.forms.contact.compiled_tangent import Entries, compiled_tangent
+from tribox.forms.contact.compiled_plane import CompiledPlane, compiled_plane
+from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries, compiled_tangent
 from tribox.forms.contact.interior_point import InteriorSlip
 from tribox.forms.contact.kinematics import Anchor, Carried, ContactKinematics, opposite, relate
 from tribox.forms.contact.pressure import (
@@ -131,7 +132,8 @@ class ContactTerm:
         """Lay out the tangent over the master's facets that are known."""
         surface, self._known_parts = self.surface, self.surface.parts
         self.linearised = PairTangent(surface, self.rule)
-        self.compiled = compiled_tangent(surface)
+        loops = compiled_plane if surface.dim == 2 else compiled_tangent
+        self.compiled: CompiledPlane | CompiledTangent | None = loops(surface)
 
     @classmethod
     def between(
@@ -491,11 +493,12 @@ class ContactTerm:
             trial: whose tangent is to be added.
             entries: part of the matrix; None: nothing is added.
         """
-        compiled = self.compiled if trial.projection.share_slope is None else None
-        if entries is None or compiled is None:
-            blocks, coupling = self.tangent(trial), self.coupling(trial)
-            return blocks, [] if coupling is None else [coupling]
-        return compiled.add(self.linearised, self.state, trial, entries)
+        if entries is not None and self.compiled is not None:
+            rest = self.compiled.add(self.linearised, self.state, trial, entries)
+            if rest is not None:
+                return rest
+        blocks, coupling = self.tangent(trial), self.coupling(trial)
+        return blocks, [] if coupling is None else [coupling]
 
     def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
         """See :meth:`tribox.forms.contact.tangent.PairTangent.point_blocks`."""
