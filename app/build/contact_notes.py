@@ -217,8 +217,11 @@ class PairAtStart:
                 f"each other; another surface is the slave{hint}"
             )
 
-    def check_overlap(self) -> None:
+    def check_overlap(self, tool: Tool | None) -> None:
         """Refuse surfaces that overlap before anything has moved.
+
+        Args:
+            tool: the master's table; None: a body's surface.
 
         Raises:
             InputError: saying how deep.
@@ -227,6 +230,8 @@ class PairAtStart:
         if depth <= OVERLAP * self.surface.facet_length:
             return
         cure = self._on_chords()
+        if tool is not None and depth > self.surface.facet_length:
+            cure = f"; is {contact.master} the wrong way round? {TURN[tool.shape]}"
         if contact.smoothing_angle is not None:
             cure = (
                 "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap "

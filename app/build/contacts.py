@@ -129,13 +129,14 @@ class ContactBuilder:
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        tool = self.case.tools.get(asked.master)
         if at_once and not self._folds(asked):
-            start.check_facing(self.case.tools.get(asked.master))
+            start.check_facing(tool)
         fit = fit_program(self.case, asked, at)
         if fit is not None:
             at.shift(fit(0.0))
         if at_once:
-            start.check_overlap()
+            start.check_overlap(tool)
         return start, fit
 
     def _folds(self, asked: Contact) -> bool:
@@ -175,7 +176,7 @@ class ContactBuilder:
         try:
             held = self._held_with(table.master)
             term = LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
-        except ValueError as error:  # on several ranks always
+        except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
         if np.isin(surface.vertices.nodes, self._slanted()).any():
             raise InputError(

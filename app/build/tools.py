@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import assert_never
 
@@ -291,7 +291,11 @@ def _move(tools: Tools, name: str, part: Prescribed, how: _Slot) -> None:
     Where the tool touches nothing, what a load drives stays where it is: nothing would hold it.
     """
     if not how.is_loaded:
-        tools.programs.append(_follows(part, how.value))
+
+        def follow(time: float, driven: float) -> None:
+            part.value = how.value(time, driven)
+
+        tools.programs.append(follow)
         return
     load, loads = NodalLoad(part.dofs, how.share), tools.loads
     tools.nodal_loads.append(load)
@@ -328,24 +332,13 @@ def _draw(tools: Tools, dofs: Ints, spring: Spring, thickness: float) -> None:
     tools.programs.append(program)
 
 
-def _follows(part: Prescribed, value: Program) -> Callable[[float, float], None]:
-    def program(time: float, driven: float) -> None:
-        part.value = value(time, driven)
-
-    return program
-
-
 def _stays(case: Case, name: str, how: _Slot) -> Acts:
     """In which stages a load does not move a tool, as it touches nothing, or there is none yet."""
     names = [stage.name for stage in case.stage]
-    known = names if how.load is not None else _after(names, how.given)
+    # Those after the first of the stages in which its displacement is given.
+    known = names if how.load is not None else names[min(map(names.index, how.given)) + 1 :]
     free = {s for s in known if case.touches_in(name, s) and s not in how.given}
     return lambda stage: stage not in free
-
-
-def _after(names: Sequence[str], first: Sequence[str]) -> Sequence[str]:
-    """Stages after the first one of some."""
-    return names[min(names.index(name) for name in first) + 1 :]
 
 
 def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:

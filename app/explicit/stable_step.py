@@ -268,7 +268,8 @@ def largest(
         for previous in basis:  # full orthogonalisation: no spurious copies of eigenvalues
             z -= dynamics.dot(previous, z) * previous
         norm = float(np.sqrt(dynamics.dot(z, z)))
-        values, vectors = _tridiagonal(alpha, beta)
+        tridiagonal = np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1)
+        values, vectors = np.linalg.eigh(tridiagonal)
         beta.append(norm)
         # Residual |M⁻¹A y − θ y| = β |s_last| of the Ritz pair (Parlett, The Symmetric Eigenvalue
         # Problem, 1980, ch. 13): an eigenvalue lies within it, and θ + β |s_last| is an upper
@@ -279,12 +280,6 @@ def largest(
         basis.append(z / norm)
     ritz = sum(c * b for c, b in zip(vectors[:, -1], basis, strict=False))
     return Mode(float(values[-1] + missed), np.asarray(ritz))
-
-
-def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]:
-    matrix = np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1)
-    values, vectors = np.linalg.eigh(matrix)
-    return values, vectors
 
 
 class StableSteps:

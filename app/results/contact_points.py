@@ -110,7 +110,7 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
         "normal": np.where(trial.projection.on_surface[:, None], k.normal, 0.0),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
-        "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),
+        "cover": np.where(trial.pressure > 0.0, term.cover(trial), 0.0),
         "tangential_traction": friction,
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),

@@ -245,8 +245,6 @@ def _supervise(command: Sequence[str], told: Path) -> tuple[int, bool]:
     return code, forwarding.asked > 0
 
 
-# -- How a process ends: one line, an exit code, and no rank that waits for another  --------------
-
 # -- Where compiled forms are kept, if the usual place cannot be written ---------------------------
 
 VARIABLE = "XDG_CACHE_HOME"

@@ -103,6 +103,10 @@ class PairState:
     hidden_share: float = 0.0  # the same over the length of its facet, undeformed
     stretched: float = 0.0  # largest da/dA that is pressed
 
+    def is_wider(self, other: PairState) -> bool:
+        """Whether more presses, or as much with a rim that is further away, or without one."""
+        return (self.area, self.facets) > (other.area, other.facets)
+
     @property
     def facets(self) -> float:
         """How many facets as long as those at the rim the contact is wide, from there inwards."""
@@ -363,7 +367,7 @@ class ContactWarnings(Remembers):
                 self._strongest[index] = state
                 if not terms[index].tied:
                     self.over_approach[index] = over(state.mean, approach)
-            if widest is None or state.area > widest.area:
+            if widest is None or state.is_wider(widest):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, spent / thickness)
         self._look_at_edges(row, states)

@@ -142,10 +142,15 @@ class SmoothEnds:
         beside &= shown > FELT * mean
         past &= _largest(shown, beside)[vertices.of_point].any(axis=1)
         places = vertices.position[_largest(shown, ends)]
-        return (
-            _pressed_end(shown[ends], mean, _places_text(places, _extent(vertices.position))),
-            _pressed_end(shown[beside], mean, ends_text(surface, trial.projection, past)),
+        said = _places_text(places, _extent(vertices.position))
+        both = (shown[ends], said), (shown[beside], ends_text(surface, trial.projection, past))
+        of_slave, of_master = (
+            PressedEnd(float(found.max()), float(found.max()) / mean, where)
+            if len(found)
+            else PressedEnd()
+            for found, where in both
         )
+        return of_slave, of_master
 
     def _touched(self, points: Bools) -> Bools:
         """Vertices (v,) of the facets of some points (q,) of all ranks; collective."""
@@ -173,13 +178,6 @@ class SmoothEnds:
 def _largest(values: Floats, among: Bools) -> Bools:
     """Which (v,) of some values are nearly as large as the largest of them."""
     return among & (values >= MOST * np.max(values, where=among, initial=0.0))
-
-
-def _pressed_end(pressures: Floats, mean: float, where: str) -> PressedEnd:
-    """The end with these pressures (n,), Pa, if there are any."""
-    if not len(pressures):
-        return PressedEnd()
-    return PressedEnd(float(pressures.max()), float(pressures.max()) / mean, where)
 
 
 def _extent(places: Floats) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
+from mpi4py import MPI
 
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.slave_points import SlaveVertices
@@ -80,13 +81,26 @@ def completed(
     Returns:
         The matrix (…, columns · i), and the global nodes of its columns.
     """
-    comm = vertices.comm
-    if comm.size == 1:
+    if vertices.comm.size == 1:
         return rows, nodes
     asked = np.zeros(vertices.count, dtype=bool)
     asked[of_point] = True
     each = rows.shape[0] // vertices.count
     shared, here = np.repeat(vertices.shared, each), np.repeat(asked, each)
+    return with_others(rows, (shared, here), nodes, dim, vertices.comm)
+
+
+def with_others(
+    rows: scipy.sparse.csr_matrix,
+    exchanged: tuple[Bools, Bools],
+    nodes: Longs,
+    dim: int,
+    comm: MPI.Comm,
+) -> tuple[scipy.sparse.csr_matrix, Longs]:
+    """The same of any rows (r,): those that others may have, and those that this rank asks for."""
+    if comm.size == 1:
+        return rows, nodes
+    shared, here = exchanged
     part = rows[shared].tocoo()
     at = np.nonzero(shared)[0][part.row], nodes[part.col // dim]
     gathered = comm.allgather((*at, part.col % dim, part.data))

@@ -140,13 +140,9 @@ HALVES = """
 stage = [{ name = "press", duration = "1 s", steps = 3 }]
 output = { figures = false }
 solver = { tolerance = 1e-12 }
-[[contact]]
-slave = "pad_bottom"
-master = "base_top"
-smoothing_angle = "30 deg"
-[bodies]
-pad = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
-base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
+contact = [{ slave = "pad_bottom", master = "base_top", smoothing_angle = "30 deg" }]
+bodies.pad = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
+bodies.base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
 [geometry]
 kind = "blocks"
 """
