@@ -23,23 +23,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One number compared with a closed form (or another code's result).
+    """One number compared with a closed form (or another code's result)."""
 
-    Attributes:
-        quantity: what it is, in a few words.
-        error: relative (or normalised, as ``quantity`` says), >= 0.
-        bar: largest error allowed.
-        computed: the number, in ``unit``; None where only a deviation is measured.
-        exact: what it is compared with; None likewise.
-        unit: of both.
-    """
-
-    quantity: str
-    error: float
-    bar: float
+    quantity: str  # what it is, in a few words
+    error: float  # relative (or normalised, as ``quantity`` says), >= 0
+    bar: float  # largest error allowed
+    # the number, in ``unit``; None where only a deviation is measured
     computed: float | None = None
-    exact: float | None = None
-    unit: str = ""
+    exact: float | None = None  # what it is compared with; None likewise
+    unit: str = ""  # of both
 
     @property
     def passed(self) -> bool:
@@ -64,18 +56,12 @@ def apart(computed: Floats, exact: Floats | float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One curve of a figure.
+    """One curve of a figure."""
 
-    Attributes:
-        label: for the legend.
-        x, y: (n,), in the units of the axes.
-        exact: a closed form, drawn as a line; computed values are drawn as points.
-    """
-
-    label: str
-    x: NDArray[np.floating[Any]]
-    y: NDArray[np.floating[Any]]
-    exact: bool = False
+    label: str  # for the legend
+    x: NDArray[np.floating[Any]]  # (n,), in the units of the axes
+    y: NDArray[np.floating[Any]]  # likewise
+    exact: bool = False  # a closed form, drawn as a line; computed values are drawn as points
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,23 +76,14 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """The outcome of one verification case.
+    """The outcome of one verification case."""
 
-    Attributes:
-        name: as on the command line.
-        title: what is verified, in one line.
-        setup: mesh, load and norms, a few sentences of Markdown.
-        checks: the numbers.
-        panels: the figure.
-        failure: why it could not be computed; empty if it could.
-    """
-
-    name: str
-    title: str
-    setup: str
-    checks: tuple[Check, ...]
-    panels: tuple[Panel, ...] = ()
-    failure: str = ""
+    name: str  # as on the command line
+    title: str  # what is verified, in one line
+    setup: str  # mesh, load and norms, a few sentences of Markdown
+    checks: tuple[Check, ...]  # the numbers
+    panels: tuple[Panel, ...] = ()  # the figure
+    failure: str = ""  # why it could not be computed; empty if it could
 
     @property
     def passed(self) -> bool:
