@@ -162,21 +162,16 @@ def facets_of(table: MeshTool, dim: int) -> tuple[Floats, Ints]:
 
 @dataclass(slots=True)
 class Tools:
-    """The tools of a case and what moves them.
+    """The tools of a case and what moves them."""
 
-    Attributes:
-        case: what was asked for; loads: they know the stage, and remember earlier ones.
-        members: for the equilibrium, in the order of the case.
-        prescribed, platens, nodal_loads: likewise.
-        programs: each sets one of them from (time, driven displacement), s and m.
-    """
-
-    case: Case
-    loads: Loads
+    case: Case  # what was asked for
+    loads: Loads  # they know the stage, and remember earlier ones
+    # for the equilibrium, in the order of the case
     members: list[RigidTool] = field(default_factory=list)
-    prescribed: list[Prescribed] = field(default_factory=list)
-    platens: list[Platen] = field(default_factory=list)
-    nodal_loads: list[NodalLoad] = field(default_factory=list)
+    prescribed: list[Prescribed] = field(default_factory=list)  # likewise
+    platens: list[Platen] = field(default_factory=list)  # likewise
+    nodal_loads: list[NodalLoad] = field(default_factory=list)  # likewise
+    # each sets one of them from (time, driven displacement), s and m
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
 
     def by_name(self) -> dict[str, RigidTool]:
@@ -205,12 +200,7 @@ def extent(named: NamedMesh) -> Floats:
 
 
 def _add(
-    tools: Tools,
-    name: str,
-    table: AnyTool,
-    block: Block,
-    named: NamedMesh,
-    box: Floats,
+    tools: Tools, name: str, table: AnyTool, block: Block, named: NamedMesh, box: Floats
 ) -> None:
     """Add one tool; collective."""
     try:
@@ -254,8 +244,7 @@ def _add(
     )
 
 
-GIVES_WAY = 1e-6
-"""How far a stop gives way under the largest force, over the size of the mesh."""
+GIVES_WAY = 1e-6  # how far a stop gives way under the largest force, over the size of the mesh
 
 
 def _stop(table: Tool, dim: int, size: float) -> Stop | None:
@@ -280,23 +269,15 @@ def _stop(table: Tool, dim: int, size: float) -> Stop | None:
 
 @dataclass(frozen=True, slots=True)
 class _Slot:
-    """What moves one component, or the angle, of a tool.
+    """What moves one component, or the angle, of a tool."""
 
-    Attributes:
-        value: displacement, m, where it is prescribed.
-        load: N (of the angle N m), None: nothing drives it.
-        share: of the load, in the slot's unit and per unit thickness.
-        given: stages in which the displacement is given and not the force.
-        speed: m/s, if it is that which is given and goes on from where the tool is.
-        holds: whether the force reached in these stages is held after them.
-    """
-
-    value: Program
-    load: TimeTable | None = None
-    share: float = 1.0
-    given: tuple[str, ...] = ()
+    value: Program  # displacement, m, where it is prescribed
+    load: TimeTable | None = None  # N (of the angle N m), None: nothing drives it
+    share: float = 1.0  # of the load, in the slot's unit and per unit thickness
+    given: tuple[str, ...] = ()  # stages in which the displacement is given and not the force
+    # m/s, if it is that which is given and goes on from where the tool is
     speed: TimeTable | None = None
-    holds: bool = False
+    holds: bool = False  # whether the force reached in these stages is held after them
 
     @property
     def is_loaded(self) -> bool:

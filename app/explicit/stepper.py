@@ -18,13 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
-from tribox.app.equilibrium.snapshot import (
-    AtPoints,
-    Nodal,
-    Snapshot,
-    of_bodies,
-    of_contacts,
-)
+from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot, of_bodies, of_contacts
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded

@@ -21,8 +21,7 @@ from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.friction.law_check import Conditions, Finding, check_law
 
-MOST_BUILT = 20
-"""Values of a sweep that are put together to see what shows only then."""
+MOST_BUILT = 20  # values of a sweep that are put together to see what shows only then
 
 
 def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list[str]]:

@@ -151,7 +151,7 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, Any]:
     weight = term.surface.slave.weight
     # What is tied counts where it is tied, also in tension.
     pressed = np.where(k.closed if term.tied else trial.pressure > 0.0, weight, 0.0)
-    closed = pressed * trial.normal_contact.cover
+    closed = pressed * term.cover(trial)
     regime, parts = response.regime, response.dissipation
     load = pressed * trial.pressure
     return {

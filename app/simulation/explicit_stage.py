@@ -334,21 +334,15 @@ class ExplicitStage:
 
 @dataclass(slots=True)
 class _Tally:
-    """Sums over the steps of an interval for one pair, this rank's part.
+    """Sums over the steps of an interval for one pair, this rank's part."""
 
-    Attributes:
-        time: s, length of the interval so far.
-        vectors: ∫ dt of the pair's vector integrals (i), by name.
-        dissipated, numerical: J/m, energies dissipated and by the time integration.
-        least: J/m², least dissipation met; worst: where, m.
-    """
-
-    time: float = 0.0
+    time: float = 0.0  # s, length of the interval so far
+    # ∫ dt of the pair's vector integrals (i), by name
     vectors: dict[str, Floats] = field(default_factory=dict)
-    dissipated: float = 0.0
-    numerical: float = 0.0
-    least: float = np.inf
-    worst: tuple[float, ...] = ()
+    dissipated: float = 0.0  # J/m, energy dissipated
+    numerical: float = 0.0  # J/m, energy by the time integration
+    least: float = np.inf  # J/m², least dissipation met
+    worst: tuple[float, ...] = ()  # where, m
 
     def add(self, term: ContactTerm, trial: ContactTrial, before: Floats, dt: float) -> None:
         """Add a step of ``dt`` (s) after tractions ``before`` (q, i), Pa."""

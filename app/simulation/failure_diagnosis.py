@@ -185,16 +185,11 @@ def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Squeezed:
-    """The element point with the least volume ratio.
+    """The element point with the least volume ratio."""
 
-    Attributes:
-        ratio: J = det F there; body: the body's name.
-        place: (i,), m, middle of the element, undeformed.
-    """
-
-    ratio: float
-    body: str
-    place: tuple[float, ...]
+    ratio: float  # J = det F there
+    body: str  # the body's name
+    place: tuple[float, ...]  # (i,), m, middle of the element, undeformed
 
     @property
     def text(self) -> str:

@@ -31,15 +31,11 @@ from tribox.geometry.surfaces.surface import NodalVector
 
 @dataclass(frozen=True, slots=True)
 class OutsideForces:
-    """What the surroundings do to the bodies, at a state or in the mean over an interval.
+    """What the surroundings do to the bodies, at a state or in the mean over an interval."""
 
-    Attributes:
-        held: (c,), N per unit thickness, on the unknowns of :func:`held_dofs`.
-        loads: of each load, those at nodes last, N likewise, on all local unknowns (n,): what this
-            rank gives, so that sums over ranks are whole.
-    """
-
-    held: Floats
+    held: Floats  # (c,), N per unit thickness, on the unknowns of :func:`held_dofs`
+    # of each load, those at nodes last, N likewise, on all local unknowns (n,): what this rank
+    # gives, so that sums over ranks are whole
     loads: list[Floats]
 
     @classmethod

@@ -14,17 +14,12 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.energy_balance import Inertia
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import (
-    body_adrift,
-    explain,
-    is_unstable,
-    not_finite,
-)
+from tribox.app.simulation.failure_diagnosis import body_adrift, explain, is_unstable, not_finite
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
 from tribox.app.simulation.run_state import Observer, RunState

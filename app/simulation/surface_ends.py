@@ -72,16 +72,11 @@ def _places_text(found: Floats, extent: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PressedEnd:
-    """Contact at an end of one of a pair's surfaces.
+    """Contact at an end of one of a pair's surfaces."""
 
-    Attributes:
-        pressure: Pa, the largest there; share: of the mean pressure; 0 where it is not reached.
-        where: the place, undeformed, in words.
-    """
-
-    pressure: float = 0.0
-    share: float = 0.0
-    where: str = ""
+    pressure: float = 0.0  # Pa, the largest there
+    share: float = 0.0  # of the mean pressure; 0 where it is not reached
+    where: str = ""  # the place, undeformed, in words
 
     def text(self, index: int, surface: str, of_tool: bool, when: str = "") -> str:
         """The end in words."""
@@ -403,17 +398,12 @@ class LeftMaster(Remembers):
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """The node that is deepest in a master, none at a depth of 0.
+    """The node that is deepest in a master, none at a depth of 0."""
 
-    Attributes:
-        depth: m; place: m, undeformed; side: the named surface that goes in, or "".
-        since: when a fold was first seen, in words.
-    """
-
-    depth: float = 0.0
-    place: tuple[float, ...] = ()
-    side: str = ""
-    since: str = ""
+    depth: float = 0.0  # m
+    place: tuple[float, ...] = ()  # m, undeformed
+    side: str = ""  # the named surface that goes in, or ""
+    since: str = ""  # when a fold was first seen, in words
 
 
 class _Beside:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from tribox.app.case.generators import PlacedBlocksGeometry
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.verify.result import Check, Line, Panel, Verification, apart, compare, solve
 from tribox.forms.bodies.elastoplastic import ElastoPlastic

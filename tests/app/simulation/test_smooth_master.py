@@ -18,7 +18,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results import read
 from tribox.app.run.run import run_case
