@@ -370,7 +370,7 @@ class TieTerm(ContactTerm):
         response = self.law.update(slip, dt, none, none, self.state.friction, rate_dependent=False)
         return ContactTrial(
             position=points,
-            area_ratio=surface.slave_area_ratio(slave),
+            area_ratio=surface.slave_area_ratio(surface.slave_tangents(slave), points),
             projection=at,
             kinematics=ContactKinematics(at.normal, at.gap, at.on_surface, slip, slip.copy()),
             normal_contact=self._normal_contact(at, traction, jump),
