@@ -534,7 +534,7 @@ int tribox_plane_vertices(const Pair *p, const Entries *e, const int32_t *slot, 
 /* -- forces ------------------------------------------------------------------------------------ */
 
 /* Add the residual -G^T (w t) of all points to the pair's nodes (n, i); returns the sum of the
- * squares of what each point adds. */
+ * squares of what each point adds, but for moments on a tool. */
 double tribox_plane_forces(const Pair *p, int64_t points, double *out)
 {
     const int64_t m = p->movers;
@@ -568,7 +568,7 @@ double tribox_plane_forces(const Pair *p, int64_t points, double *out)
         if (p->turn) {
             double *tool = out + 2 * p->first_master;
             tool[0] += whole[0], tool[1] += whole[1], tool[2] += moment;
-            squared += dot(whole, whole) + moment * moment;
+            squared += dot(whole, whole);
         }
     }
     return squared;
