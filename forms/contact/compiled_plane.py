@@ -102,9 +102,11 @@ class CompiledPlane:
     def _set(self, **arrays: NDArray[Any] | None) -> None:
         """Give the structure arrays, which live as long as it has them."""
         for name, array in arrays.items():
+            if array is not None and array is self._alive.get(name):
+                continue
             kept = packed(array, _KINDS.get(name, np.float64))
             self._alive[name] = kept
-            setattr(self._pair, name, None if kept is None else kept.ctypes.data)
+            setattr(self._pair, name, None if kept is None else start_of(kept).value)
 
     def _see(self, trial: ContactTrial) -> None:
         """Take what forces depend on."""

@@ -391,7 +391,7 @@ def packed(array: Any, kind: Any = np.float64) -> Any:
 
 def start_of(array: NDArray[Any]) -> ctypes.c_void_p:
     """Where an array begins, for the loops."""
-    return ctypes.c_void_p(array.ctypes.data)
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
 
 
 def entries_of(entries: Entries, rows: Ints, columns: Ints) -> tuple[_Entries, tuple[Any, ...]]:
