@@ -51,6 +51,13 @@ from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, 
 __all__ = ["AS_IS", "ContactMode", "ContactState", "ContactTerm", "ContactTrial"]
 
 
+ROUNDED = 0.25
+"""Residual that rounded gaps leave over ε K times the largest coordinate, all points alike.
+
+Newton's method carried on stays between 0.2 and 0.5 of it, under tools of 10 m radius.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class _Evaluation:
     """The last evaluation of a contact: what was asked, and the answer."""
@@ -386,12 +393,17 @@ class ContactTerm:
         """Pairs (p, 2) of global nodes that are coupled wherever bodies move, if they are known."""
         return None
 
-    def roundoff_squared(self, x: PETSc.Vec) -> float:
-        """Square, N², of what rounded displacements leave of the forces; collective.
+    def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
+        """Square, N², of what rounding leaves of the forces of a trial at ``x``; collective.
 
-        That of gaps is not counted: it is 1e-12 of a contact's force.
+        A gap is rounded by about ε times the largest coordinate it comes from, which is the radius
+        of a tool that is nearly flat. This rank's part, per unit thickness.
         """
-        return 0.0
+        slave = self.surface.slave
+        places = (slave.position, self.surface.master.position)
+        span = max(float(np.abs(at).max(initial=0.0)) for at in places)
+        force = self.rule.point_stiffness() * slave.weight * (trial.pressure > 0.0)
+        return float(force @ force) * (ROUNDED * np.finfo(float).eps * span) ** 2
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
@@ -498,12 +510,14 @@ class ContactTerm:
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.
 
-        The third is the sum of the squares of what each point adds. A node may occur twice.
+        The third is the sum of the squares of what each point adds, but for moments on a tool,
+        which grow with how far off its centre lies. A node may occur twice.
         """
         if self.compiled is not None:
             return self.surface.nodes, *self.compiled.forces(trial)
         nodes, values = self.nodal_forces(trial)
-        squared = float(np.sum(values**2))
+        forces = values if trial.carried is None else values[:, :-1]
+        squared = float(np.sum(forces**2))
         return nodes.reshape(-1), values.reshape(-1, self.surface.dim), squared
 
     def add_tangent(

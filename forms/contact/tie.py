@@ -438,7 +438,7 @@ class TieTerm(ContactTerm):
         out: Floats = force.reshape(-1, self.surface.dim)
         return out
 
-    def roundoff_squared(self, x: PETSc.Vec) -> float:
+    def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square of the force, N per unit thickness, that rounding alone leaves here; collective.
 
         Of points that have moved by u each sum of the jump is rounded by about ε |u|. What has
