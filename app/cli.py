@@ -211,8 +211,7 @@ def check(
     case_file: CaseFile,
     overrides: Overrides = None,
     law: Annotated[
-        bool,
-        typer.Option("--law", help="try the friction laws too: derivatives and dissipation"),
+        bool, typer.Option("--law", help="try the friction laws too: derivatives and dissipation")
     ] = False,
     trust: Trust = False,
 ) -> None:
@@ -300,7 +299,7 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="replace a file of --out")] = False,
 ) -> None:
     """Write a results directory as one HTML page that needs nothing else."""
-    from tribox.app.report.page import write_report
+    from tribox.app.report import write_report
     from tribox.app.results import read
 
     if out is not None and out.exists() and not force:
@@ -323,7 +322,7 @@ def map_(
     force: Annotated[bool, typer.Option("--force", help="replace results that are there")] = False,
 ) -> None:
     """Map the friction law of a case at material points: tables and figures, in seconds."""
-    from tribox.app.friction_map.run import run_map
+    from tribox.app.friction_map import run_map
 
     run_map(case_file, overrides or [], out, force)
 

@@ -10,12 +10,9 @@ import unicodedata
 from collections.abc import Sequence
 from typing import TextIO
 
-LONGEST = 1000
-"""Letters of a message; of a longer one the middle is left out."""
-WIDEST = 100
-"""Columns of a line in a log or on a terminal; longer ones are folded."""
-CONTINUED = "    "
-"""What the further lines of a folded one begin with."""
+LONGEST = 1000  # letters of a message; of a longer one the middle is left out
+WIDEST = 100  # columns of a line in a log or on a terminal; longer ones are folded
+CONTINUED = "    "  # what the further lines of a folded one begin with
 _JOINED = "\ue000"  # stands for a blank at which no line ends
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=[%\w/]{1,4}(?:[\s,;:)\"]|$))")
 # Control characters, those that turn the direction of writing, line ends and halves of pairs.

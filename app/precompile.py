@@ -18,17 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Forms that go together.
+    """Forms that go together."""
 
-    Attributes:
-        cell: shape of the cells.
-        section: what the mesh stands for.
-        formulations: each is compiled with every material.
-    """
-
-    cell: str
-    section: Section
-    formulations: tuple[Formulation, ...]
+    cell: str  # shape of the cells
+    section: Section  # what the mesh stands for
+    formulations: tuple[Formulation, ...]  # each is compiled with every material
 
 
 # Second-order elements and what else is rare are compiled when first used.

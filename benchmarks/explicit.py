@@ -146,7 +146,7 @@ def sliding(
     problem = Equilibrium(u, solids, [term], held, [platen])
     stepper = ExplicitStepper(problem, ExplicitOptions(compiled=compiled, check_every=100))
     cells = named.mesh.topology.index_map(2).size_global
-    dt = stepper.time_step()
+    dt = stepper.options.dt_safety * stepper.stable_step()
     return Sliding(stepper, held[2], dt, cells, len(term.surface.slave.weight))
 
 

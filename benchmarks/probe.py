@@ -42,7 +42,7 @@ FRAME = {
     "tribox.app.run.run:Recorder.step": "output",
     "tribox.app.run.run:Recorder.load_step": "output",
     "tribox.app.run.run:Recorder.close": "output",
-    "tribox.app.run.run:draw_run": "figures",
+    "tribox.app.run.run:ClaimedRun.draw": "figures",
     "tribox.app.run.run:Simulation.run": "between steps",
     "tribox.app.implicit.stepper:ImplicitStepper.attempt": "rest of solver",
 }

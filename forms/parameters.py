@@ -18,27 +18,16 @@ SAME_PLACE = "parameter"  # of the declaration in a field's metadata
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """A number with its unit, and what it may be.
+    """A number with its unit, and what it may be."""
 
-    Attributes:
-        unit: SI unit, "" for a plain number.
-        ge: smallest value allowed, in `unit`; likewise gt (exclusive), le, lt.
-        gt: see ge.
-        le: see ge.
-        lt: see ge.
-        nonzero: zero is not allowed.
-        infinite: infinity is allowed, in Python.
-        name: what the quantity is called in messages about tables.
-    """
-
-    unit: str = ""
-    ge: float | None = None
-    gt: float | None = None
-    le: float | None = None
-    lt: float | None = None
-    nonzero: bool = False
-    infinite: bool = False
-    name: str = "value"
+    unit: str = ""  # SI unit, "" for a plain number
+    ge: float | None = None  # smallest value allowed, in `unit`; likewise gt (exclusive), le, lt
+    gt: float | None = None  # see ge
+    le: float | None = None  # see ge
+    lt: float | None = None  # see ge
+    nonzero: bool = False  # zero is not allowed
+    infinite: bool = False  # infinity is allowed, in Python
+    name: str = "value"  # what the quantity is called in messages about tables
 
     def hold(self, number: float) -> bool:
         """Whether a number keeps them; zero may still be refused by `nonzero`."""
@@ -70,17 +59,11 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """What defaults follow from.
+    """What defaults follow from."""
 
-    Attributes:
-        modulus: Pa, shear modulus of the softer body, or its hardness if it flows.
-        length: m, of a slave facet.
-        pressure: Pa, the highest that a boundary prescribes; 0 without one.
-    """
-
-    modulus: float
-    length: float
-    pressure: float
+    modulus: float  # Pa, shear modulus of the softer body, or its hardness if it flows
+    length: float  # m, of a slave facet
+    pressure: float  # Pa, the highest that a boundary prescribes; 0 without one
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests.grid import coordinate_element, grid
+from tribox.forms.contact.compiled_tangent import Entries
 from tribox.forms.contact.penalty import AS_IS, ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.compat import cell_nodes
@@ -35,18 +36,56 @@ def unknowns_of(nodes, dim):
 
 
 def nodal_forces(term, trial, count):
-    """Contact residual (n, i) of so many nodes."""
+    """Contact residual (n, i) of so many nodes; compiled loops must give the same."""
     nodes, values = term.nodal_forces(trial)
     out = np.zeros((count, values.shape[-1]))
     np.add.at(out, nodes.reshape(-1), values.reshape(-1, values.shape[-1]))
+    nodes, sums, _ = term.forces_at_nodes(trial)
+    made = np.zeros_like(out)
+    np.add.at(made, nodes, sums)
+    np.testing.assert_allclose(made, out, rtol=0, atol=1e-13 * np.abs(values).max(initial=0.0))
     return out
 
 
 def dense_tangent(term, trial, count):
-    """Tangent (n dim, n dim) of so many nodes: the points' blocks, and the vertices' part."""
+    """Tangent (n dim, n dim) of so many nodes: the points' blocks, and the vertices' part.
+
+    Compiled loops must give the same.
+    """
     dim = term.surface.dim
     couplings = [part for part in [term.coupling(trial)] if part is not None]
-    return with_blocks(np.zeros((dim * count,) * 2), term.tangent(trial), couplings, dim)
+    out = with_blocks(np.zeros((dim * count,) * 2), term.tangent(trial), couplings, dim)
+    if term.compiled is not None:
+        matrix = Dense(dim, count)
+        made = matrix.with_rest(*term.add_tangent(trial, matrix.entries()))
+        np.testing.assert_allclose(made, out, rtol=0, atol=1e-12 * np.abs(out).max())
+    return out
+
+
+class Dense:
+    """A dense matrix as entries, in which some nodes are not."""
+
+    def __init__(self, dim, count, outside=()):
+        self.dim, self.outside = dim, np.asarray(outside, dtype=np.int64)
+        self.size = dim * count
+        self.values = np.zeros(self.size**2)
+
+    def entries(self):
+        indptr = np.arange(0, self.size**2 + 1, self.size, dtype=np.int32)
+        columns = np.tile(np.arange(self.size, dtype=np.int32), self.size)
+        return Entries(indptr, columns, self.values, self.first)
+
+    def first(self, nodes):
+        return np.where(np.isin(nodes, self.outside), -1, self.dim * nodes).astype(np.int32)
+
+    def with_rest(self, blocks, couplings):
+        """The whole, with what is not in the matrix added."""
+        out = self.values.reshape(self.size, self.size).copy()
+        inside = out.copy()
+        at = (self.dim * self.outside[:, None] + np.arange(self.dim)).reshape(-1)
+        inside[at], inside[:, at] = 0.0, 0.0
+        np.testing.assert_array_equal(out, inside)  # nothing of nodes that are not in it
+        return with_blocks(out, blocks, couplings, self.dim)
 
 
 def with_blocks(out, blocks, couplings, dim):

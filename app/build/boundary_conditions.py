@@ -35,10 +35,7 @@ from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.unknowns import NodalLoad, place_text
 from tribox.app.errors import InputError
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.loads import (
-    mean_normal,
-    reference_area,
-)
+from tribox.forms.bodies.loads import mean_normal, reference_area
 from tribox.geometry.meshes.mesh import NamedMesh, group_dofs
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
@@ -50,20 +47,14 @@ TANGENTIAL = 1e-6  # mean normal component below which a direction runs along th
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A displacement component of a surface; those of equal sources agree at shared nodes.
+    """A displacement component of a surface; those of equal sources agree at shared nodes."""
 
-    Attributes:
-        surface: its name; component: 0 is x; −1 for a direction along no axis.
-        source: what prescribes it; part: what does so in the equilibrium.
-        acts: in which stages; given: in which of them the displacement itself is given.
-    """
-
-    surface: str
-    component: int
-    source: object
-    part: Prescribed | Platen
-    acts: Acts
-    given: Acts
+    surface: str  # its name
+    component: int  # 0 is x; −1 for a direction along no axis
+    source: object  # what prescribes it
+    part: Prescribed | Platen  # what does so in the equilibrium
+    acts: Acts  # in which stages
+    given: Acts  # in which of them the displacement itself is given
 
     @property
     def dofs(self) -> Ints:
@@ -299,12 +290,7 @@ class Loads:
         return component_dofs(space, self.named.facets(surface), component)
 
     def _prescribe(
-        self,
-        surface: str,
-        dofs: Ints,
-        component: int,
-        how: tuple[Program, object],
-        acts: Acts,
+        self, surface: str, dofs: Ints, component: int, how: tuple[Program, object], acts: Acts
     ) -> Prescribed:
         value, source = how
         part = Prescribed(dofs)

@@ -61,34 +61,23 @@ TURN = {
 
 @dataclass(frozen=True, slots=True)
 class Corners:
-    """Corners of a round master made of facets, as the slave beside it meets them.
+    """Corners of a round master made of facets, as the slave beside it meets them."""
 
-    Attributes:
-        ratio: largest distance between corners over the length of the slave's facets beside them; 0
-            without corners. degrees: largest angle at which facets meet there. height: m, of arcs
-            over the chords between such corners.
-    """
-
+    # largest distance between corners over the length of the slave's facets beside them; 0 without
+    # corners
     ratio: float
-    degrees: float
-    height: float
+    degrees: float  # largest angle at which facets meet there
+    height: float  # m, of arcs over the chords between such corners
 
 
 @dataclass(frozen=True)
 class PairAtStart:
-    """The two surfaces of a contact at time 0; all that is asked of them is collective.
+    """The two surfaces of a contact at time 0; all that is asked of them is collective."""
 
-    Attributes:
-        place: of the contact in the case, "contact.0".
-        contact: its table.
-        surface: the pair.
-        at: the slave's points on the master.
-    """
-
-    place: str
-    contact: Contact
-    surface: ContactSurface
-    at: Projection
+    place: str  # of the contact in the case, "contact.0"
+    contact: Contact  # its table
+    surface: ContactSurface  # the pair
+    at: Projection  # the slave's points on the master
 
     # -- How far apart, how fine, how round ---------------------------------------------------
 
@@ -228,8 +217,11 @@ class PairAtStart:
                 f"each other; another surface is the slave{hint}"
             )
 
-    def check_overlap(self) -> None:
+    def check_overlap(self, tool: Tool | None) -> None:
         """Refuse surfaces that overlap before anything has moved.
+
+        Args:
+            tool: the master's table; None: a body's surface.
 
         Raises:
             InputError: saying how deep.
@@ -238,6 +230,8 @@ class PairAtStart:
         if depth <= OVERLAP * self.surface.facet_length:
             return
         cure = self._on_chords()
+        if tool is not None and depth > self.surface.facet_length:
+            cure = f"; is {contact.master} the wrong way round? {TURN[tool.shape]}"
         if contact.smoothing_angle is not None:
             cure = (
                 "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap "

@@ -53,45 +53,30 @@ from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
 
 @dataclass(frozen=True, slots=True)
 class BuiltContact:
-    """One contact made ready.
+    """One contact made ready."""
 
-    Attributes:
-        table: of the case, with every default resolved.
-        term: its residual, tangent and history.
-        notes: what the user should know, one line each.
-        program: gives the term its friction and fit at (time, driven displacement), s and m; None
-            where they do not change.
-    """
-
-    table: Contact
-    term: ContactTerm
-    notes: tuple[str, ...]
+    table: Contact  # of the case, with every default resolved
+    term: ContactTerm  # its residual, tangent and history
+    notes: tuple[str, ...]  # what the user should know, one line each
+    # gives the term its friction and fit at (time, driven displacement), s and m; None where they
+    # do not change
     program: Callable[[float, float], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ContactBuilder:
-    """Makes the contacts of one case.
+    """Makes the contacts of one case."""
 
-    Attributes:
-        case: what was asked for.
-        named: the mesh.
-        space: of the displacement.
-        section: what the mesh stands for.
-        materials: of the bodies, by name.
-        runs_code: whether laws written in Python are run; without, such a contact has no friction.
-        tools: that a contact may name as master, by name.
-        loads: what the boundaries hold.
-    """
-
-    case: Case
-    named: NamedMesh
-    space: dolfinx.fem.FunctionSpace
-    section: Section
-    materials: Mapping[str, Material]
+    case: Case  # what was asked for
+    named: NamedMesh  # the mesh
+    space: dolfinx.fem.FunctionSpace  # of the displacement
+    section: Section  # what the mesh stands for
+    materials: Mapping[str, Material]  # of the bodies, by name
+    # whether laws written in Python are run; without, such a contact has no friction
     runs_code: bool = True
+    # that a contact may name as master, by name
     tools: Mapping[str, RigidTool] = field(default_factory=dict)
-    loads: Loads | None = None
+    loads: Loads | None = None  # what the boundaries hold
 
     def build(self, index: int) -> BuiltContact:
         """The contact of this number in the case; collective.
@@ -144,13 +129,14 @@ class ContactBuilder:
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
+        tool = self.case.tools.get(asked.master)
         if at_once and not self._folds(asked):
-            start.check_facing(self.case.tools.get(asked.master))
+            start.check_facing(tool)
         fit = fit_program(self.case, asked, at)
         if fit is not None:
             at.shift(fit(0.0))
         if at_once:
-            start.check_overlap()
+            start.check_overlap(tool)
         return start, fit
 
     def _folds(self, asked: Contact) -> bool:
@@ -190,7 +176,7 @@ class ContactBuilder:
         try:
             held = self._held_with(table.master)
             term = LubricatedTerm(surface, law, film.unknown(modulus, table.map), modulus, held)
-        except ValueError as error:  # on several ranks always
+        except ValueError as error:
             raise InputError(f'{place} = "reynolds": {error}') from None
         if np.isin(surface.vertices.nodes, self._slanted()).any():
             raise InputError(

@@ -83,24 +83,17 @@ def of_time(value: Callable[[float], float]) -> Program:
 
 # -- What boundaries remember of the state that a stage begins with: forces reached, and places ----
 
-Acts = Callable[[str], bool]
-"""Whether something acts in the stage of this name."""
+Acts = Callable[[str], bool]  # whether something acts in the stage of this name
 
 
 @dataclass(frozen=True, slots=True)
 class StageChange:
-    """One stage gives way to another.
+    """One stage gives way to another."""
 
-    Attributes:
-        before, now: their names; "" before the first one.
-        time: s, of the change.
-        problem: at the last converged state, evaluated with what acted before.
-    """
-
-    before: str
-    now: str
-    time: float
-    problem: Equilibrium
+    before: str  # their names
+    now: str  # "" before the first one
+    time: float  # s, of the change
+    problem: Equilibrium  # at the last converged state, evaluated with what acted before
 
 
 class Remembering(Protocol):
@@ -118,16 +111,11 @@ class Remembering(Protocol):
 
 @dataclass(slots=True)
 class ReachedForce:
-    """The force that the displacement of a platen, or of a tool's component, has led to.
+    """The force that the displacement of a platen, or of a tool's component, has led to."""
 
-    Attributes:
-        part: what is moved; stages: in which its displacement is given.
-        force: N (per unit thickness), along its direction, at the end of the last of them; None
-            before.
-    """
-
-    part: Platen | Prescribed
-    stages: tuple[str, ...]
+    part: Platen | Prescribed  # what is moved
+    stages: tuple[str, ...]  # in which its displacement is given
+    # N (per unit thickness), along its direction, at the end of the last of them; None before
     force: float | None = None
 
     def begin(self, change: StageChange) -> None:
@@ -146,18 +134,13 @@ class ReachedForce:
 
 @dataclass(slots=True)
 class MovedOn:
-    """Displacements that a velocity moves on from where they are when it begins to act.
+    """Displacements that a velocity moves on from where they are when it begins to act."""
 
-    Attributes:
-        part: what is prescribed; speed: m/s, over time; acts: in which stages.
-        start: (c,), m, displacements when it began to act; time: s, when that was.
-    """
-
-    part: Prescribed
-    speed: TimeTable
-    acts: Acts
-    start: Floats = field(init=False)
-    time: float = 0.0
+    part: Prescribed  # what is prescribed
+    speed: TimeTable  # m/s, over time
+    acts: Acts  # in which stages
+    start: Floats = field(init=False)  # (c,), m, displacements when it began to act
+    time: float = 0.0  # s, when that was
 
     def __post_init__(self) -> None:
         """Begin undeformed."""
@@ -184,21 +167,14 @@ class MovedOn:
 
 @dataclass(slots=True)
 class Released:
-    """Forces that are given up, of what held a surface or of a contact, taken off over a stage.
+    """Forces that are given up, of what held a surface or of a contact, taken off over a stage."""
 
-    Attributes:
-        load: forces at its unknowns, those at the start of the stage for a factor of one.
-        stage: its name; duration: s.
-        given_up: forces (n,), N per unit thickness, on the owned unknowns that are given up;
-            collective.
-        time: s, when it began.
-    """
-
-    load: NodalLoad
-    stage: str
-    duration: float
+    load: NodalLoad  # forces at its unknowns, those at the start of the stage for a factor of one
+    stage: str  # its name
+    duration: float  # s
+    # forces (n,), N per unit thickness, on the owned unknowns that are given up; collective
     given_up: Callable[[Equilibrium], Floats]
-    time: float = 0.0
+    time: float = 0.0  # s, when it began
 
     def factor(self, stage: str, time: float) -> float:
         """Share of the forces that acts at ``time`` (s) of a stage."""
@@ -223,27 +199,21 @@ class Released:
 
 # -- Loads that have forms: pressures, tractions, foundations, gravity -----------------------------
 
-Setter = Callable[[float, float], None]
-"""Sets a load from (time, driven displacement), s and m."""
+Setter = Callable[[float, float], None]  # sets a load from (time, driven displacement), s and m
 
 
 @dataclass(slots=True)
 class LoadsWithForms:
-    """Collects loads, and on what each acts.
+    """Collects loads, and on what each acts."""
 
-    Attributes:
-        named: the mesh; u: displacement, m; section: what the mesh stands for.
-        thickness: m, of a plane-strain slab; 1 otherwise.
-        loads: the loads; surfaces: of each its surface; "" for one that acts on a body.
-        bodies: of each the body that it acts on all over; "" for one on a surface.
-    """
-
-    named: NamedMesh
-    u: dolfinx.fem.Function
-    section: Section
-    thickness: float
-    loads: list[Load] = field(default_factory=list)
+    named: NamedMesh  # the mesh
+    u: dolfinx.fem.Function  # displacement, m
+    section: Section  # what the mesh stands for
+    thickness: float  # m, of a plane-strain slab; 1 otherwise
+    loads: list[Load] = field(default_factory=list)  # the loads
+    # of each its surface; "" for one that acts on a body
     surfaces: list[str] = field(default_factory=list)
+    # of each the body that it acts on all over; "" for one on a surface
     bodies: list[str] = field(default_factory=list)
 
     def of_boundary(self, boundary: Boundary, stage: Callable[[], str]) -> Iterator[Setter]:
@@ -274,10 +244,7 @@ class LoadsWithForms:
         facets, section = self.named.facets(boundary.surface), self.section
         pressure, traction, force = boundary.pressure, boundary.traction, boundary.force
         if pressure is not None:
-            yield (
-                FollowerPressure(self.u, facets, section),
-                lambda time, driven: [pressure(time)],
-            )
+            yield (FollowerPressure(self.u, facets, section), lambda time, driven: [pressure(time)])
         if traction is not None:
             yield (
                 DeadTraction(self.u, facets, section),
@@ -293,10 +260,7 @@ class LoadsWithForms:
             load = Foundation(self.u, facets, section)
             springs = [foundation.normal, foundation.tangential]
             load.amount = np.array([0.0] * dim + springs)
-            yield (
-                load,
-                lambda time, driven: [*foundation.base_at(time, driven, dim), *springs],
-            )
+            yield (load, lambda time, driven: [*foundation.base_at(time, driven, dim), *springs])
 
     def gravity(
         self, table: Gravity, density: dict[str, float], stage: Callable[[], str]
@@ -330,16 +294,11 @@ class LoadsWithForms:
 
 @dataclass(frozen=True, slots=True)
 class Onset:
-    """The loads that balanced the state with which a stage begins.
+    """The loads that balanced the state with which a stage begins."""
 
-    Attributes:
-        time: s, when it begins; driven: m, displacement of the driven boundaries then.
-        before: value of each of the loads :func:`given`.
-    """
-
-    time: float = 0.0
-    driven: float = 0.0
-    before: Sequence[float | Floats] = ()
+    time: float = 0.0  # s, when it begins
+    driven: float = 0.0  # m, displacement of the driven boundaries then
+    before: Sequence[float | Floats] = ()  # value of each of the loads :func:`given`
 
 
 def given(problem: Equilibrium) -> Iterator[tuple[object, str]]:

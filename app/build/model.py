@@ -54,40 +54,32 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 
 @dataclass(slots=True)
 class Model:
-    """A case made ready to be solved.
+    """A case made ready to be solved."""
 
-    Attributes:
-        case: the case asked for, without its sweep and with every default resolved. Written to a
-            file and read back, it gives the same numbers.
-        named: mesh with named bodies and surfaces.
-        problem: residual and tangent of everything together.
-        programs: each sets one load from (time, driven displacement), s and m.
-        linear: the linear solver that was asked for.
-        section: what the mesh stands for.
-        thickness: m, of the plane-strain slab, per unit of which the solver works; 1 otherwise.
-        notes: what the user should know before the run, one line each.
-        platen_names: of the problem's platens, such as "top_x": surface and direction.
-        loads: what the boundaries prescribe.
-        probes: places of the probes that are points or lines; lines: those of surfaces.
-        loaded: s, m and –, time, driven displacement and share of the loads that are set (see
-            :meth:`set_loads`); loaded_in: the stage that they were set in.
-        onset: the state of the loads when the present stage began.
-    """
-
+    # the case asked for, without its sweep and with every default resolved. Written to a file and
+    # read back, it gives the same numbers
     case: Case
-    named: NamedMesh
-    problem: Equilibrium
+    named: NamedMesh  # mesh with named bodies and surfaces
+    problem: Equilibrium  # residual and tangent of everything together
+    # each sets one load from (time, driven displacement), s and m
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
-    linear: Linear = "auto"
-    section: Section = "plane-strain"
+    linear: Linear = "auto"  # the linear solver that was asked for
+    section: Section = "plane-strain"  # what the mesh stands for
+    # m, of the plane-strain slab, per unit of which the solver works; 1 otherwise
     thickness: float = 1.0
+    # what the user should know before the run, one line each
     notes: list[str] = field(default_factory=list)
+    # of the problem's platens, such as "top_x": surface and direction
     platen_names: list[str] = field(default_factory=list)
-    loads: Loads | None = None
+    loads: Loads | None = None  # what the boundaries prescribe
+    # places of the probes that are points or lines
     probes: list[PointPlaces] = field(default_factory=list)
-    lines: list[SurfaceLine] = field(default_factory=list)
+    lines: list[SurfaceLine] = field(default_factory=list)  # those of surfaces
+    # s, m and –, time, driven displacement and share of the loads that are set (see
+    # :meth:`set_loads`)
     loaded: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    loaded_in: str = ""
+    loaded_in: str = ""  # the stage that they were set in
+    # the state of the loads when the present stage began
     onset: Onset = field(default_factory=Onset)
 
     @property

@@ -26,45 +26,29 @@ BEYOND = 1.01  # end of a piece over the length of its line up to which it is th
 
 @dataclass(frozen=True, slots=True)
 class PointPlaces:
-    """The points of one probe in the mesh, the same on all ranks but for ``found``.
+    """The points of one probe in the mesh, the same on all ranks but for ``found``."""
 
-    Attributes:
-        name: of the probe.
-        place: (p, i), m, undeformed.
-        way: (p,) m, along the line from its first point; 0 for a point.
-        bodies: (p,) name of the body that each point lies in.
-        found: by body, the cells of this rank that its points lie in; share: (p,) 1 over the
-            number of cells around a point on all ranks, over which values are averaged.
-    """
-
-    name: str
-    place: Floats
-    way: Floats
-    bodies: tuple[str, ...]
-    found: dict[str, CellPlaces]
+    name: str  # of the probe
+    place: Floats  # (p, i), m, undeformed
+    way: Floats  # (p,) m, along the line from its first point; 0 for a point
+    bodies: tuple[str, ...]  # (p,) name of the body that each point lies in
+    found: dict[str, CellPlaces]  # by body, the cells of this rank that its points lie in
+    # (p,) 1 over the number of cells around a point on all ranks, over which values are averaged
     share: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLine:
-    """The line of nodes that a probe follows, the same on all ranks.
+    """The line of nodes that a probe follows, the same on all ranks."""
 
-    Attributes:
-        probe: the probe.
-        nodes: (n,) global nodes one after the other from the left end.
-        place: (n, i), m, undeformed; way: (n,), m, undeformed arc length.
-        opposite: (m,) global nodes of the other line, none without; opposite_place: (m, i), m.
-        straight: (2, n) nodes of the straight pieces, none at all without; bend: (n,) of the bend.
-    """
-
-    probe: Probe
-    nodes: Longs
-    place: Floats
-    way: Floats
-    opposite: Longs
-    opposite_place: Floats
-    straight: Bools
-    bend: Bools
+    probe: Probe  # the probe
+    nodes: Longs  # (n,) global nodes one after the other from the left end
+    place: Floats  # (n, i), m, undeformed
+    way: Floats  # (n,), m, undeformed arc length
+    opposite: Longs  # (m,) global nodes of the other line, none without
+    opposite_place: Floats  # (m, i), m
+    straight: Bools  # (2, n) nodes of the straight pieces, none at all without
+    bend: Bools  # (n,) of the bend
 
 
 def place_lines(

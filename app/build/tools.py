@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import assert_never
 
@@ -162,21 +162,16 @@ def facets_of(table: MeshTool, dim: int) -> tuple[Floats, Ints]:
 
 @dataclass(slots=True)
 class Tools:
-    """The tools of a case and what moves them.
+    """The tools of a case and what moves them."""
 
-    Attributes:
-        case: what was asked for; loads: they know the stage, and remember earlier ones.
-        members: for the equilibrium, in the order of the case.
-        prescribed, platens, nodal_loads: likewise.
-        programs: each sets one of them from (time, driven displacement), s and m.
-    """
-
-    case: Case
-    loads: Loads
+    case: Case  # what was asked for
+    loads: Loads  # they know the stage, and remember earlier ones
+    # for the equilibrium, in the order of the case
     members: list[RigidTool] = field(default_factory=list)
-    prescribed: list[Prescribed] = field(default_factory=list)
-    platens: list[Platen] = field(default_factory=list)
-    nodal_loads: list[NodalLoad] = field(default_factory=list)
+    prescribed: list[Prescribed] = field(default_factory=list)  # likewise
+    platens: list[Platen] = field(default_factory=list)  # likewise
+    nodal_loads: list[NodalLoad] = field(default_factory=list)  # likewise
+    # each sets one of them from (time, driven displacement), s and m
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
 
     def by_name(self) -> dict[str, RigidTool]:
@@ -205,12 +200,7 @@ def extent(named: NamedMesh) -> Floats:
 
 
 def _add(
-    tools: Tools,
-    name: str,
-    table: AnyTool,
-    block: Block,
-    named: NamedMesh,
-    box: Floats,
+    tools: Tools, name: str, table: AnyTool, block: Block, named: NamedMesh, box: Floats
 ) -> None:
     """Add one tool; collective."""
     try:
@@ -254,8 +244,7 @@ def _add(
     )
 
 
-GIVES_WAY = 1e-6
-"""How far a stop gives way under the largest force, over the size of the mesh."""
+GIVES_WAY = 1e-6  # how far a stop gives way under the largest force, over the size of the mesh
 
 
 def _stop(table: Tool, dim: int, size: float) -> Stop | None:
@@ -280,23 +269,15 @@ def _stop(table: Tool, dim: int, size: float) -> Stop | None:
 
 @dataclass(frozen=True, slots=True)
 class _Slot:
-    """What moves one component, or the angle, of a tool.
+    """What moves one component, or the angle, of a tool."""
 
-    Attributes:
-        value: displacement, m, where it is prescribed.
-        load: N (of the angle N m), None: nothing drives it.
-        share: of the load, in the slot's unit and per unit thickness.
-        given: stages in which the displacement is given and not the force.
-        speed: m/s, if it is that which is given and goes on from where the tool is.
-        holds: whether the force reached in these stages is held after them.
-    """
-
-    value: Program
-    load: TimeTable | None = None
-    share: float = 1.0
-    given: tuple[str, ...] = ()
+    value: Program  # displacement, m, where it is prescribed
+    load: TimeTable | None = None  # N (of the angle N m), None: nothing drives it
+    share: float = 1.0  # of the load, in the slot's unit and per unit thickness
+    given: tuple[str, ...] = ()  # stages in which the displacement is given and not the force
+    # m/s, if it is that which is given and goes on from where the tool is
     speed: TimeTable | None = None
-    holds: bool = False
+    holds: bool = False  # whether the force reached in these stages is held after them
 
     @property
     def is_loaded(self) -> bool:
@@ -310,7 +291,11 @@ def _move(tools: Tools, name: str, part: Prescribed, how: _Slot) -> None:
     Where the tool touches nothing, what a load drives stays where it is: nothing would hold it.
     """
     if not how.is_loaded:
-        tools.programs.append(_follows(part, how.value))
+
+        def follow(time: float, driven: float) -> None:
+            part.value = how.value(time, driven)
+
+        tools.programs.append(follow)
         return
     load, loads = NodalLoad(part.dofs, how.share), tools.loads
     tools.nodal_loads.append(load)
@@ -347,24 +332,13 @@ def _draw(tools: Tools, dofs: Ints, spring: Spring, thickness: float) -> None:
     tools.programs.append(program)
 
 
-def _follows(part: Prescribed, value: Program) -> Callable[[float, float], None]:
-    def program(time: float, driven: float) -> None:
-        part.value = value(time, driven)
-
-    return program
-
-
 def _stays(case: Case, name: str, how: _Slot) -> Acts:
     """In which stages a load does not move a tool, as it touches nothing, or there is none yet."""
     names = [stage.name for stage in case.stage]
-    known = names if how.load is not None else _after(names, how.given)
+    # Those after the first of the stages in which its displacement is given.
+    known = names if how.load is not None else names[min(map(names.index, how.given)) + 1 :]
     free = {s for s in known if case.touches_in(name, s) and s not in how.given}
     return lambda stage: stage not in free
-
-
-def _after(names: Sequence[str], first: Sequence[str]) -> Sequence[str]:
-    """Stages after the first one of some."""
-    return names[min(names.index(name) for name in first) + 1 :]
 
 
 def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:

@@ -47,25 +47,6 @@ _Branch = tuple[
 Kinematic = Annotated[tuple[_Branch, ...], Field(max_length=MOST_BRANCHES)]
 
 
-def kinematic_problems(branches: Kinematic, shear: float, place: Place) -> Iterator[Problem]:
-    """Branches that are as stiff as the elastic metal.
-
-    Args:
-        branches: c, Pa, and b of each.
-        shear: G, Pa.
-    """
-    for number, (c, b) in enumerate(branches):
-        if c / max(b, 1.0) > shear:
-            reason = f"c/max(b, 1) is {c / max(b, 1.0):.3g} Pa: must be <= {shear:.3g} Pa, the "
-            reason += "shear modulus; of metals it is some MPa to some hundred MPa"
-            yield Problem((*place, number), reason)
-
-
-def backstress_of(branches: Kinematic) -> tuple[hardening.Backstress, ...]:
-    """The branches of the backstress."""
-    return tuple(hardening.Backstress(c, b) for c, b in branches)
-
-
 Formulation = Literal["q1", "q1-sri", "q2"]
 GAS_CONSTANT = 8.31446261815324  # J/(mol K)
 WLF_RANGE = 50.0, 150.0  # K above T_ref - C2 that the law describes: from the glass to 100 K on
@@ -430,16 +411,22 @@ class ElastoPlasticBody(_Isotropic):
         yield from problems
         yield from self.hardening.faults((*place, "hardening"))
         if not problems:
-            yield from kinematic_problems(self.kinematic, self.shear_modulus, (*place, "kinematic"))
+            # Branches that are as stiff as the elastic metal
+            shear = self.shear_modulus
+            for number, (c, b) in enumerate(self.kinematic):
+                if (stiffness := c / max(b, 1.0)) > shear:
+                    reason = f"c/max(b, 1) is {stiffness:.3g} Pa: must be <= {shear:.3g} Pa, the "
+                    reason += "shear modulus; of metals it is some MPa to some hundred MPa"
+                    yield Problem((*place, "kinematic", number), reason)
 
     def material_of(self, runs_code: bool = True) -> Material:
         """See the base class."""
         from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
-        moduli = self.shear_modulus, self.bulk_modulus
         rate = self.rate.parameters() if self.rate is not None else None
+        back = tuple(hardening.Backstress(c, b) for c, b in self.kinematic)
         return ElastoPlastic(
-            *moduli, self.hardening.parameters(), rate, backstress_of(self.kinematic)
+            self.shear_modulus, self.bulk_modulus, self.hardening.parameters(), rate, back
         )
 
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, GetJsonSchemaHandler
+from pydantic import Field
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from tribox.app.case.quantities import Quantity, QuantityError, Written
 from tribox.app.case.table import Flag, Model, Place, Problem, Text, size_problems
@@ -60,9 +60,8 @@ class Direction(Written):
         """The letter, or components."""
         return value if isinstance(value, str) else list(value)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         components = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
         return {"anyOf": [{"enum": list(COMPONENTS)}, components]}
 

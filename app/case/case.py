@@ -94,8 +94,7 @@ class Case(Model):
         description="pairs of surfaces that may touch, [[contact]]; default: none",
     )
     tools: dict[Name, AnyTool] = Field(
-        default_factory=dict,
-        description="rigid shapes that bodies are pressed on, [tools.NAME]",
+        default_factory=dict, description="rigid shapes that bodies are pressed on, [tools.NAME]"
     )
     boundary: tuple[Boundary, ...] = Field(
         default=(),

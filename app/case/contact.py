@@ -21,8 +21,7 @@ _SMOOTHED = ("quadrilateral", "hexahedron")
 _PLURAL = {"triangle": "triangles", "tetrahedron": "tetrahedra"}
 
 
-DRAWN = "drawn"
-"""The overlap of a fit is that of the mesh."""
+DRAWN = "drawn"  # the overlap of a fit is that of the mesh
 _MISSING: Any = None  # refused by Contact.problems
 # Keys that do not go with tied.
 _NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length", "interference")
@@ -151,18 +150,6 @@ class Contact(Model):
         """Pressure from which the film is whole, Pa; 0 where the case does not give it."""
         return 0.0 if self.map is None else self.map.film_onset_pressure
 
-    def _tie_problems(self, place: Place) -> Iterator[Problem]:
-        """Keys that do not go with tied."""
-        for key in _NOT_TIED:
-            if getattr(self, key) not in (None, 1.0):
-                yield Problem((*place, key), "does not go with tied: nothing slides")
-        if self.pressure == "pointwise":
-            reason = "does not go with tied, whose jump is averaged around vertices"
-            yield Problem((*place, "pressure"), reason, self.pressure)
-        if self.friction.law != "frictionless":
-            reason = "does not go with tied: nothing slides; leave the table out"
-            yield Problem((*place, "friction"), reason)
-
     def acts_in(self, stage: str) -> bool:
         """Whether the surfaces feel each other in a stage."""
         return self.stages is None or stage in self.stages
@@ -207,30 +194,36 @@ class Contact(Model):
             yield Problem((*place, "friction"), reason)
             return
         if self.tied:
-            yield from self._tie_problems(place)
+            # Keys that do not go with tied
+            for key in _NOT_TIED:
+                if getattr(self, key) not in (None, 1.0):
+                    yield Problem((*place, key), "does not go with tied: nothing slides")
+            if self.pressure == "pointwise":
+                reason = "does not go with tied, whose jump is averaged around vertices"
+                yield Problem((*place, "pressure"), reason, self.pressure)
+            if self.friction.law != "frictionless":
+                reason = "does not go with tied: nothing slides; leave the table out"
+                yield Problem((*place, "friction"), reason)
         elif self.friction_factor != 1.0 and self.friction.law == "frictionless":
             yield Problem((*place, "friction_factor"), 'has no effect with law = "frictionless"')
         film = self.film
         if film is not None:
             yield from film.problems((*place, "film"), self.friction.law)
         if film is not None and film.is_unknown:
-            yield from self._unknown_film_problems(place)
+            # Keys that do not go with a film that is solved for
+            reason = 'does not go with film.model = "reynolds", whose asperities take its place'
+            if self.penalty is not None:
+                yield Problem((*place, "penalty"), reason)
+            elif self.penalty_factor != DEFAULT_PENALTY_FACTOR:
+                yield Problem((*place, "penalty_factor"), reason)
+            if self.pressure == "pointwise":
+                reason = 'film.model = "reynolds" needs "averaged"'
+                yield Problem((*place, "pressure"), reason, self.pressure)
+            for key in ("fade_length", "interference"):
+                if getattr(self, key) is not None:
+                    reason = 'does not go with film.model = "reynolds"'
+                    yield Problem((*place, key), reason)
         yield from self.friction.problems((*place, "friction"), film)
-
-    def _unknown_film_problems(self, place: Place) -> Iterator[Problem]:
-        """Keys that do not go with a film that is solved for."""
-        reason = 'does not go with film.model = "reynolds", whose asperities take its place'
-        if self.penalty is not None:
-            yield Problem((*place, "penalty"), reason)
-        elif self.penalty_factor != DEFAULT_PENALTY_FACTOR:
-            yield Problem((*place, "penalty_factor"), reason)
-        if self.pressure == "pointwise":
-            reason = 'film.model = "reynolds" needs "averaged"'
-            yield Problem((*place, "pressure"), reason, self.pressure)
-        for key in ("fade_length", "interference"):
-            if getattr(self, key) is not None:
-                reason = 'does not go with film.model = "reynolds"'
-                yield Problem((*place, key), reason)
 
     @property
     def given_film(self) -> Film | None:

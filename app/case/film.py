@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, GetJsonSchemaHandler
+from pydantic import Field
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from tribox.app.case.declared import DeclaredTable, keys_of, table_of
 from tribox.app.case.quantities import (
@@ -60,14 +60,10 @@ class _OilType(Written):
         """The word, or text."""
         return value if isinstance(value, str) else format_quantity(value, "kg/m^2")
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         number = {"type": "number", "exclusiveMinimum": 0.0}
-        return {
-            "anyOf": [{"const": FLOODED}, number, text_schema("kg/m^2")],
-            "x-unit": "kg/m^2",
-        }
+        return {"anyOf": [{"const": FLOODED}, number, text_schema("kg/m^2")], "x-unit": "kg/m^2"}
 
 
 if TYPE_CHECKING:

@@ -47,10 +47,8 @@ class LawTable(DeclaredTable):
     def problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
         """Keys that do not fit together; `place` is where this table stands in the case."""
         yield from self.faults(place)
-        if LAWS[self.law].needs_film:
-            yield from self._film_problems(place, film)
-
-    def _film_problems(self, place: Place, film: Film | None) -> Iterator[Problem]:
+        if not LAWS[self.law].needs_film:
+            return
         if film is None:
             reason = 'missing; law = "friction-map" needs the film thickness, such as "30 nm"'
             yield Problem((*place[:-1], "film", "thickness"), reason)

@@ -28,23 +28,15 @@ LAWS = ("neo-hookean", "hencky", *ENERGIES, "elastoplastic", "python")
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One material.
+    """One material."""
 
-    Attributes:
-        name: such as "AA1050-O".
-        about: what it is, in a few words.
-        range: where its numbers hold.
-        keys: of the `[bodies.NAME]` table, as a case file has them.
-        sources: where each number is from, by dotted key.
-        strengths: proof stress and tensile strength that a hardening curve was made from, as text
-            with units; empty where it was not.
-    """
-
-    name: str
-    about: str
-    range: str
-    keys: dict[str, Any]
-    sources: dict[str, str]
+    name: str  # such as "AA1050-O"
+    about: str  # what it is, in a few words
+    range: str  # where its numbers hold
+    keys: dict[str, Any]  # of the `[bodies.NAME]` table, as a case file has them
+    sources: dict[str, str]  # where each number is from, by dotted key
+    # proof stress and tensile strength that a hardening curve was made from, as text with units;
+    # empty where it was not
     strengths: dict[str, str]
 
 
@@ -87,14 +79,8 @@ def from_library(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         reason = f'is of material = "{law}", not "{word}"'
         raise problems_error([Problem(("library",), reason, name)])
     given = {**value, "material": law, "library": name}
-    body = handler(_filled(entry.keys, given))
-    _only_given(body, given)
-    return body
-
-
-def _filled(keys: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The given keys, and those of the entry that they leave open."""
-    base: dict[str, Any] = copy.deepcopy(dict(keys))
+    # The given keys, and those of the entry that they leave open
+    base: dict[str, Any] = copy.deepcopy(dict(entry.keys))
     pairs = {"G", "K"}, {"E", "nu"}  # a pair of moduli that is given takes the other's place
     for moduli, others in (pairs, pairs[::-1]):
         if moduli & given.keys() and others <= base.keys() and not others & given.keys():
@@ -107,16 +93,14 @@ def _filled(keys: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]
             base[key] = {**inner, **value} if same else value
         else:
             base[key] = value
-    return base
-
-
-def _only_given(table: BaseModel, given: Mapping[str, Any]) -> None:
-    """Have a table and those in it know only the given keys as set."""
-    table.__pydantic_fields_set__.intersection_update(given)
+    body = handler(base)
+    # Have a table and those in it know only the given keys as set
+    body.__pydantic_fields_set__.intersection_update(given)
     for key, value in given.items():
-        inner = getattr(table, key, None)
+        inner = getattr(body, key, None)
         if isinstance(inner, BaseModel) and isinstance(value, Mapping):
             inner.__pydantic_fields_set__.intersection_update(value)
+    return body
 
 
 def _unknown(word: str) -> str:

@@ -38,8 +38,7 @@ else:
         },
     )
 
-CLOSE = 0.01
-"""Relative difference of the moduli that a case gives from those of the energy."""
+CLOSE = 0.01  # relative difference of the moduli that a case gives from those of the energy
 
 
 class NamesAClass(_NamesAClass):
@@ -205,19 +204,13 @@ SHARE = "share left when all branches are relaxed"  # among the constants: no na
 
 @dataclass(frozen=True, slots=True)
 class OwnMaterial:
-    """A strain energy of the user's, with the moduli that the case gives.
+    """A strain energy of the user's, with the moduli that the case gives."""
 
-    Attributes:
-        own: an instance of the user's class; file: that it is written in.
-        shear_modulus, bulk_modulus: of the undeformed material, Pa.
-        share: of the first part of its energy that there is.
-    """
-
-    own: Any
-    file: str
-    shear_modulus: float
-    bulk_modulus: float
-    share: float = 1.0
+    own: Any  # an instance of the user's class
+    file: str  # that it is written in
+    shear_modulus: float  # of the undeformed material, Pa
+    bulk_modulus: float  # likewise
+    share: float = 1.0  # of the first part of its energy that there is
 
     def softened(self, share: float) -> OwnMaterial:
         """The same with a share of the first part of its energy."""

@@ -32,8 +32,7 @@ _NUMBER_AND_UNIT = re.compile(
 _UNIT = re.compile(r"[\w°µμΩ%*/^.()·⋅⁻²³¹⁰⁴-⁹+\- \t\u00a0]*")
 # Of a temperature, "K"; a difference is in "kelvin".
 CELSIUS, ICE = ("degC", "°C"), Decimal("273.15")
-LONGEST = 80
-"""Letters of a quantity; the unit library takes its time over thousands."""
+LONGEST = 80  # letters of a quantity; the unit library takes its time over thousands
 LARGEST = 1e50
 """Size in SI up to which a key may be; one that may not be 0 is at least as much above it. What is
 computed from several of them then stays within the range of numbers."""
@@ -216,6 +215,15 @@ class Written:
         """What `parse` reads back to the same."""
         raise NotImplementedError
 
+    def json_schema(self) -> JsonSchemaValue:
+        """JSON schema of how it is written."""
+        raise NotImplementedError
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return self.json_schema()
+
     def _validate(self, value: object) -> Any:
         try:
             return self.parse(value)
@@ -253,9 +261,8 @@ class Quantity(Bounds, Written):
         """Text that reads back to the same."""
         return format_quantity(value, self.unit)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         limits = {
             "minimum": self.ge,
             "exclusiveMinimum": self.gt,

@@ -29,7 +29,7 @@ def load_case(path: Path, overrides: Sequence[str] = ()) -> Case:
         InputError: the file cannot be read or the case is wrong. The message is the first
             problem; `check_case` lists all.
     """
-    return _case_of(_read(Path(path), overrides))
+    return _read(Path(path), overrides)
 
 
 def load_past_case(path: Path) -> Case:
@@ -41,36 +41,32 @@ def load_past_case(path: Path) -> Case:
     Raises:
         InputError: as :func:`load_case`.
     """
-    return _case_of(_read(Path(path), (), past=True))
-
-
-def _case_of(case: Case | list[str]) -> Case:
-    if isinstance(case, Case):
-        return case
-    raise InputError(case[0], case[1:])
+    return _read(Path(path), (), past=True)
 
 
 def check_case(path: Path, overrides: Sequence[str] = ()) -> list[str]:
     """All mistakes in a case file, one line each; empty if it can be run."""
-    case = _read(Path(path), overrides)
-    return [] if isinstance(case, Case) else case
-
-
-def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case | list[str]:
-    """The case, or a line on each mistake in it; ``past`` if it has been run already."""
     try:
-        data = _read_toml(path)
-        for override in overrides:
-            apply_override(data, override)
+        _read(Path(path), overrides)
     except InputError as error:
-        return [str(error)]
+        return list(error.lines)
+    return []
+
+
+def _read(path: Path, overrides: Sequence[str], past: bool = False) -> Case:
+    """The case; ``past`` if it has been run already. InputError with a line on each mistake."""
+    data = _read_toml(path)
+    for override in overrides:
+        apply_override(data, override)
     for table, key in GONE if past else ():
         if isinstance(data.get(table), dict):
             data[table].pop(key, None)
     try:
         return Case.model_validate(data, context={"source": path, "past": past})
     except ValidationError as error:
-        return [as_line(f"{path}: {format_problem(p)}") for p in problems_of(error, Case, data)]
+        found = problems_of(error, Case, data)
+    first, *more = (as_line(f"{path}: {format_problem(problem)}") for problem in found)
+    raise InputError(first, more)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

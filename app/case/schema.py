@@ -88,7 +88,8 @@ def _refine(node: Any, tables: dict[str, Any], texts: dict[str, str]) -> None:
     if not isinstance(node, dict):
         return
     if node.get("type") == "string" and "x-unit" in node:
-        name = text_name(node["x-unit"])
+        # Name of the definition of text with this unit, such as "text_Pa_per_m"
+        name = "text_" + re.sub(r"\W+", "_", node["x-unit"].replace("/", "_per_").replace("^", ""))
         texts[name] = "" if node["x-unit"] == "1" else node["x-unit"]
         node.clear()
         node["$ref"] = _DEFS + name
@@ -96,11 +97,6 @@ def _refine(node: Any, tables: dict[str, Any], texts: dict[str, str]) -> None:
         del node["oneOf"]
         mark = node.pop("discriminator")
         node.update(_told_apart(mark["propertyName"], mark["mapping"], tables))
-
-
-def text_name(unit: str) -> str:
-    """Name of the definition of text with this unit, such as "text_Pa_per_m"."""
-    return "text_" + re.sub(r"\W+", "_", unit.replace("/", "_per_").replace("^", ""))
 
 
 def _told_apart(mark: str, mapping: dict[str, str], tables: dict[str, Any]) -> dict[str, Any]:

@@ -34,8 +34,7 @@ from tribox.app.case.table import (
 _LETTERS = "A-Za-z0-9.+=_%µμ-"
 LABEL = re.compile(rf"[{_LETTERS}]*=[{_LETTERS}]*")
 """What the name of a directory looks like that a value of a sweep gets."""
-LONGEST_LABEL = 200
-"""Bytes of such a name; file systems take 255."""
+LONGEST_LABEL = 200  # bytes of such a name; file systems take 255
 
 
 def _petsc_value(value: object) -> object:
@@ -121,8 +120,7 @@ class Solver(Model):
         default=0.9, description="time step over the stable step; explicit only"
     )
     damping: Annotated[float, Quantity("1/s", ge=0.0)] = Field(
-        default=0.0,
-        description="c of the mass-proportional damping force c m v; explicit only",
+        default=0.0, description="c of the mass-proportional damping force c m v; explicit only"
     )
     mass_scaling: MassScaling | None = Field(
         default=None, description="mass added for a longer step; explicit only"

@@ -14,13 +14,7 @@ from tribox.app.case.table import MOST_ENTRIES, Count, Flag, Model, Name, Place,
 from tribox.app.case.time_tables import smooth_step, smooth_step_integral
 from tribox.app.case.tools import Tool
 
-_STEADY_KEYS = (
-    "slip_step",
-    "min_steps",
-    "max_steps",
-    "steady_tolerance",
-    "film_stress_limit",
-)
+_STEADY_KEYS = ("slip_step", "min_steps", "max_steps", "steady_tolerance", "film_stress_limit")
 
 
 class Stage(Model):
@@ -226,10 +220,7 @@ def order_problems(stages: Sequence[Stage], default: str, place: Place) -> Itera
 
 
 def _driving_problems(
-    stages: Sequence[Stage],
-    boundaries: Sequence[Boundary],
-    place: Place,
-    tools: Mapping[str, Tool],
+    stages: Sequence[Stage], boundaries: Sequence[Boundary], place: Place, tools: Mapping[str, Tool]
 ) -> Iterator[Problem]:
     """Velocities without a driven boundary, or the other way round."""
     movers: list[Place] = [
@@ -258,21 +249,13 @@ def _driving_problems(
 
 @dataclass(frozen=True, slots=True)
 class LoadStep:
-    """A stretch of a stage with one velocity and one length of step.
+    """A stretch of a stage with one velocity and one length of step."""
 
-    Attributes:
-        stage: the stage it belongs to.
-        velocity: m/s, of driven boundaries.
-        dt: s, the step asked for; in explicit stages the interval between two rows.
-        steps: number of such steps; None: until steady.
-        before: m/s, velocity of driven boundaries when the load step begins.
-    """
-
-    stage: Stage
-    velocity: float
-    dt: float
-    steps: int | None
-    before: float = 0.0
+    stage: Stage  # the stage it belongs to
+    velocity: float  # m/s, of driven boundaries
+    dt: float  # s, the step asked for; in explicit stages the interval between two rows
+    steps: int | None  # number of such steps; None: until steady
+    before: float = 0.0  # m/s, velocity of driven boundaries when the load step begins
 
     @property
     def label(self) -> str:

@@ -61,23 +61,16 @@ class _Absent:
         return "ABSENT"
 
 
-ABSENT = _Absent()
-"""Stands for "no value to show" in a `Problem`; None could be a value."""
+ABSENT = _Absent()  # stands for "no value to show" in a `Problem`; None could be a value
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong in a case.
+    """One thing that is wrong in a case."""
 
-    Attributes:
-        place: where, from the top of the case.
-        reason: what is allowed, or what is wrong, in a few words.
-        found: the value to show; `ABSENT` shows only the place.
-    """
-
-    place: Place
-    reason: str
-    found: Any = ABSENT
+    place: Place  # where, from the top of the case
+    reason: str  # what is allowed, or what is wrong, in a few words
+    found: Any = ABSENT  # the value to show; `ABSENT` shows only the place
 
 
 def size_problems(

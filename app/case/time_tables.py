@@ -15,9 +15,9 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, GetJsonSchemaHandler
+from pydantic import Field
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from tribox.app.case.quantities import (
     Quantity,
@@ -29,8 +29,7 @@ from tribox.app.case.quantities import (
 )
 from tribox.app.case.table import ABSENT, Model, Place, Problem
 
-Row = tuple[float, float]
-"""One row of a table: an argument (such as a time) and a value, both SI."""
+Row = tuple[float, float]  # one row of a table: an argument (such as a time) and a value, both SI
 
 
 RAMPS = ("linear", "smooth")
@@ -51,17 +50,11 @@ def smooth_step_integral(share: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TimeTable:
-    """A function of time through given points, constant before the first and after the last.
+    """A function of time through given points, constant before the first and after the last."""
 
-    Attributes:
-        times: s, strictly increasing, at least one.
-        values: one SI value per time.
-        smooth: between two points, follow `smooth_step` instead of a straight line.
-    """
-
-    times: tuple[float, ...]
-    values: tuple[float, ...]
-    smooth: bool = False
+    times: tuple[float, ...]  # s, strictly increasing, at least one
+    values: tuple[float, ...]  # one SI value per time
+    smooth: bool = False  # between two points, follow `smooth_step` instead of a straight line
 
     def __post_init__(self) -> None:
         if not self.times or len(self.times) != len(self.values):
@@ -154,15 +147,10 @@ _TIME = Quantity("s", name="time")
 
 @dataclass(frozen=True, slots=True)
 class Program(Written):
-    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`.
+    """Pydantic annotation of a `TimeTable` field: a quantity or a table `[[time, value], ...]`."""
 
-    Attributes:
-        unit: SI unit of the values.
-        word: a word the field accepts too, and keeps as text (such as "driven").
-    """
-
-    unit: str
-    word: str | None = None
+    unit: str  # SI unit of the values
+    word: str | None = None  # a word the field accepts too, and keeps as text (such as "driven")
 
     def parse(self, value: object) -> TimeTable | str:
         """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
@@ -222,9 +210,8 @@ class Program(Written):
         text = _rows_as_text(rows, _TIME, Quantity(self.unit))
         return {"table": text, "ramp": "smooth"} if value.smooth else text
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         schema = _table_schema(_TIME.unit, self.unit)
         schema["anyOf"] += [] if self.word is None else [{"const": self.word}]
         ramp = {"enum": list(RAMPS)}
@@ -235,13 +222,9 @@ class Program(Written):
 
 @dataclass(frozen=True, slots=True)
 class NumberOrProgram(Program):
-    """Pydantic annotation of a field that is a number, or a `TimeTable` where it changes with time.
+    """Pydantic annotation of a number, or a `TimeTable` where it changes with time."""
 
-    Attributes:
-        least: no value may be below it, SI; None: any may.
-    """
-
-    least: float | None = None
+    least: float | None = None  # no value may be below it, SI; None: any may
 
     def parse(self, value: object) -> float | TimeTable:  # type: ignore[override]
         """The number, or the table of `[[time, value], ...]`."""
@@ -256,10 +239,9 @@ class NumberOrProgram(Program):
         table = value if isinstance(value, TimeTable) else TimeTable.constant(value)
         return Program.serialise(self, table)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        out = Program.__get_pydantic_json_schema__(self, schema, handler)
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
+        out = Program.json_schema(self)
         if self.least is not None:
             out["anyOf"][0] = {"type": "number", "minimum": self.least}
         return out
@@ -275,14 +257,10 @@ class NumberOrTable(Written):
     """Pydantic annotation of a plain number, or a table of it over another quantity.
 
     The field is a float, or the rows `((argument, value), ...)` with increasing arguments.
-
-    Attributes:
-        argument: the quantity of the first column.
-        value: the quantity of the number, or of the second column.
     """
 
-    argument: Quantity
-    value: Quantity
+    argument: Quantity  # the quantity of the first column
+    value: Quantity  # the quantity of the number, or of the second column
 
     def parse(self, value: object) -> float | tuple[Row, ...]:
         """The number, or the rows."""
@@ -299,20 +277,16 @@ class NumberOrTable(Written):
             return _rows_as_text(value, self.argument, self.value)
         return format_quantity(value, self.value.unit)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         return _table_schema(self.argument.unit, self.value.unit)
 
 
 @dataclass(frozen=True, slots=True)
 class Rows(NumberOrTable):
-    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`.
+    """Pydantic annotation of a table of one quantity over another: `((argument, value), ...)`."""
 
-    Attributes:
-        rising: whether the arguments must increase; False: they are pairs and no function.
-    """
-
+    # whether the arguments must increase; False: they are pairs and no function
     rising: bool = True
 
     def parse(self, value: object) -> tuple[Row, ...]:
@@ -322,9 +296,8 @@ class Rows(NumberOrTable):
             raise _at((), value, f"must be a table of rows [{pair}, ...]")
         return _parse_rows(value, self.argument, self.value, self.rising)
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         whole = _table_schema(self.argument.unit, self.value.unit)
         return {**whole["anyOf"][2], "x-unit": whole["x-unit"]}
 

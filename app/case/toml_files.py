@@ -19,10 +19,8 @@ from tribox.app.errors import InputError
 
 # -- TOML of anyone's making as plain data within bounds; what goes beyond them is refused ---------
 
-DEEPEST = 30
-"""Tables and arrays inside each other; a case needs eight."""
-DIGITS = 400
-"""Of a whole number; no float is larger."""
+DEEPEST = 30  # tables and arrays inside each other; a case needs eight
+DIGITS = 400  # of a whole number; no float is larger
 
 
 class TomlError(ValueError):
@@ -60,7 +58,17 @@ def parse_toml(text: str) -> dict[str, Any]:
         found = re.search(rf"[0-9_]{{{DIGITS},}}", text)
         line = None if found is None else text.count("\n", 0, found.start()) + 1
         raise TomlError(_TOO_LONG, line) from None
-    see_bounds(data)
+    # See that the bounds are kept; without recursion, which has a bound of its own.
+    level: list[tuple[str, Any]] = [("", data)]
+    for _ in range(DEEPEST + 1):
+        level = [entry for place, value in level for entry in _entries(place, value)]
+        for place, value in level:
+            if isinstance(value, int) and value.bit_length() > DIGITS * 10 // 3:
+                raise TomlError(f"{place}: {_TOO_LONG}")
+            if isinstance(value, date | time):
+                raise TomlError(f"{place}: is a date or time of day, which no key takes")
+    if level:
+        raise TomlError(f"{level[0][0].split('.')[0]}: {_TOO_DEEP}")
     return data
 
 
@@ -79,24 +87,6 @@ def flat(table: Any, before: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{before}{key}", value
 
 
-def see_bounds(data: dict[str, Any]) -> None:
-    """See that plain data keep the bounds; without recursion, which has a bound of its own.
-
-    Raises:
-        TomlError: they do not.
-    """
-    level: list[tuple[str, Any]] = [("", data)]
-    for _ in range(DEEPEST + 1):
-        level = [entry for place, value in level for entry in _entries(place, value)]
-        for place, value in level:
-            if isinstance(value, int) and value.bit_length() > DIGITS * 10 // 3:
-                raise TomlError(f"{place}: {_TOO_LONG}")
-            if isinstance(value, date | time):
-                raise TomlError(f"{place}: is a date or time of day, which no key takes")
-    if level:
-        raise TomlError(f"{level[0][0].split('.')[0]}: {_TOO_DEEP}")
-
-
 def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:
     """What is inside a value, with its dotted place."""
     before = f"{place}." if place else ""
@@ -111,10 +101,7 @@ def _entries(place: str, value: Any) -> Iterator[tuple[str, Any]]:
 _LISTS = ("boundary", "contact", "probe", "stage")  # tables of which there may be several
 _NUMBER = r"[-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"([\w.-]+)\s*=\s*({_NUMBER}\s*[A-Za-zµ°%][\w/^*·%°µ]*)")
-_WORDS = {
-    **dict.fromkeys(("yes", "on"), "true"),
-    **dict.fromkeys(("no", "off"), "false"),
-}
+_WORDS = {**dict.fromkeys(("yes", "on"), "true"), **dict.fromkeys(("no", "off"), "false")}
 _NOTHING = ("none", "null", "nan", "nil")
 # What is wrong with a line, by a pattern of it without comments, and the cure.
 _CURES = (
@@ -364,8 +351,7 @@ def _value(value: Any) -> str:
 # -- Text files of anyone's making: read if they are files, of bounded size, in UTF-8  ------------
 
 MEGABYTE = 1_000_000
-LARGEST = 4 * MEGABYTE
-"""Bytes of a case file or of data."""
+LARGEST = 4 * MEGABYTE  # bytes of a case file or of data
 
 
 def read_text(path: Path, largest: int = LARGEST) -> str:

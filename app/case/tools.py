@@ -7,24 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import (
-    Field,
-    GetJsonSchemaHandler,
-    ValidationInfo,
-    field_serializer,
-    field_validator,
-)
+from pydantic import Field, ValidationInfo, field_serializer, field_validator
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
 
 from tribox.app.case.boundary import Direction, Spring, named_stage_problems
 from tribox.app.case.geometry import Scale
-from tribox.app.case.quantities import (
-    Quantity,
-    Written,
-    format_quantity,
-    text_schema,
-)
+from tribox.app.case.quantities import Quantity, Written, format_quantity, text_schema
 from tribox.app.case.table import MOST_ENTRIES, Flag, Model, Place, Problem, Text, size_problems
 from tribox.app.case.time_tables import (
     COMPONENTS,
@@ -66,9 +54,8 @@ class _OneOrMany(Written):
             return [format_quantity(one, "m") for one in value]
         return format_quantity(value, "m")
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def json_schema(self) -> JsonSchemaValue:
+        """See the base class."""
         one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
         return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
@@ -529,7 +516,19 @@ def tool_problems(
         yield from tool.problems(place)
         if section is not None:
             yield from tool.section_problems(section, place)
-        yield from _inertia_problems(tool, explicit, place)
+        # Masses that explicit dynamics needs, and that nothing else does
+        turned = tool.rotation is not None and tool.rotation.moment is not None
+        inertia = None if tool.rotation is None else tool.rotation.inertia
+        parts = (
+            (("mass",), tool.force is not None or tool.spring is not None, tool.mass, "kg"),
+            (("rotation", "inertia"), turned, inertia, "kg*m^2"),
+        )
+        for keys, needed, value, unit in parts:
+            if explicit and needed and value is None:
+                reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
+                yield Problem((*place, *keys), reason)
+            if not explicit and needed and value is not None:
+                yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)
         for key in ("stages", "displacement_stages"):
             yield from named_stage_problems(getattr(tool, key) or (), stages, (*place, key))
         if explicit and tool.hold_force:
@@ -538,19 +537,3 @@ def tool_problems(
         if explicit and tool.stop is not None:
             reason = "does not go with explicit stages; give a displacement from there on"
             yield Problem((*place, "stop"), reason)
-
-
-def _inertia_problems(tool: Tool, explicit: bool, place: Place) -> Iterator[Problem]:
-    """Masses that explicit dynamics needs, and that nothing else does."""
-    turned = tool.rotation is not None and tool.rotation.moment is not None
-    inertia = None if tool.rotation is None else tool.rotation.inertia
-    parts = (
-        (("mass",), tool.force is not None or tool.spring is not None, tool.mass, "kg"),
-        (("rotation", "inertia"), turned, inertia, "kg*m^2"),
-    )
-    for keys, needed, value, unit in parts:
-        if explicit and needed and value is None:
-            reason = f'missing; explicit dynamics needs it for what a load moves, in "{unit}"'
-            yield Problem((*place, *keys), reason)
-        if not explicit and needed and value is not None:
-            yield Problem((*place, *keys), 'goes with solver.kind = "explicit" only', value)

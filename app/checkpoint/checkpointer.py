@@ -31,7 +31,7 @@ from tribox.app.simulation.simulation import Simulation
 # Each is written under a temporary name, synced to the disk and renamed; its manifest holds the
 # size and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few stay.
 
-FORMAT = 8
+FORMAT = 9
 INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (
@@ -43,16 +43,11 @@ _STATE, _ARRAYS, _MANIFEST = "state.json", "arrays.npz", "manifest.json"
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """One checkpoint.
+    """One checkpoint."""
 
-    Attributes:
-        about: its manifest: step, time, status of the run, versions and so on.
-        tree: snapshot as plain data; arrays: of it, by name.
-    """
-
-    about: dict[str, Any]
-    tree: Any
-    arrays: dict[str, Array] = field(default_factory=dict)
+    about: dict[str, Any]  # its manifest: step, time, status of the run, versions and so on
+    tree: Any  # snapshot as plain data
+    arrays: dict[str, Array] = field(default_factory=dict)  # of it, by name
 
 
 def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path:

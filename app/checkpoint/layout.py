@@ -23,30 +23,17 @@ from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.body_facets import owned_facets
 from tribox.geometry.surfaces.facets import Floats, Longs, order_by_place
 
-KINDS = {
-    "array": np.ndarray,
-    "nodal": Nodal,
-    "points": AtPoints,
-    "cells": InCells,
-    "sum": Partial,
-}
-WHOSE = ("pair", "body")
-"""Attributes of such kinds that tell whose rows an array has."""
+KINDS = {"array": np.ndarray, "nodal": Nodal, "points": AtPoints, "cells": InCells, "sum": Partial}
+WHOSE = ("pair", "body")  # attributes of such kinds that tell whose rows an array has
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Rows of all ranks, one rank after the other, and their order that ranks do not change.
+    """Rows of all ranks, one rank after the other, and their order that ranks do not change."""
 
-    Attributes:
-        comm: of the ranks.
-        order: (n,) the gathered row of each ordered one; empty but on the first rank.
-        counts: rows of each rank, likewise.
-    """
-
-    comm: MPI.Comm
-    order: Longs
-    counts: list[int]
+    comm: MPI.Comm  # of the ranks
+    order: Longs  # (n,) the gathered row of each ordered one; empty but on the first rank
+    counts: list[int]  # rows of each rank, likewise
 
     @classmethod
     def of(cls, comm: MPI.Comm, mine: int, order: Longs) -> Order:

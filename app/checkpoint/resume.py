@@ -37,17 +37,11 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The checkpoint that a run goes on from.
+    """The checkpoint that a run goes on from."""
 
-    Attributes:
-        about: its manifest, on all ranks.
-        notes: what the user should know of it, one line each.
-        checkpoint: all of it, on the first rank.
-    """
-
-    about: dict[str, Any]
-    notes: list[str]
-    checkpoint: Checkpoint | None = field(default=None, repr=False)
+    about: dict[str, Any]  # its manifest, on all ranks
+    notes: list[str]  # what the user should know of it, one line each
+    checkpoint: Checkpoint | None = field(default=None, repr=False)  # all of it, on the first rank
 
     @property
     def is_done(self) -> bool:
@@ -84,11 +78,7 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
 
 
 def go_on(
-    simulation: Simulation,
-    found: Found,
-    directory: Path,
-    extend: bool,
-    inputs: Mapping[str, str],
+    simulation: Simulation, found: Found, directory: Path, extend: bool, inputs: Mapping[str, str]
 ) -> Snapshot:
     """Put a run that has not begun where the checkpoint was taken; collective.
 

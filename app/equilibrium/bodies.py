@@ -296,14 +296,16 @@ class Bodies:
     def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> bool:
         """Add matrices; returns whether those of the points beside the cells were added too."""
         u, places = self._u.x.array, placed.places
-        beside = [one.beside(u) for one in placed.points] if placed.points else [None, None]
-        inner = outer = None
-        if excess is not None:
-            inner, outer = excess[places.inside], excess[~places.inside]
+        inner, outer = placed.points or (None, None)
+        beside = None if inner is None else inner.beside(u)
         if len(places.starts):
+            more = None if excess is None else excess[places.inside]
             with places.values(A) as values:
-                placed.inside.add_tangent(u, values, places.starts, inner, beside[0])
-        matrices = np.zeros((*places.dense.shape, self._dim))
-        placed.outside.add_tangent(u, matrices, places.dense, outer, beside[1])
-        places.add_outside(A, matrices)
-        return beside[0] is not None
+                placed.inside.add_tangent(u, values, places.starts, more, beside)
+        if len(places.dense):
+            matrices = np.zeros((*places.dense.shape, self._dim))
+            more = None if excess is None else excess[~places.inside]
+            other = None if outer is None else outer.beside(u)
+            placed.outside.add_tangent(u, matrices, places.dense, more, other)
+            places.add_outside(A, matrices)
+        return beside is not None

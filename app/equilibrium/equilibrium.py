@@ -52,8 +52,8 @@ class RoundOff:
 
     Newton's method carried on without end stays between 0.15 and 0.5 of r: blocks, boxes, a sphere,
     of 1 kPa to 70 GPa, moved by up to 600 cells; in bodies stretched, sheared and thinned 5 to 8
-    times between 0.03 and 0.9. Rounded gaps are left out: they count where the contact is the
-    stiffest thing there is, and are 1e-12 of its force then.
+    times between 0.03 and 0.9. Rounded gaps are the contacts'
+    (:meth:`tribox.forms.contact.penalty.ContactTerm.roundoff_squared`).
 
     Attributes:
         names: of the solids; let_go: of those that no support keeps in their place.
@@ -261,12 +261,14 @@ class Equilibrium:
             force: N/m, that was there before, as of a body that is let go.
         """
         bodies = self.rounding.norm(max(self.reference_force, force))
-        ties = [term for term in self.contacts if term.tied]
-        if not ties:
-            return bodies
+        return float(np.hypot(bodies, self.roundoff_of_contacts()))
+
+    def roundoff_of_contacts(self) -> float:
+        """What rounded gaps and jumps alone leave of the residual, N/m; collective."""
         x = self.u.x.petsc_vec
-        local = sum(term.roundoff_squared(x) for term in ties)
-        return float(np.hypot(bodies, np.sqrt(self.comm.allreduce(local, op=MPI.SUM))))
+        evaluated = zip(self.contacts, self.trials, strict=False)  # nothing is, at the start
+        local = sum(term.roundoff_squared(x, trial) for term, trial in evaluated)
+        return float(np.sqrt(self.comm.allreduce(local, op=MPI.SUM))) if self.contacts else 0.0
 
     def constrained_dofs(self) -> Ints:
         """Owned local unknowns with a prescribed displacement."""
@@ -372,7 +374,7 @@ class Equilibrium:
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
         self.reference_force = reference_force(
-            self._on_bodies(self.unbalanced), outside, contact_squared, self.constraints
+            self._forces(), outside, contact_squared, self.constraints
         )
         self._known.balanced = step
 
@@ -383,6 +385,16 @@ class Equilibrium:
         out = values.copy()
         for field in self.fields:
             out[field.dofs] = 0.0
+        return out
+
+    def _forces(self) -> Floats:
+        """Residuals (n,) of the last evaluation, but for fields and moments on tools.
+
+        A moment grows with how far off the tool's centre lies: beside it no residual would count.
+        """
+        out = self._on_bodies(self.unbalanced).copy()
+        for tool in self.tools:
+            out[tool.dofs[-1:][tool.here[-1:]]] = 0.0
         return out
 
     def judged(self, f: PETSc.Vec, force: float) -> tuple[float, float]:

@@ -19,39 +19,25 @@ from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Blocks that a tool driven by a force comes to rest on.
+    """Blocks that a tool driven by a force comes to rest on."""
 
-    Attributes:
-        low, high: (k,) m, displacements of the slots that they lie at; infinite: there are none.
-        stiffness: (k,) N/m per unit thickness.
-    """
-
-    low: Floats
-    high: Floats
-    stiffness: Floats
+    low: Floats  # (k,) m, displacements of the slots that they lie at
+    high: Floats  # infinite: there are none
+    stiffness: Floats  # (k,) N/m per unit thickness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidTool:
-    """A rigid tool; its unknowns, the slots k, are the components of c and then θL.
+    """A rigid tool; its unknowns, the slots k, are the components of c and then θL."""
 
-    Attributes:
-        name: of the tool; surface: its shape; motion: of its control points.
-        block: of the slots.
-        free: (k,) whether a force or a moment moves the slot, in some stage at least.
-        idle: whether no moment drives the angle, so that nothing may hold it.
-        mass: (k,) kg per unit thickness: the mass, and the moment of inertia over L².
-        stop: blocks that take over the forces that drive it; None: there are none.
-    """
-
-    name: str
-    surface: RigidSurface
-    motion: RigidMotion
-    block: Block
-    free: Bools
-    idle: bool
-    mass: Floats
-    stop: Stop | None = None
+    name: str  # of the tool
+    surface: RigidSurface  # its shape
+    motion: RigidMotion  # of its control points
+    block: Block  # of the slots
+    free: Bools  # (k,) whether a force or a moment moves the slot, in some stage at least
+    idle: bool  # whether no moment drives the angle, so that nothing may hold it
+    mass: Floats  # (k,) kg per unit thickness: the mass, and the moment of inertia over L²
+    stop: Stop | None = None  # blocks that take over the forces that drive it; None: there are none
 
     @property
     def slots(self) -> int:
@@ -129,8 +115,7 @@ SLIGHT = 1e-9
 
 A roller that nothing touches, or without friction, has any angle: the tangent would be singular.
 """
-NOTHING = 1e-6
-"""Force of such a spring, over the reference force, that is too much for a solution."""
+NOTHING = 1e-6  # force of such a spring, over the reference force, that is too much for a solution
 SLIPPING = 1e-3
 """Stiffness of the contact against a turn, over that of a body, below which nothing sticks."""
 

@@ -32,8 +32,7 @@ from tribox.app.equilibrium.unknowns import Platen, Unknowns
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SINGULAR = 1e-6  # part of a unit vector below which nothing is left to eliminate
-_Entry = tuple[Longs, Longs, Floats]
-"""Rows, columns and values, in global numbers."""
+_Entry = tuple[Longs, Longs, Floats]  # rows, columns and values, in global numbers
 _Entries = list[_Entry]
 
 
@@ -74,17 +73,12 @@ class SlantedPlaten(Platen):
 
 @dataclass(frozen=True, slots=True)
 class NodeGroup:
-    """Nodes with the same platens, and the same components prescribed.
+    """Nodes with the same platens, and the same components prescribed."""
 
-    Attributes:
-        nodes: (m,) local nodes, owned by this rank; platens: numbers (p,) of their platens.
-        normals: N (p, i); pivots: components J (p,), one for each platen.
-    """
-
-    nodes: Longs
-    platens: tuple[int, ...]
-    normals: Floats
-    pivots: Longs
+    nodes: Longs  # (m,) local nodes, owned by this rank
+    platens: tuple[int, ...]  # numbers (p,) of their platens
+    normals: Floats  # N (p, i)
+    pivots: Longs  # components J (p,), one for each platen
 
     @property
     def dofs(self) -> Longs:

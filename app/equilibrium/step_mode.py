@@ -14,17 +14,12 @@ from tribox.geometry.surfaces.facets import Floats
 
 @dataclass(frozen=True, slots=True)
 class HoldingSprings:
-    """A spring to a fixed place at every node of a body, in the directions in which it is loose.
+    """A spring to a fixed place at every node of a body, in the directions in which it is loose."""
 
-    Attributes:
-        stiffness: (n,), N/m, of the owned unknowns.
-        place: (n,), m, where they carry no force.
-        weak: whether they are part of the solution, of bodies that carry nothing: forces are to be
-            compared with the largest of the run then.
-    """
-
-    stiffness: Floats
-    place: Floats
+    stiffness: Floats  # (n,), N/m, of the owned unknowns
+    place: Floats  # (n,), m, where they carry no force
+    # whether they are part of the solution, of bodies that carry nothing: forces are to be compared
+    # with the largest of the run then
     weak: bool = False
 
     def force(self, at: Floats) -> Floats:
@@ -34,18 +29,13 @@ class HoldingSprings:
 
 @dataclass(frozen=True, slots=True)
 class StepMode:
-    """What residual and tangent depend on beside the displacements and the loads.
+    """What residual and tangent depend on beside the displacements and the loads."""
 
-    Attributes:
-        dt: duration of the step, s.
-        modes: mode of each contact pair; empty: all pairs as they are.
-        holding: springs that hold bodies while a solution is sought; None in what is committed.
-        rate_dependent: whether the bodies' materials feel time; the contacts' modes say it of them.
-    """
-
-    dt: float = 1.0
-    modes: tuple[ContactMode, ...] = ()
+    dt: float = 1.0  # duration of the step, s
+    modes: tuple[ContactMode, ...] = ()  # mode of each contact pair; empty: all pairs as they are
+    # springs that hold bodies while a solution is sought; None in what is committed
     holding: HoldingSprings | None = None
+    # whether the bodies' materials feel time; the contacts' modes say it of them
     rate_dependent: bool = True
 
     @classmethod

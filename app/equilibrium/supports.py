@@ -57,14 +57,10 @@ def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:
 
 @dataclass(frozen=True, slots=True)
 class PairBodies:
-    """The bodies of one contact.
+    """The bodies of one contact."""
 
-    Attributes:
-        slave, master: the bodies whose surfaces they are; a master may be a tool.
-    """
-
-    slave: Solid
-    master: Solid | RigidTool
+    slave: Solid  # the bodies whose surfaces they are
+    master: Solid | RigidTool  # a master may be a tool
 
     @property
     def softer(self) -> Solid:
@@ -100,14 +96,10 @@ def _nodes_of(problem: Equilibrium, solid: Solid) -> Longs:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A surface that is tied to a tool.
+    """A surface that is tied to a tool."""
 
-    Attributes:
-        tool: that grips; nodes: owned local nodes of the surface.
-    """
-
-    tool: RigidTool
-    nodes: Ints
+    tool: RigidTool  # that grips
+    nodes: Ints  # owned local nodes of the surface
 
     def resisted(self, problem: Equilibrium, moved: Floats, free: Bools) -> Floats:
         """What is left of motions (n, i, r) of the nodes when the tool has followed; collective.
@@ -130,15 +122,11 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class JoinedBodies:
-    """Bodies that are supported, or not, together.
+    """Bodies that are supported, or not, together."""
 
-    Attributes:
-        groups: bodies, those together that share nodes; ties join the groups.
-        grips: contacts that tie one of them to a tool.
-    """
-
+    # bodies, those together that share nodes; ties join the groups
     groups: tuple[tuple[Solid, ...], ...]
-    grips: tuple[Grip, ...] = ()
+    grips: tuple[Grip, ...] = ()  # contacts that tie one of them to a tool
 
     @property
     def solids(self) -> tuple[Solid, ...]:
@@ -198,20 +186,14 @@ def _owned(problem: Equilibrium, nodes: Longs) -> Ints:
 
 @dataclass(frozen=True, slots=True)
 class Loose:
-    """A direction in which no boundary supports a body, bodies that are bonded, or a tool.
+    """A direction in which no boundary supports a body, bodies that are bonded, or a tool."""
 
-    Attributes:
-        bodies: their names, or the tool's; component: 0 for x, 1 for y.
-        nodes: their local nodes, owned by this rank.
-        kind: "body" or "tool".
-        turns: whether the direction is the angle of a tool, which the first component of a node of
-            its own holds.
-    """
-
-    bodies: tuple[str, ...]
-    component: int
-    nodes: Ints
-    kind: str = "body"
+    bodies: tuple[str, ...]  # their names, or the tool's
+    component: int  # 0 for x, 1 for y
+    nodes: Ints  # their local nodes, owned by this rank
+    kind: str = "body"  # "body" or "tool"
+    # whether the direction is the angle of a tool, which the first component of a node of its own
+    # holds
     turns: bool = False
 
     @property
@@ -331,16 +313,11 @@ SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid mo
 
 @dataclass(frozen=True, slots=True)
 class FreeBody:
-    """A body, or several that are joined, with a rigid motion that no support prevents.
+    """A body, or several that are joined, with a rigid motion that no support prevents."""
 
-    Attributes:
-        joined: the bodies; nodes: local nodes that this rank owns.
-        extent: m, its largest along an axis.
-    """
-
-    joined: JoinedBodies
-    nodes: Ints
-    extent: float
+    joined: JoinedBodies  # the bodies
+    nodes: Ints  # local nodes that this rank owns
+    extent: float  # m, its largest along an axis
 
     @property
     def name(self) -> str:

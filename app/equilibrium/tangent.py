@@ -37,7 +37,6 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from tribox.geometry.surfaces.slave_points import SlaveVertices
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 
@@ -519,9 +518,11 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     # Σ_A L_A R_Aᵀ: each vertex couples all nodes that any facet around it touches, a dense block
     # per vertex.
     around = _incidence(surface.vertices.of_point[first], surface.vertices.count).T
-    if isinstance(term, LubricatedTerm):  # a film couples all of its vertices
+    shared, comm = surface.vertices.shared, surface.vertices.comm
+    if isinstance(term, LubricatedTerm):  # a film couples all of its vertices, of all ranks
         around = scipy.sparse.csr_matrix(np.ones((1, around.shape[0]), dtype=np.int32)) @ around
-    patches, nodes = _of_all_ranks(around @ touched, nodes, surface.vertices)
+        shared = np.ones(1, dtype=bool)
+    patches, nodes = _of_all_ranks(around @ touched, nodes, shared, comm)
     return _distinct(np.concatenate([pairs, _upper(patches.T @ patches, nodes)]))
 
 
@@ -566,22 +567,22 @@ def _upper(pattern: scipy.sparse.spmatrix, nodes: Longs) -> Longs:
 
 
 def _of_all_ranks(
-    patches: scipy.sparse.spmatrix, nodes: Longs, vertices: SlaveVertices
+    patches: scipy.sparse.spmatrix, nodes: Longs, shared: Bools, comm: MPI.Comm
 ) -> tuple[scipy.sparse.csr_matrix, Longs]:
     """Nodes around each vertex (v, n), of shared vertices those of all ranks; collective."""
-    if vertices.comm.size == 1:
+    if comm.size == 1:
         return _present(patches), nodes
     mine = _present(patches).tocoo()
-    shared = vertices.shared[mine.row]
-    gathered = vertices.comm.allgather((mine.row[shared], nodes[mine.col[shared]]))
+    offered = shared[mine.row]
+    gathered = comm.allgather((mine.row[offered], nodes[mine.col[offered]]))
     # Of what others say, only that of vertices which lie here too.
-    here = np.zeros(vertices.count, dtype=bool)
+    here = np.zeros(len(shared), dtype=bool)
     here[mine.row] = True
     vertex = np.concatenate([mine.row, *(row for row, _ in gathered)])
     node = np.concatenate([nodes[mine.col], *(column for _, column in gathered)])
     vertex, node = vertex[here[vertex]], node[here[vertex]]
     distinct, number = np.unique(node, return_inverse=True)
-    return _table(vertex, number.reshape(-1), (vertices.count, len(distinct))), distinct
+    return _table(vertex, number.reshape(-1), (len(shared), len(distinct))), distinct
 
 
 def _incidence(table: Longs, count: int) -> scipy.sparse.csr_matrix:

@@ -108,20 +108,14 @@ def component_dofs(space: dolfinx.fem.FunctionSpace, facets: Ints, component: in
 
 @dataclass(slots=True)
 class NodalLoad:
-    """Dead forces on unknowns: a factor, the same on all ranks, times what each unknown has.
+    """Dead forces on unknowns: a factor, the same on all ranks, times what each unknown has."""
 
-    Attributes:
-        dofs: local scalar unknowns, owned by this rank, each at most once.
-        shares: (c,) or one for all, N (in plane strain per unit thickness) for a factor of one,
-            along the coordinate axes.
-        factor: the present factor; set it before assembling.
-        takes_over: whether they begin as what has balanced the bodies so far.
-    """
-
-    dofs: Ints
+    dofs: Ints  # local scalar unknowns, owned by this rank, each at most once
+    # (c,) or one for all, N (in plane strain per unit thickness) for a factor of one, along the
+    # coordinate axes
     shares: Floats | float = 1.0
-    factor: float = 0.0
-    takes_over: bool = False
+    factor: float = 0.0  # the present factor; set it before assembling
+    takes_over: bool = False  # whether they begin as what has balanced the bodies so far
 
     def add_to(self, forces: Floats) -> None:
         """Add the forces to those of the owned unknowns, ghosts after them or not."""

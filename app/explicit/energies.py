@@ -131,17 +131,11 @@ class EnergyWatch(Remembers):
 
 @dataclass(frozen=True, slots=True)
 class LoadForces:
-    """Forces from outside at a whole step, N per unit thickness.
+    """Forces from outside at a whole step, N per unit thickness."""
 
-    Attributes:
-        supports: (c,) on the constrained unknowns.
-        loads: residual of all loads, local unknowns; None where there are none.
-        platens: (p,) on the platens, the same on all ranks.
-    """
-
-    supports: Floats
-    loads: Floats | None
-    platens: Floats
+    supports: Floats  # (c,) on the constrained unknowns
+    loads: Floats | None  # residual of all loads, local unknowns; None where there are none
+    platens: Floats  # (p,) on the platens, the same on all ranks
 
 
 class Energies:

@@ -190,11 +190,7 @@ class LeapFrog(Remembers):
     platen_displacement: Kept[Floats]
 
     def __init__(
-        self,
-        problem: Equilibrium,
-        state: ExplicitState,
-        dynamics: LumpedDynamics,
-        damping: float,
+        self, problem: Equilibrium, state: ExplicitState, dynamics: LumpedDynamics, damping: float
     ) -> None:
         """Find the platens' motion; collective.
 

@@ -36,21 +36,13 @@ from tribox.geometry.surfaces.surface import NodalVector
 
 @dataclass(frozen=True, slots=True)
 class MassScaling:
-    """Mass added so that the step may be longer.
+    """Mass added so that the step may be longer; ValueError if its values do not fit the kind."""
 
-    Attributes:
-        kind: "uniform": every density times a factor; "limiting": mass only for the elements that
-            would need a shorter step than ``step``.
-        factor: of all densities, >= 1; with "uniform" unless ``step`` is given.
-        step: s, stable step, before the safety factor, that the mass has to allow.
-
-    Raises:
-        ValueError: factor and step do not fit the kind.
-    """
-
+    # "uniform": every density times a factor; "limiting": mass only for the elements that would
+    # need a shorter step than ``step``
     kind: Literal["uniform", "limiting"] = "limiting"
-    factor: float | None = None
-    step: float | None = None
+    factor: float | None = None  # of all densities, >= 1; with "uniform" unless ``step`` is given
+    step: float | None = None  # s, stable step, before the safety factor, that the mass must allow
 
     def __post_init__(self) -> None:
         if self.kind == "limiting" and (self.step is None or self.factor is not None):
@@ -65,25 +57,16 @@ class MassScaling:
 
 @dataclass(frozen=True, slots=True)
 class ExplicitOptions:
-    """Settings of the explicit stepper.
+    """Settings of the explicit stepper."""
 
-    Attributes:
-        dt_safety: the recommended step over the stable one, in (0, 1].
-        damping: 1/s, c of the damping force c m v; >= 0.
-        mass_scaling: mass added for a longer step, or none.
-        reestimate_every: steps between two estimates of the stable step.
-        check_every: steps between two checks of the energy.
-        energy_limit: ratio of stored to supplied energy above which the run counts as unstable.
-        compiled: whether to use the compiled kernels where there are any.
-    """
-
-    dt_safety: float = 0.9
-    damping: float = 0.0
-    mass_scaling: MassScaling | None = None
-    reestimate_every: int = 1000
-    check_every: int = 100
+    dt_safety: float = 0.9  # the recommended step over the stable one, in (0, 1]
+    damping: float = 0.0  # 1/s, c of the damping force c m v; >= 0
+    mass_scaling: MassScaling | None = None  # mass added for a longer step, or none
+    reestimate_every: int = 1000  # steps between two estimates of the stable step
+    check_every: int = 100  # steps between two checks of the energy
+    # ratio of stored to supplied energy above which the run counts as unstable
     energy_limit: float = 1.5
-    compiled: bool = True
+    compiled: bool = True  # whether to use the compiled kernels where there are any
 
 
 # -- Lumped masses of a problem, raised where a longer step is wanted ------------------------------
@@ -93,18 +76,12 @@ ROUNDS = 20  # at most; an element's own factor changes the masses of its neighb
 
 @dataclass(frozen=True, slots=True)
 class ScaledMass:
-    """Masses with what the scaling added.
+    """Masses with what the scaling added."""
 
-    Attributes:
-        mass: (n,), kg per unit thickness, of the owned unknowns.
-        added, original: kg per unit thickness, by scaling and without, of all ranks.
-        scaled: share of the elements whose mass was raised.
-    """
-
-    mass: Floats
-    added: float
-    original: float
-    scaled: float
+    mass: Floats  # (n,), kg per unit thickness, of the owned unknowns
+    added: float  # kg per unit thickness, by scaling, of all ranks
+    original: float  # likewise, without scaling
+    scaled: float  # share of the elements whose mass was raised
 
 
 def scaled_mass(
@@ -203,34 +180,22 @@ NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of
 
 @dataclass(frozen=True, slots=True)
 class StableStep:
-    """Stable steps, s.
+    """Stable steps, s."""
 
-    Attributes:
-        limit: of everything together: above it the motion grows without bound.
-        elements: of the bodies alone; penalty: with contact and springs.
-        closing: √2 over the highest frequency of the nodes on the penalty alone.
-        reason: what limits the step.
-        place: where the fastest oscillation is, m, undeformed.
-    """
-
-    limit: float
-    elements: float
-    penalty: float
-    closing: float
-    reason: str
-    place: tuple[float, ...]
+    limit: float  # of everything together: above it the motion grows without bound
+    elements: float  # of the bodies alone
+    penalty: float  # with contact and springs
+    closing: float  # √2 over the highest frequency of the nodes on the penalty alone
+    reason: str  # what limits the step
+    place: tuple[float, ...]  # where the fastest oscillation is, m, undeformed
 
 
 @dataclass(slots=True)
 class Mode:
-    """The fastest oscillation found.
+    """The fastest oscillation found."""
 
-    Attributes:
-        value: 1/s², upper estimate of the eigenvalue; vector: (n,), of unit mass norm.
-    """
-
-    value: float
-    vector: Floats
+    value: float  # 1/s², upper estimate of the eigenvalue
+    vector: Floats  # (n,), of unit mass norm
 
 
 class Stiffness:
@@ -303,7 +268,8 @@ def largest(
         for previous in basis:  # full orthogonalisation: no spurious copies of eigenvalues
             z -= dynamics.dot(previous, z) * previous
         norm = float(np.sqrt(dynamics.dot(z, z)))
-        values, vectors = _tridiagonal(alpha, beta)
+        tridiagonal = np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1)
+        values, vectors = np.linalg.eigh(tridiagonal)
         beta.append(norm)
         # Residual |M⁻¹A y − θ y| = β |s_last| of the Ritz pair (Parlett, The Symmetric Eigenvalue
         # Problem, 1980, ch. 13): an eigenvalue lies within it, and θ + β |s_last| is an upper
@@ -314,12 +280,6 @@ def largest(
         basis.append(z / norm)
     ritz = sum(c * b for c, b in zip(vectors[:, -1], basis, strict=False))
     return Mode(float(values[-1] + missed), np.asarray(ritz))
-
-
-def _tridiagonal(alpha: list[float], beta: list[float]) -> tuple[Floats, Floats]:
-    matrix = np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1)
-    values, vectors = np.linalg.eigh(matrix)
-    return values, vectors
 
 
 class StableSteps:

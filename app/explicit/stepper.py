@@ -18,13 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
-from tribox.app.equilibrium.snapshot import (
-    AtPoints,
-    Nodal,
-    Snapshot,
-    of_bodies,
-    of_contacts,
-)
+from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot, of_bodies, of_contacts
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.explicit.energies import Energies, EnergyWatch, ExplicitError, LoadForces, folded
@@ -259,7 +253,9 @@ class ExplicitStepper:
             # rest.
             felt = dt if self.rate_dependent else math.inf
             valid = self.internal.evaluate(state.u.array, residual.array, felt)
-            self._press()
+            self.load_residuals = load_residuals(self.problem, self.load_residuals)
+            for values in self.load_residuals:
+                residual.array += values
             residual.collect_ghosts()
         with timer("contact"):
             trials = self._evaluate_contacts(dt)
@@ -280,12 +276,6 @@ class ExplicitStepper:
     def _evaluate_contacts(self, dt: float) -> list[ContactTrial]:
         u, rated = self.state.u, self.rate_dependent
         return [contact.evaluate(u, dt, rated) for contact in self.contacts]
-
-    def _press(self) -> None:
-        """Add the loads' forces."""
-        self.load_residuals = load_residuals(self.problem, self.load_residuals)
-        for values in self.load_residuals:
-            self._residual.array += values
 
     def _pulls(self) -> Floats:
         """Forces (p,) on the platens, N per unit thickness."""
@@ -376,10 +366,6 @@ class ExplicitStepper:
         """The present stable step, s, without safety; estimated again when due; collective."""
         return self.estimate().limit
 
-    def time_step(self) -> float:
-        """The step to take, s: the stable one times ``options.dt_safety``; collective."""
-        return self.options.dt_safety * self.stable_step()
-
     def estimate(self) -> StableStep:
         """What the stable step is made of; estimated again when due; collective."""
         return self._estimate.at(self.steps)
@@ -426,9 +412,8 @@ class FilmCorrection:
 
     def _touch(self) -> None:
         """Find the unknowns that the films' forces can reach; collective."""
-        pairs = [contact.exchange for contact in self.contacts]
-        self._exchanges = pairs
-        self._touched = self._dynamics.touched(pairs, self._scratch)
+        self._exchanges = [contact.exchange for contact in self.contacts]
+        self._touched = self._dynamics.touched(self._exchanges, self._scratch)
 
     def hold(self) -> None:
         """Put the films' tractions of the step before in place of those just evaluated."""

@@ -18,6 +18,7 @@ from PIL import Image
 
 from tribox.app.errors import InputError
 from tribox.app.figures.body_shapes import Bodies, ColourScale, common_scale, read_bodies
+from tribox.app.figures.deformed import title_of
 from tribox.app.figures.plane_bodies import draw_bodies, draw_slaves, frame_round
 from tribox.app.figures.scenes import (
     View,
@@ -31,7 +32,6 @@ from tribox.app.figures.scenes import (
     veil_of,
     with_room,
 )
-from tribox.app.figures.states import title_of
 from tribox.app.figures.style import CASE_STYLE, axis_names, body_names, heading, pair_names
 from tribox.app.figures.tractions import pairs_shown, roundoff_of, without_roundoff
 from tribox.app.results.directory import written_whole
@@ -62,7 +62,15 @@ class GifWriter(PillowWriter):
 
     def finish(self) -> None:
         """Write the file."""
-        palette = common_palette(self._frames)
+        # An image with a palette that serves all frames: colours far apart, and white
+        chosen = np.unique(np.linspace(0, len(self._frames) - 1, LOOKED_AT).round().astype(int))
+        width, height = self._frames[0].size
+        sheet = Image.new("RGB", (width, height * len(chosen)))
+        for place, number in enumerate(chosen):
+            sheet.paste(self._frames[number], (0, height * place))
+        found = sheet.quantize(COLOURS - 1, Image.Quantize.MAXCOVERAGE).getpalette() or []
+        palette = Image.new("P", (1, 1))
+        palette.putpalette([*found[: 3 * (COLOURS - 1)], 255, 255, 255])
         frames = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in self._frames]
         frames[0].save(
             self.outfile,
@@ -71,19 +79,6 @@ class GifWriter(PillowWriter):
             duration=int(1000 / self.fps),
             loop=0,
         )
-
-
-def common_palette(frames: list[Image.Image]) -> Image.Image:
-    """An image with a palette that serves all frames: colours far apart, and white."""
-    chosen = np.unique(np.linspace(0, len(frames) - 1, LOOKED_AT).round().astype(int))
-    width, height = frames[0].size
-    sheet = Image.new("RGB", (width, height * len(chosen)))
-    for place, number in enumerate(chosen):
-        sheet.paste(frames[number], (0, height * place))
-    found = sheet.quantize(COLOURS - 1, Image.Quantize.MAXCOVERAGE).getpalette() or []
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([*found[: 3 * (COLOURS - 1)], 255, 255, 255])
-    return palette
 
 
 def animate(results: Results, path: Path, field: str) -> int:

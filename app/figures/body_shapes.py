@@ -29,18 +29,12 @@ UNLIKE = 0.02  # of the largest, from which on values of the other sign count as
 
 @dataclass(frozen=True, slots=True)
 class CellField:
-    """Values to colour cells by.
+    """Values to colour cells by."""
 
-    Attributes:
-        values: (c,), SI, one for each cell; label: of the colour bar, without the unit.
-        unit: SI; "" where the figures do not know it.
-        name: as it was asked for.
-    """
-
-    values: Floats
-    label: str
-    unit: str
-    name: str
+    values: Floats  # (c,), SI, one for each cell
+    label: str  # of the colour bar, without the unit
+    unit: str  # SI; "" where the figures do not know it
+    name: str  # as it was asked for
 
 
 def named_after(stem: str, field: str) -> str:
@@ -109,17 +103,12 @@ def _scalar(values: Floats, component: str, name: str) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ColourScale:
-    """How values become colours.
+    """How values become colours."""
 
-    Attributes:
-        norm: of values in ``unit``; colours: name of the colours.
-        unit: of the colour bar; extend: which ends of the bar are pointed, as matplotlib says.
-    """
-
-    norm: Normalize
-    colours: str
-    unit: Unit
-    extend: str
+    norm: Normalize  # of values in ``unit``
+    colours: str  # name of the colours
+    unit: Unit  # of the colour bar
+    extend: str  # which ends of the bar are pointed, as matplotlib says
 
     def label(self, field: CellField) -> str:
         """Text of the colour bar."""
@@ -186,26 +175,17 @@ _ROUND = {"triangle6": [0, 3, 1, 4, 2, 5], "quad9": [0, 4, 1, 5, 2, 6, 3, 7]}
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """All bodies of a state.
+    """All bodies of a state."""
 
-    Attributes:
-        names: of the bodies. dim: 2 or 3.
-        position: (n, 3), m, current; reference: (n, 3), m, undeformed.
-        polygons: (f, a) nodes round the cells in the plane, round the outer facets in space.
-        edges: (e, 2 or 3) nodes along the sides round each body, in the plane; none in space.
-        body: (f,) of each polygon; edge_body: (e,).
-        field: values (f,) of the polygons.
-    """
-
-    names: tuple[str, ...]
-    dim: int
-    position: Floats
-    reference: Floats
-    polygons: Ints
-    edges: Ints
-    body: Ints
-    edge_body: Ints
-    field: CellField
+    names: tuple[str, ...]  # of the bodies
+    dim: int  # 2 or 3
+    position: Floats  # (n, 3), m, current
+    reference: Floats  # (n, 3), m, undeformed
+    polygons: Ints  # (f, a) nodes round the cells in the plane, round the outer facets in space
+    edges: Ints  # (e, 2 or 3) nodes along the sides round each body, in the plane; none in space
+    body: Ints  # (f,) of each polygon
+    edge_body: Ints  # (e,)
+    field: CellField  # values (f,) of the polygons
 
     def corners(self, factor: float, of: Ints | slice = slice(None)) -> Floats:
         """Corners (f, a, i) of polygons, current, in the unit of ``factor``."""
@@ -289,18 +269,12 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
         owner.append(first + np.repeat(np.arange(len(corners)), len(table)))
         first += len(corners)
     found, of = np.concatenate(sides), np.concatenate(owner)
-    # Numbers (f,) that are the same for the same rows (f, a) of numbers from 0 on.
-    rows = np.sort(found, axis=1)
-    count = int(rows.max(initial=0)) + 1
-    keys, most = rows[:, 0].astype(np.int64), count
-    for column in rows.T[1:]:
-        # Digits of a number to the base ``count``; before it gets too large, what there is so far
-        # is replaced by its rank among all, which is as good a first digit and small.
-        if most > np.iinfo(np.int64).max // count:
-            keys = np.unique(keys, return_inverse=True)[1].astype(np.int64)
-            most = len(rows)
-        keys, most = keys * count + column, most * count
-    order = np.argsort(keys)
-    new = np.diff(keys[order], prepend=-1, append=-1) != 0  # another than the one before
+    rows = np.array_split(np.sort(found, axis=1), 2, axis=1)
+    # Two numbers of each side to sort by: its nodes, two by two, as digits to the base of all.
+    base = int(found.max(initial=0)) + 1
+    keys = np.stack([nodes @ base ** np.arange(nodes.shape[1]) for nodes in rows])
+    order = np.lexsort(keys)
+    other = (np.diff(keys[:, order]) != 0).any(axis=0)  # than the one before
+    new = np.concatenate([[True], other, [True]])
     once = np.sort(order[new[:-1] & new[1:]])
     return found[once], of[once]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,7 +48,6 @@ from tribox.app.figures.scenes import (
     veil_of,
     with_room,
 )
-from tribox.app.figures.states import State, states_to_draw
 from tribox.app.figures.style import (
     CASE_STYLE,
     CONTACT_PRESSURE,
@@ -61,6 +61,9 @@ from tribox.app.figures.style import (
     pair_names,
     panels_in,
     save,
+    stage_ends,
+    unit_of_velocity,
+    velocity_text,
 )
 from tribox.app.figures.tractions import (
     Ints,
@@ -71,11 +74,13 @@ from tribox.app.figures.tractions import (
     without_roundoff,
     write_no_load,
 )
+from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:
     import meshio
 
     from tribox.app.results import Results
+    from tribox.app.results.reading import Table
 
 
 MOST_PAIRS = 8  # pairs with a panel of their own
@@ -167,7 +172,26 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
     figure.colorbar(cells, ax=whole, label=scale.label(bodies.field), extend=scale.extend,
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
     figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
-    _fill_panels(panels, nodes, points, pairs, len(names))
+    # Tractions of each pair, in the same unit in all panels
+    total = len(names)
+    data = nodes.point_data
+    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
+    length = fitting(np.ptp(data["reference"], axis=0), "m")
+    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
+        draw_tractions(axes, nodes, points, pair, length, stress)
+        axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
+        if axes.lines:
+            axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
+    words = f"arc length along the slave from the dot, undeformed ({length.name})"
+    if len(pairs) < total:
+        words += f"\n{len(pairs)} of {total} pairs: those that carry most"
+    panels[0].figure.supxlabel(words, fontsize=9)
+    drawn = next((axes for axes in panels if axes.lines), None)
+    if drawn is not None:
+        # Outside of all panels: above a narrow one it would lie on the name of its pair.
+        drawn.figure.legend(
+            *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
+        )
     return figure
 
 
@@ -204,34 +228,6 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
     first, *others = room.subplots(*shape, squeeze=False).flat
     panels = panels_in(below, rows, columns, pairs)
     return figure, first, others[0] if others else None, panels[:pairs]
-
-
-def _fill_panels(
-    panels: list[Axes],
-    nodes: meshio.Mesh,
-    points: meshio.Mesh | None,
-    pairs: Mapping[int, str],
-    total: int,
-) -> None:
-    """Tractions of each pair, in the same unit in all panels."""
-    data = nodes.point_data
-    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
-    length = fitting(np.ptp(data["reference"], axis=0), "m")
-    for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
-        draw_tractions(axes, nodes, points, pair, length, stress)
-        axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
-        if axes.lines:
-            axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
-    words = f"arc length along the slave from the dot, undeformed ({length.name})"
-    if len(pairs) < total:
-        words += f"\n{len(pairs)} of {total} pairs: those that carry most"
-    panels[0].figure.supxlabel(words, fontsize=9)
-    drawn = next((axes for axes in panels if axes.lines), None)
-    if drawn is not None:
-        # Outside of all panels: above a narrow one it would lie on the name of its pair.
-        drawn.figure.legend(
-            *drawn.get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2
-        )
 
 
 # -- Pictures of deformed bodies in space, with the pressure of each pair seen along its normal ----
@@ -284,7 +280,6 @@ def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourSc
 # -- Pressure and friction on slave surfaces in space, each seen along its mean normal -------------
 #
 # Axis letters: f facets, a corners, v vertices of a slave, i space.
-#
 
 SMALL = 0.5  # extent of what is pressed over the slave's, below which only that is shown
 ARROWS = 250  # friction tractions drawn, about
@@ -292,17 +287,12 @@ ARROWS = 250  # friction tractions drawn, about
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A slave surface seen along its mean normal.
+    """A slave surface seen along its mean normal."""
 
-    Attributes:
-        across: (v, 2), m, current, in the directions of ``axes``; axes: (2, 3), unit vectors.
-        names: of the two directions. facets: (f, a).
-    """
-
-    across: Floats
-    axes: Floats
-    names: tuple[str, str]
-    facets: Ints
+    across: Floats  # (v, 2), m, current, in the directions of ``axes``
+    axes: Floats  # (2, 3), unit vectors
+    names: tuple[str, str]  # of the two directions
+    facets: Ints  # (f, a)
 
 
 def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
@@ -385,7 +375,15 @@ def draw_pressure(
         axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
     else:
         write_no_load(axes)
-    _limit(axes, place[np.unique(facets)], place[pressed])
+    # Limits round a slave, or round what is pressed where that is a small part of it
+    whole = place[np.unique(facets)]
+    pressed = place[pressed]
+    shown = whole
+    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
+        shown = pressed
+    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
+    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
+    axes.set(xlim=(left, right), ylim=(low, high))
 
 
 def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Outline:
@@ -414,16 +412,6 @@ def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulati
     return mesh, np.concatenate([values, values[facets].mean(axis=1)])
 
 
-def _limit(axes: Axes, whole: Floats, pressed: Floats) -> None:
-    """Limits round a slave, or round what is pressed where that is a small part of it."""
-    shown = whole
-    if len(pressed) and np.ptp(pressed, axis=0).max() < SMALL * np.ptp(whole, axis=0).max():
-        shown = pressed
-    margin = 0.07 * float(np.ptp(shown, axis=0).max() or 1.0)
-    (left, low), (right, high) = shown.min(axis=0) - margin, shown.max(axis=0) + margin
-    axes.set(xlim=(left, right), ylim=(low, high))
-
-
 def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> None:
     """Arrows of the friction on the master, where there is some."""
     vectors = nodes.point_data.get("friction_traction")
@@ -446,3 +434,93 @@ def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> Non
         f"arrows: {TRACTION.name} {TRACTION.symbol} on the master, up to {stress.text(largest)}",
         (0.0, -0.17), xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
     )  # fmt: skip
+
+
+# -- Which states of a run are worth a picture, and what its title says ---------------------------
+
+AS_HIGH = 0.999  # share of the largest normal force from which on a load counts as the highest
+HIGHEST = "highest load"
+ENDINGS = {
+    "failed": "last state before the failure",
+    "interrupted": "last state before the interruption",
+    "running": "last state so far",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A state to draw."""
+
+    name: str  # of the picture, without its ending
+    step: int  # of the field output
+    title: str  # what it shows, for people
+
+
+def states_to_draw(results: Results) -> list[State]:
+    """The last state, the end of each stage before the last, and the highest load.
+
+    The highest load has no picture of its own where another shows it or as good as that, and no
+    mention where several do.
+    """
+    outputs = np.asarray(results.steps, dtype=np.int64)
+    if not len(outputs):
+        return []
+    history = results.table("history")
+    last = int(outputs[-1])
+    names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
+    ends = stage_ends(results)
+    for number, (stage, end) in enumerate(ends[:-1], 1):
+        step = _nearest(outputs, end)
+        names.setdefault(step, f"deformed-{number}-{re.sub(r'[^A-Za-z0-9.+=_%µμ-]+', '_', stage)}")
+        near = "" if step == last else f"nearest output to the end of {stage}"
+        notes.setdefault(step, []).append(f"end of {stage}" if step == end else near)
+    peak = _highest(history, list(names), outputs)
+    if peak is not None:
+        step, note = peak
+        names.setdefault(step, "deformed-highest-load")
+        exact = note == HIGHEST
+        notes.setdefault(step, []).append(note if exact or step != last else "")
+    return [State(names[s], s, title_of(results, s, notes[s])) for s in sorted(names)]
+
+
+def _highest(history: Table, drawn: list[int], outputs: Any) -> tuple[int, str] | None:
+    """The output at the highest load and what to say of it.
+
+    None where nothing is pressed, and where no other picture shows a lower load than one that is
+    drawn.
+    """
+    if not len(history) or "normal_force" not in history:
+        return None
+    force = history["normal_force"]
+    steps = history["step"].astype(np.int64)
+    largest = float(np.nanmax(force))
+    if not largest > 0.0:
+        return None
+    high = {int(step) for step in steps[force >= AS_HIGH * largest]}
+    shown = [step for step in drawn if step in high]
+    if shown:
+        return (shown[0], HIGHEST) if len(shown) == 1 < len(drawn) else None
+    at = int(steps[np.nanargmax(force)])
+    written = [s for s in outputs.tolist() if s in high]
+    if written:
+        return at if at in written else written[0], HIGHEST
+    return _nearest(outputs, at), f"nearest output to the highest load (step {at})"
+
+
+def _nearest(outputs: Any, step: int) -> int:
+    return int(outputs[np.argmin(np.abs(outputs - step))])
+
+
+def title_of(results: Results, step: int, notes: Sequence[str] = ()) -> str:
+    """Stage, velocity, time and number of a step, for people, then what is special."""
+    words = [note for note in notes if note]
+    history = results.table("history")
+    found = history.where("step", step).records() if len(history) else []
+    if not found:
+        return "; ".join([f"step {step}", *words])
+    row, unit = found[0], unit_of_velocity(results)
+    velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
+    moving = f" at {velocity_text(velocity, unit)}" if abs(velocity) > 0.0 else ""
+    when, total = time_text(time, float(row.get("dt", 0.0))), int(history["step"][-1])
+    said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
+    return "; ".join([said, *words])

@@ -205,16 +205,11 @@ NAMES_APART = 0.035  # of the axis
 
 @dataclass(frozen=True, slots=True)
 class Abscissa:
-    """Places of the rows of a history.
+    """Places of the rows of a history."""
 
-    Attributes:
-        values: (n,), in the unit of the label, one for each row; label: of the axis.
-        starts: (value, name) where each stage or velocity begins.
-    """
-
-    values: Floats
-    label: str
-    starts: tuple[tuple[float, str], ...]
+    values: Floats  # (n,), in the unit of the label, one for each row
+    label: str  # of the axis
+    starts: tuple[tuple[float, str], ...]  # (value, name) where each stage or velocity begins
 
     @property
     def begin(self) -> float:
@@ -328,19 +323,14 @@ IDLE = 1e-9  # of the largest force: what needs less moves freely, such as along
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """What one panel shows.
+    """What one panel shows."""
 
-    Attributes:
-        surface: its name. x, y: columns of the table.
-        x_label, y_label: without units; x_unit, y_unit: SI.
-    """
-
-    surface: str
-    x: str
-    y: str
-    x_label: str
+    surface: str  # its name
+    x: str  # column of the table
+    y: str  # likewise
+    x_label: str  # without units, as y_label
     y_label: str
-    x_unit: str
+    x_unit: str  # SI
     y_unit: str
 
 

@@ -61,17 +61,12 @@ FLAT = 2.0  # area seen along z over that along y, from which on z points upward
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """What is done to a surface or tool in one direction.
+    """What is done to a surface or tool in one direction."""
 
-    Attributes:
-        direction: (i,) of length one; None: across the surface, into its body.
-        kind: one of `KINDS`.
-        presses: whether the sense of the direction is that into the body.
-    """
-
+    # (i,) of length one; None: across the surface, into its body
     direction: tuple[float, ...] | None
-    kind: str
-    presses: bool = False
+    kind: str  # one of `KINDS`
+    presses: bool = False  # whether the sense of the direction is that into the body
 
     def ways(self, inwards: Points) -> Points:
         """Where the arrow points (n, i) on a surface with directions (n, i) into its body."""
@@ -89,19 +84,15 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What a picture of a case shows beside its mesh.
+    """What a picture of a case shows beside its mesh."""
 
-    Attributes:
-        words: of surfaces and tools, behind their names; arrows: likewise.
-        tools: outlines by name: points (n, i), m, and lines (c, 2) or triangles (c, 3).
-        pairs: lines of text; slaves: their surfaces.
-    """
-
+    # of surfaces and tools, behind their names
     words: Mapping[str, str] = field(default_factory=dict)
-    arrows: Mapping[str, Sequence[Arrow]] = field(default_factory=dict)
+    arrows: Mapping[str, Sequence[Arrow]] = field(default_factory=dict)  # likewise
+    # outlines by name: points (n, i), m, and lines (c, 2) or triangles (c, 3)
     tools: Mapping[str, tuple[Points, npt.NDArray[Any]]] = field(default_factory=dict)
-    pairs: Sequence[str] = ()
-    slaves: Sequence[str] = ()
+    pairs: Sequence[str] = ()  # lines of text
+    slaves: Sequence[str] = ()  # their surfaces
 
     def label(self, name: str) -> str:
         """A name with its words."""
@@ -126,16 +117,11 @@ NO_MARKS = Marks()
 
 @dataclass(frozen=True, slots=True)
 class _Hull:
-    """The outer facets of bodies in space.
+    """The outer facets of bodies in space."""
 
-    Attributes:
-        corners: (f, a, 3), m, nodes round them.
-        surface: (f,) number of the surface of each, the last of all: of none. body: (f,) likewise.
-    """
-
-    corners: Points
-    surface: npt.NDArray[np.int64]
-    body: npt.NDArray[np.int64]
+    corners: Points  # (f, a, 3), m, nodes round them
+    surface: npt.NDArray[np.int64]  # (f,) number of the surface of each, the last of all: of none
+    body: npt.NDArray[np.int64]  # (f,) likewise
 
 
 def _hull(named: NamedMesh) -> _Hull:
@@ -173,7 +159,13 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
         ambient=DARKEST,
     )
     unit = fitting(np.ptp(nodes, axis=0), "m")
-    upwards = _upwards(hull, [k for k, name in enumerate(names) if name in marks.slaves])
+    # The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat. Drawings have z
+    # upwards as often as not, and a sheet across it would be seen as a wall.
+    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
+    flat = np.isin(hull.surface, slaves)
+    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
+    _, along_y, along_z = np.abs(normals).sum(axis=0)
+    upwards = 2 if along_z > FLAT * along_y else 1
     for number, (words, eye) in enumerate(VIEWS.items(), start=1):
         seen = replace(scene, camera=camera_at(eye, upwards))
         view = View(seen, facets_seen(seen), veil_of(seen, every))
@@ -196,17 +188,6 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=9, ncols=2)
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11)
     return figure
-
-
-def _upwards(hull: _Hull, slaves: Sequence[int]) -> int:
-    """The axis that points upwards in the picture: 1 (y), or 2 where contacts or bodies lie flat.
-
-    Drawings have z upwards as often as not, and a sheet across it would be seen as a wall.
-    """
-    flat = np.isin(hull.surface, slaves)
-    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
-    _, along_y, along_z = np.abs(normals).sum(axis=0)
-    return 2 if along_z > FLAT * along_y else 1
 
 
 def _rule(axes: Axes, camera: Camera, unit: Unit) -> None:
@@ -234,7 +215,12 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
             continue
         # The middle of a tool may lie far beyond the frame, which it would widen.
         middle = np.clip(places[name].mean(axis=(0, 1)), scene.low, scene.high)
-        inside = _inwards(places[name], centre)
+        # Mean direction across polygons (f, a, 3), to the side of a point
+        polygons = places[name]
+        normals = area_vectors(polygons)
+        away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
+        mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
+        inside = np.asarray(mean / (np.linalg.norm(mean) or 1.0))
         for arrow in arrows:
             along = length * arrow.ways(inside[None])[0]
             start = (middle - along if arrow.comes else middle) @ scene.camera.plane
@@ -247,14 +233,6 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
                 axes.annotate("", tuple(start + across), tuple(start), zorder=9, arrowprops={
                     "arrowstyle": "-|>", "lw": 2.0, "color": colour, "shrinkA": 0, "shrinkB": 0,
                 })  # fmt: skip
-
-
-def _inwards(polygons: Points, centre: Points) -> Points:
-    """Mean direction across polygons (f, a, 3), to the side of a point."""
-    normals = area_vectors(polygons)
-    away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
-    mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
-    return np.asarray(mean / (np.linalg.norm(mean) or 1.0))
 
 
 # -- Meshes in the plane, and the picture of either ------------------------------------------------
@@ -274,17 +252,11 @@ BODY_WIDTH, BODY_HEIGHT, MARGIN, LABEL_PITCH = 6.5, 6.0, 2.0, 0.3
 
 @dataclass(frozen=True, slots=True)
 class _Outline:
-    """The drawn lines, in m: the cells of bodies and the segments of surfaces.
+    """The drawn lines, in m: the cells of bodies and the segments of surfaces."""
 
-    Attributes:
-        cells: Nodes of each body's cells in cyclic order, (c, node, 2).
-        segments: Nodes along each surface's facets, (f, node, 2).
-        inwards: Unit vectors from each facet into its cell, (f, 2).
-    """
-
-    cells: dict[str, Points]
-    segments: dict[str, Points]
-    inwards: dict[str, Points]
+    cells: dict[str, Points]  # nodes of each body's cells in cyclic order, (c, node, 2)
+    segments: dict[str, Points]  # nodes along each surface's facets, (f, node, 2)
+    inwards: dict[str, Points]  # unit vectors from each facet into its cell, (f, 2)
 
 
 def save_picture(named: NamedMesh, path: Path, title: str, marks: Marks = NO_MARKS) -> None:
@@ -349,13 +321,7 @@ def _plane_figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     axes.set_aspect("equal")
     axes.set(xlabel=f"x ({unit.name})", ylabel=f"y ({unit.name})")
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11 if marks.pairs else None)
-    _draw_bodies(axes, outline, factor, marks)
-    _draw_surfaces(axes, outline, factor, per_inch, marks)
-    return figure
-
-
-def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> None:
-    """The cells, one colour for each body, and a legend with their numbers."""
+    # The cells, one colour for each body, and a legend with their numbers.
     colours = color_sequences["Pastel1"]
     total = sum(len(c) for c in outline.cells.values())
     width = 0.0 if total > MAX_CELLS_OUTLINED else float(np.clip(20.0 / total**0.5, 0.05, 0.6))
@@ -373,6 +339,8 @@ def _draw_bodies(axes: Any, outline: _Outline, factor: float, marks: Marks) -> N
     axes.legend(
         handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False
     )
+    _draw_surfaces(axes, outline, factor, per_inch, marks)
+    return figure
 
 
 def _draw_surfaces(

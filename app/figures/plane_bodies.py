@@ -65,18 +65,13 @@ def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathC
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What a picture in the plane shows.
+    """What a picture in the plane shows."""
 
-    Attributes:
-        low, high: (2,), m, corners round bodies and old outlines.
-        unit: of the axes; stretched: whether the scales differ; names: of the axes.
-    """
-
-    low: Floats
-    high: Floats
-    unit: Unit
-    stretched: bool
-    names: tuple[str, str]
+    low: Floats  # (2,), m, corners round bodies and old outlines
+    high: Floats  # likewise
+    unit: Unit  # of the axes
+    stretched: bool  # whether the scales differ
+    names: tuple[str, str]  # of the axes
 
     @property
     def is_tall(self) -> bool:
@@ -148,13 +143,6 @@ def draw_bodies(
     around = bodies.position[bodies.edges, :2] * factor
     outline = LineCollection(list(around), colors="0.25", linewidths=0.8)
     axes.add_collection(outline, autolim=False)
-    _set_frame(axes, frame)
-    if named:
-        _name_bodies(axes, bodies, frame)
-    return cells
-
-
-def _set_frame(axes: Axes, frame: Frame) -> None:
     factor = frame.unit.factor
     low, high = frame.low * factor, frame.high * factor
     margin = 0.04 * (high - low) if frame.stretched else np.full(2, 0.04 * (high - low).max())
@@ -165,6 +153,9 @@ def _set_frame(axes: Axes, frame: Frame) -> None:
     axes.grid(False)
     axes.set_xlabel(f"{frame.names[0]} ({frame.unit.name})")
     axes.set_ylabel(f"{frame.names[1]} ({frame.unit.name})")
+    if named:
+        _name_bodies(axes, bodies, frame)
+    return cells
 
 
 def _name_bodies(axes: Axes, bodies: Bodies, frame: Frame) -> None:

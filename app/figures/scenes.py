@@ -64,23 +64,16 @@ STANDARD = camera_at(OBLIQUE)
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A state to render, in parallel projection: all of it in one scale.
+    """A state to render, in parallel projection: all of it in one scale."""
 
-    Attributes:
-        position: (n, 3), m. polygons: (f, a), a ≥ 3, convex or nearly so.
-        colours: (f, 3), of each polygon, 0 to 1. body: (f,) number of its body.
-        low, high: (3,), m, corners of the frame: scenes of one frame are seen from one place.
-        ambient: brightness of a facet that is turned away from the light.
-    """
-
-    position: Floats
-    polygons: NDArray[np.int64]
-    colours: Floats
-    body: NDArray[np.int64]
-    low: Floats
-    high: Floats
+    position: Floats  # (n, 3), m
+    polygons: NDArray[np.int64]  # (f, a), a ≥ 3, convex or nearly so
+    colours: Floats  # (f, 3), of each polygon, 0 to 1
+    body: NDArray[np.int64]  # (f,) number of its body
+    low: Floats  # (3,), m, corners of the frame: scenes of one frame are seen from one place
+    high: Floats  # likewise
     camera: Camera = STANDARD
-    ambient: float = 0.62
+    ambient: float = 0.62  # brightness of a facet that is turned away from the light
 
     @property
     def window(self) -> tuple[Floats, Floats]:
@@ -225,16 +218,11 @@ def changes(values: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A rendered scene.
+    """A rendered scene."""
 
-    Attributes:
-        scene: what is seen. seen: (h, w) the facet that each pixel shows.
-        veil: (h, w, 4) translucent tools over it; None without any.
-    """
-
-    scene: Scene
-    seen: Ints
-    veil: Floats | None = None
+    scene: Scene  # what is seen
+    seen: Ints  # (h, w) the facet that each pixel shows
+    veil: Floats | None = None  # (h, w, 4) translucent tools over it; None without any
 
 
 def scene_of(
@@ -276,19 +264,16 @@ def draw_space(axes: Axes, view: View, names: Sequence[str]) -> None:
             continue
         # At a pixel of the body, which the middle of its pixels need not be.
         middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
-        right, up = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
+        place = low + np.array([columns[middle], len(body) - rows[middle]]) * scene.pixel
+        x, y = (float(v) for v in place)
         halo = withStroke(linewidth=2.2, foreground="w", alpha=0.8)
-        axes.annotate(name, (right, up), ha="center", va="center", fontsize=8, path_effects=[halo])
-    _draw_scale(axes, scene)
-
-
-def _draw_scale(axes: Axes, scene: Scene) -> None:
-    """A bar of a round length, and arrows along the axes, below the picture."""
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        axes.annotate(name, (x, y), ha="center", va="center", fontsize=8, path_effects=[halo])
+    # A bar of a round length, and arrows along the axes, below the picture
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     width = right - left
     decade = 10.0 ** float(np.floor(np.log10(0.25 * width)))
     length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= 0.25 * width)
-    foot = low - 0.06 * width
+    foot = bottom - 0.06 * width
     axes.plot([right - length, right], [foot, foot], color="0.15", lw=2.5, clip_on=False)
     axes.annotate(fitting([length], "m").text(length), (right - 0.5 * length, foot),
                   xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
@@ -300,7 +285,7 @@ def _draw_scale(axes: Axes, scene: Scene) -> None:
         })  # fmt: skip
         axes.annotate(name, (x + 1.25 * along, y + 1.25 * up), ha="center", va="center",
                       fontsize=8, annotation_clip=False)  # fmt: skip
-    axes.set(xlim=(left, right), ylim=(foot - 0.12 * width, high))
+    axes.set(xlim=(left, right), ylim=(foot - 0.12 * width, top))
 
 
 # -- Rigid tools in pictures of space: translucent before what they hide, hidden by what is nearer -

@@ -40,23 +40,17 @@ from tribox.forms.friction.parameters import FrictionMapParameters
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Steady points of one film thickness.
+    """Steady points of one film thickness."""
 
-    Attributes:
-        thickness: D, m; parameters: of the law.
-        speed: m/s; viscosity: Pa s; traction: Pa, F_T/A; pressure: Pa, N/A; mu: computed μ(d).
-        steady: whether each point is; label: what the series is called.
-    """
-
-    label: str
-    thickness: float
-    parameters: FrictionMapParameters
-    speed: Floats
-    viscosity: Floats
-    traction: Floats
-    pressure: float
-    mu: float
-    steady: NDArray[np.bool_]
+    label: str  # what the series is called
+    thickness: float  # D, m
+    parameters: FrictionMapParameters  # of the law
+    speed: Floats  # m/s
+    viscosity: Floats  # Pa s
+    traction: Floats  # Pa, F_T/A
+    pressure: float  # Pa, N/A
+    mu: float  # computed μ(d)
+    steady: NDArray[np.bool_]  # whether each point is
 
 
 def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str = "") -> Series:

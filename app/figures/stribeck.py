@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.figures.history import spans_decades
-from tribox.app.figures.states import stage_ends
 from tribox.app.figures.steady_points import series_numbers
 from tribox.app.figures.style import (
     CROSSES,
@@ -25,6 +24,7 @@ from tribox.app.figures.style import (
     fitting,
     look_of,
     pair_names,
+    stage_ends,
     thin_log_ticks,
     titled,
     velocity_unit,
@@ -40,24 +40,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class StribeckSeries:
-    """Sliding at several velocities, of one pair or of all together.
+    """Sliding at several velocities, of one pair or of all together."""
 
-    Attributes:
-        label: what it is called. speed: (n,), m/s, |V|, rising; ratio: (n,), F_T/N.
-        hersey: (n,), m, η_b V/p with the mean pressure p; NaN without a film.
-        star: m/s, V* of the film, where friction jumps; NaN where it plays no part.
-        settled: (n,) False where the velocity ended before the force was steady.
-        film: its thickness, m, and its law, of the only pair of a run with a friction map.
-        dry: (n,) share of the load that asperities carry, where the film is an unknown; else None.
-    """
-
-    label: str
-    speed: Floats
-    ratio: Floats
-    hersey: Floats
-    settled: NDArray[np.bool_]
-    star: float = math.nan
+    label: str  # what it is called
+    speed: Floats  # (n,), m/s, |V|, rising
+    ratio: Floats  # (n,), F_T/N
+    hersey: Floats  # (n,), m, η_b V/p with the mean pressure p; NaN without a film
+    settled: NDArray[np.bool_]  # (n,) False where the velocity ended before the force was steady
+    star: float = math.nan  # m/s, V* of the film, where friction jumps; NaN where it plays no part
+    # its thickness, m, and its law, of the only pair of a run with a friction map
     film: tuple[float, FrictionMapParameters] | None = None
+    # (n,) share of the load that asperities carry, where the film is an unknown; else None
     dry: Floats | None = None
 
 

@@ -200,14 +200,10 @@ MANY = 1e4  # largest over smallest velocity from which on no prefix fits all of
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit to show values in.
+    """A unit to show values in."""
 
-    Attributes:
-        power: of ten, from it to SI; name: such as "µm".
-    """
-
-    power: int
-    name: str
+    power: int  # of ten, from it to SI
+    name: str  # such as "µm"
 
     @property
     def factor(self) -> float:
@@ -269,15 +265,11 @@ def velocity_text(speed: float, unit: Unit) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity in figures.
+    """A quantity in figures."""
 
-    Attributes:
-        name: in words; symbol: plain text, "" without; unit: SI, "" of a plain number.
-    """
-
-    name: str
-    symbol: str
-    unit: str
+    name: str  # in words
+    symbol: str  # plain text, "" without
+    unit: str  # SI, "" of a plain number
 
     def label(self, unit: str | None = None) -> str:
         """Text of an axis."""
@@ -348,6 +340,14 @@ def unit_of_velocity(results: Results) -> Unit:
     """The unit in which all figures of a run, or of a sweep, give velocities."""
     table = results.table("history" if results.case.sweep is None else "sweep")
     return velocity_unit(table["velocity"] if len(table) and "velocity" in table else [])
+
+
+def stage_ends(results: Results) -> list[tuple[str, int]]:
+    """Each stage of a run with its last step, in order."""
+    history = results.table("history")
+    if not len(history):
+        return []
+    return [(str(stage), int(rows["step"][-1])) for stage, rows in history.parts("stage")]
 
 
 def heading(results: Results, title: str) -> str:

@@ -41,16 +41,11 @@ MOST_TICKS = 10  # values that have a tick each on a logarithmic axis
 
 @dataclass(frozen=True, slots=True)
 class SweptValues:
-    """Where the values of a sweep stand on its axis.
+    """Where the values of a sweep stand on its axis."""
 
-    Attributes:
-        places: by the label of each run. label: of the axis.
-        texts: ticks of values that are no numbers; empty for numbers.
-    """
-
-    places: dict[str, float]
-    label: str
-    texts: tuple[str, ...] = ()
+    places: dict[str, float]  # by the label of each run
+    label: str  # of the axis
+    texts: tuple[str, ...] = ()  # ticks of values that are no numbers; empty for numbers
 
     @property
     def is_log(self) -> bool:
@@ -87,18 +82,13 @@ def _in_unit(number: float, given: str, unit: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SweepLine:
-    """The same stage or velocity of all runs.
+    """The same stage or velocity of all runs."""
 
-    Attributes:
-        label: of it. places, normal, friction: (n,) on the axis, N, N.
-        unsettled: (n,) whether it ended before the force was steady.
-    """
-
-    label: str
-    places: Floats
-    normal: Floats
-    friction: Floats
-    unsettled: Any
+    label: str  # of it
+    places: Floats  # (n,) on the axis
+    normal: Floats  # (n,), N
+    friction: Floats  # (n,), N
+    unsettled: Any  # (n,) whether it ended before the force was steady
 
 
 def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
@@ -168,14 +158,10 @@ def sweep_figure(results: Results) -> Figure | None:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One quantity in each run: of pairs and tools at its largest, of probes in the end.
+    """One quantity in each run: of pairs and tools at its largest, of probes in the end."""
 
-    Attributes:
-        quantity: its name and SI unit; lines: (n,) of each name, on the axis and in SI.
-    """
-
-    quantity: Quantity
-    lines: dict[str, tuple[Floats, Floats]]
+    quantity: Quantity  # its name and SI unit
+    lines: dict[str, tuple[Floats, Floats]]  # (n,) of each name, on the axis and in SI
 
 
 _COMPARED = (

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.states import stage_ends
 from tribox.app.figures.style import (
     COLOURS,
     CONTACT_PRESSURE,
@@ -24,6 +23,7 @@ from tribox.app.figures.style import (
     colour_of,
     fitting,
     pair_names,
+    stage_ends,
     thin_log_ticks,
     titled,
 )
@@ -47,17 +47,11 @@ NO_LOAD = 1e-9  # of the largest mean pressure of a run, below which a pressure 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A slave surface in the plane, in the order of its arc length.
+    """A slave surface in the plane, in the order of its arc length."""
 
-    Attributes:
-        vertices: (v,) numbers of the nodes of the contact file along the line, piece by piece.
-        arc: (v,), m, undeformed arc length of each from the line's start.
-        starts: positions in ``vertices`` where pieces begin, the first too.
-    """
-
-    vertices: Ints
-    arc: Floats
-    starts: tuple[int, ...]
+    vertices: Ints  # (v,) numbers of the nodes of the contact file along the line, piece by piece
+    arc: Floats  # (v,), m, undeformed arc length of each from the line's start
+    starts: tuple[int, ...]  # positions in ``vertices`` where pieces begin, the first too
 
     def broken(self, values: Floats) -> tuple[Floats, Floats]:
         """Arc length, m, and values (v,) with a gap between two pieces, to draw as one line."""

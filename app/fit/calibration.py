@@ -16,12 +16,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
 from tribox.app.errors import InputError
-from tribox.app.fit.data import TribometerData
+from tribox.app.fit.data import Floats, TribometerData
 from tribox.app.fit.model import (
     AT_BOUND,
     BROAD,
@@ -43,17 +42,13 @@ from tribox.app.fit.model import (
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 
-Floats = NDArray[np.float64]
 Ends = tuple[float | None, float | None]
 
-MOST_GAPS = 40
-"""Gaps of V* that are tried at first; then those beside the best."""
-ROWS_FOR_SLOPE = 3
-"""Rows within the transition from which on V* has an interval from the Jacobian."""
+MOST_GAPS = 40  # gaps of V* that are tried at first; then those beside the best
+ROWS_FOR_SLOPE = 3  # rows within the transition from which on V* has an interval from the Jacobian
 OFF_BRANCH = 0.999
 """Confidence with which a row must lie off both branches to count as within the transition."""
-ROUNDED = 1e-8
-"""Logarithms of speeds that are no further apart are the same."""
+ROUNDED = 1e-8  # logarithms of speeds that are no further apart are the same
 
 
 class Calibration:

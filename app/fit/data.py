@@ -19,13 +19,14 @@ from tribox.app.case.quantities import Quantity, QuantityError
 from tribox.app.case.toml_files import read_text
 from tribox.app.errors import InputError
 
+Floats = NDArray[np.float64]
+
 # -- A CSV file with units in its header, in SI: what all fits read their measurements from --------
 
 Aliases = Mapping[str, Sequence[str]]
 NO_ALIASES: Aliases = {}
 MOST_ROWS = 5000
-MOST_TOLD = 20
-"""Faults of a file that are told; of more only the number."""
+MOST_TOLD = 20  # faults of a file that are told; of more only the number
 _LONGEST_HEADING = 200
 _SHOWN = 60  # letters of a cell in a message
 _POINT, _COMMA = (
@@ -37,18 +38,12 @@ _HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*")
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The columns of a file.
+    """The columns of a file."""
 
-    Attributes:
-        path: Of the file.
-        values: (n,) each, SI, by name; NaN where a cell that may be is empty.
-        lines: Number of each row's line in the file.
-        renamed: Headings of the file that are no column's name, with that they stand for.
-    """
-
-    path: Path
-    values: dict[str, Floats]
-    lines: list[int]
+    path: Path  # of the file
+    values: dict[str, Floats]  # (n,) each, SI, by name; NaN where a cell that may be is empty
+    lines: list[int]  # number of each row's line in the file
+    # headings of the file that are no column's name, with that they stand for
     renamed: tuple[tuple[str, str], ...] = ()
 
 
@@ -308,8 +303,6 @@ def _value(text: str, unit: str, quantity: Quantity) -> float:
 
 # -- Tribometer data: a CSV file with units in its header, in SI -----------------------------------
 
-Floats = NDArray[np.float64]
-
 COLUMNS: dict[str, Quantity] = {
     "thickness": Quantity("m", ge=0.0),
     "velocity": Quantity("m/s", gt=0.0),
@@ -341,31 +334,21 @@ CONSTANTS = ("thickness", "velocity", "pressure", "load", "area")
 
 @dataclass(frozen=True, slots=True)
 class TribometerData:
-    """Measured friction; every array is (n,).
+    """Measured friction; every array is (n,)."""
 
-    Attributes:
-        thickness: m, film thickness D; 0 is dry.
-        velocity: m/s.
-        pressure: Pa, load per area.
-        traction: Pa, friction force per area.
-        slip: m, distance slid since rest; NaN where sliding was steady.
-        weight: Of the squared residual.
-        observed: Name of the column that the traction was found from.
-        knows_film: Whether there is a film thickness; without it the thickness stands at 0.
-        knows_pressure: Whether there is a pressure; without it, pressure and traction are those of
-            1 Pa, and only their ratio means something.
-        renamed: Headings of the file that are not names of ``COLUMNS``, with those they stand for.
-    """
-
-    thickness: Floats
-    velocity: Floats
-    pressure: Floats
-    traction: Floats
-    slip: Floats
-    weight: Floats
-    observed: str
+    thickness: Floats  # m, film thickness D; 0 is dry
+    velocity: Floats  # m/s
+    pressure: Floats  # Pa, load per area
+    traction: Floats  # Pa, friction force per area
+    slip: Floats  # m, distance slid since rest; NaN where sliding was steady
+    weight: Floats  # of the squared residual
+    observed: str  # name of the column that the traction was found from
+    # whether there is a film thickness; without it the thickness stands at 0
     knows_film: bool = True
+    # whether there is a pressure; without it, pressure and traction are those of 1 Pa, and only
+    # their ratio means something
     knows_pressure: bool = True
+    # headings of the file that are not names of ``COLUMNS``, with those they stand for
     renamed: tuple[tuple[str, str], ...] = ()
 
     def __len__(self) -> int:

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import nearest
 from tribox.app.errors import InputError
+from tribox.app.fit.data import Floats
 from tribox.app.fit.material_data import (
     COLUMNS,
     CONSTANTS,
@@ -34,8 +34,6 @@ from tribox.app.fit.model import (
 )
 from tribox.app.fit.prony import LONG_TERM, MOST_BRANCHES, PronyFit, Shift, fit_prony
 from tribox.app.fit.setup import parsed, settings
-
-Floats = NDArray[np.float64]
 
 RUBBER = "prony"
 MATERIAL_LAWS = (RUBBER, *LAWS)

@@ -13,18 +13,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tribox.app.case.quantities import Quantity, QuantityError, split_quantity
 from tribox.app.errors import InputError
-from tribox.app.fit.data import Table, read_table, refuse
+from tribox.app.fit.data import Floats, Table, read_table, refuse
 
-Floats = NDArray[np.float64]
 Kind = Literal["relaxation", "vibration", "cycles", "metal"]
 
 
-HOTTEST = 2000.0
-"""K, of a temperature that is no mistake."""
+HOTTEST = 2000.0  # K, of a temperature that is no mistake
 LARGEST_STRAIN = 20.0
 
 
@@ -67,39 +64,26 @@ COLUMNS: dict[str, Quantity] = {
 }
 CONSTANTS = tuple(name for name in COLUMNS if name.endswith("strain"))
 """Columns that one value may stand for: the strain of a relaxation test."""
-HELD = 1e-3
-"""Share by which the strain of a relaxation test may vary."""
+HELD = 1e-3  # share by which the strain of a relaxation test may vary
 
 
 @dataclass(frozen=True, slots=True)
 class MaterialData:
-    """A test of a material; every array is (n,).
+    """A test of a material; every array is (n,)."""
 
-    Attributes:
-        kind: What was done.
-        weight: Of the squared residual.
-        time: s, since the step, or of the cycles; None of vibration and metals.
-        strain: Shear strain of a relaxation test in shear, else logarithmic; None of moduli.
-        stress: Pa; true, but of cycles of a rubber as ``engineering`` says; None of moduli.
-        modulus: Pa, shear modulus over time, or storage modulus.
-        loss: Pa, loss modulus (in shear); None but of vibration.
-        frequency: rad/s.
-        temperature: K; None if not measured.
-        in_shear: Whether strain and stress, or moduli, are of shear.
-        engineering: Whether the stress is per undeformed area.
-    """
-
-    kind: Kind
-    weight: Floats
-    time: Floats | None = None
+    kind: Kind  # what was done
+    weight: Floats  # of the squared residual
+    time: Floats | None = None  # s, since the step, or of the cycles; None of vibration and metals
+    # shear strain of a relaxation test in shear, else logarithmic; None of moduli
     strain: Floats | None = None
+    # Pa; true, but of cycles of a rubber as ``engineering`` says; None of moduli
     stress: Floats | None = None
-    modulus: Floats | None = None
-    loss: Floats | None = None
-    frequency: Floats | None = None
-    temperature: Floats | None = None
-    in_shear: bool = False
-    engineering: bool = False
+    modulus: Floats | None = None  # Pa, shear modulus over time, or storage modulus
+    loss: Floats | None = None  # Pa, loss modulus (in shear); None but of vibration
+    frequency: Floats | None = None  # rad/s
+    temperature: Floats | None = None  # K; None if not measured
+    in_shear: bool = False  # whether strain and stress, or moduli, are of shear
+    engineering: bool = False  # whether the stress is per undeformed area
 
     def __len__(self) -> int:
         return len(self.weight)

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, save, thin_log_ticks
+from tribox.app.figures.style import COLOURS, MARKERS, RED, STYLE, Floats, save, thin_log_ticks
 from tribox.app.fit.material import (
     ASSUMED_METAL,
     ASSUMED_RUBBER,
@@ -44,9 +44,8 @@ from tribox.app.fit.run import (
     value_and_ends,
     write_fit,
 )
-from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import claimed
-from tribox.app.results.directory import keep_inputs_apart
+from tribox.app.results.directory import keep_inputs_apart, suffixed_directory
 
 # -- Figure of a material's test and what was fitted to it -----------------------------------------
 
@@ -232,8 +231,6 @@ def _hardening(axes: Axes, fit: MetalFit) -> None:
     axes.set_ylabel("stress (MPa)")
     axes.legend(fontsize=8)
 
-
-Floats = NDArray[np.float64]
 
 BAD_SCATTER = 0.1
 _PREFIXES = {"Pa": (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)), "s": (("ms", 1e-3), ("us", 1e-6))}

@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.app.errors import InputError
+from tribox.app.fit.data import Floats
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 from tribox.forms.bodies.hardening import Hardening, Linear, Swift, Voce
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 LAWS: dict[str, dict[str, str]] = {
@@ -52,31 +52,20 @@ LIMITS = {
 }
 """Within which parameters are searched, SI; of saturation_stress what it is above yield_stress."""
 MOST_BRANCHES = 3
-MOST_GIVEN = 6
-"""Branches that are tried, and that may be asked for."""
-FLOWED = 1e-6
-"""Plastic strain from which on a path counts as one that flows."""
-NEXT = 4
-"""Distances of rows before and after a turn that tell where it lies between two of them."""
-EVEN = 0.2
-"""Share of their mean that these may differ by."""
-AT_ROW = 0.95
-"""Share of the distance of the rows from which on a turn is at one."""
+MOST_GIVEN = 6  # branches that are tried, and that may be asked for
+FLOWED = 1e-6  # plastic strain from which on a path counts as one that flows
+NEXT = 4  # distances of rows before and after a turn that tell where it lies between two of them
+EVEN = 0.2  # share of their mean that these may differ by
+AT_ROW = 0.95  # share of the distance of the rows from which on a turn is at one
 
 
 @dataclass(frozen=True, slots=True)
 class Metal:
-    """A metal, SI.
+    """A metal, SI."""
 
-    Attributes:
-        E: Pa.
-        hardening: Yield stress over the plastic strain.
-        kinematic: Rows (c, b) of the back stresses, Pa and 1.
-    """
-
-    E: float
-    hardening: Hardening
-    kinematic: tuple[tuple[float, float], ...] = ()
+    E: float  # Pa
+    hardening: Hardening  # yield stress over the plastic strain
+    kinematic: tuple[tuple[float, float], ...] = ()  # rows (c, b) of the back stresses, Pa and 1
 
 
 def paths(strain: Floats) -> list[slice]:

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as t_distribution
 
 from tribox.app.errors import InputError
-from tribox.app.fit.data import TribometerData
+from tribox.app.fit.data import Floats, TribometerData
 from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film import at_rest
@@ -31,14 +31,12 @@ from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 INSENSITIVE = 1e-4
 """Change of what is computed, relative, per change of the parameter's logarithm, below which there
 is none."""
-ALIKE = 3e-3
-"""Share of a parameter's effect that no other can have, below which they are one."""
+ALIKE = 3e-3  # share of a parameter's effect that no other can have, below which they are one
 CONFIDENCE = 0.95
 BROAD = math.log(10.0)
 """Half-width of an interval, in logarithms, from which on the parameter is not determined."""
 AT_BOUND = "the search ended at its bound"
-NOISE = 1e-3
-"""Scatter that is assumed at least when asking whether data determine a parameter."""
+NOISE = 1e-3  # scatter that is assumed at least when asking whether data determine a parameter
 
 
 class Searched:
@@ -190,17 +188,11 @@ EXACT = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class MaterialParameter(Searched):
-    """A parameter of a material.
+    """A parameter of a material."""
 
-    Attributes:
-        name: such as "G" or "tau 2".
-        unit: SI, "" of a plain number.
-        bounded: Whether it is a share between 0 and 1.
-    """
-
-    name: str
-    unit: str = ""
-    bounded: bool = False
+    name: str  # such as "G" or "tau 2"
+    unit: str = ""  # SI, "" of a plain number
+    bounded: bool = False  # whether it is a share between 0 and 1
 
 
 class _Problem(Protocol):
@@ -219,17 +211,11 @@ Problem = TypeVar("Problem", bound=_Problem)
 
 @dataclass(frozen=True, slots=True)
 class MaterialFit(Generic[Problem]):
-    """A material that was found.
+    """A material that was found."""
 
-    Attributes:
-        problem: What it was fitted to.
-        x: (c,), search coordinates.
-        at_bound: (c,), whether the search ended at a bound.
-    """
-
-    problem: Problem
-    x: Floats
-    at_bound: NDArray[np.bool_]
+    problem: Problem  # what it was fitted to
+    x: Floats  # (c,), search coordinates
+    at_bound: NDArray[np.bool_]  # (c,), whether the search ended at a bound
 
     @property
     def squares(self) -> float:
@@ -272,7 +258,6 @@ def best_minimum(
 
 # -- Coordinates of the search, and the friction that a law gives for the data ---------------------
 
-Floats = NDArray[np.float64]
 Parameters = FrictionMapParameters | StribeckParameters | CoulombParameters
 
 RIGID = 1e18
@@ -318,17 +303,11 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Coordinate(Searched):
-    """One direction of the search.
+    """One direction of the search."""
 
-    Attributes:
-        name: Of the parameter, such as "mu_s" or "alpha at 10 nm".
-        key: Of the parameters.
-        film: m, for alpha: the film thickness that it belongs to; None: all.
-    """
-
-    name: str
-    key: str
-    film: float | None = None
+    name: str  # of the parameter, such as "mu_s" or "alpha at 10 nm"
+    key: str  # of the parameters
+    film: float | None = None  # m, for alpha: the film thickness that it belongs to; None: all
 
     @property
     def bounded(self) -> bool:
@@ -398,7 +377,14 @@ def with_values(
 def friction(parameters: Parameters, data: TribometerData) -> Floats:
     """Traction of every row, (n,), Pa."""
     if isinstance(parameters, StribeckParameters | CoulombParameters):
-        return _without_film(parameters, data)
+        # Traction of every row under a law that asks for no film, (n,), Pa
+        law: FrictionLaw
+        if isinstance(parameters, CoulombParameters):
+            law, most = CoulombLaw(parameters), parameters.mu
+        else:
+            law, most = StribeckLaw(parameters), parameters.mu_s
+        sliding = 10.0 * most * data.pressure / parameters.K_T
+        return _one_step(law, data, np.where(data.steady, sliding, data.slip))
     # Neither a memory of alpha nor a lag in it has a part in sliding at one speed.
     parameters = dataclasses.replace(parameters, switch="implicit", reentry="literal")
     out = np.empty(len(data))
@@ -420,19 +406,6 @@ def friction(parameters: Parameters, data: TribometerData) -> Floats:
         rows = _rows(data, ~steady)
         out[~steady] = _one_step(FrictionMap(parameters), rows, rows.slip)
     return out
-
-
-def _without_film(parameters: StribeckParameters | CoulombParameters, data: TribometerData) -> (
-    Floats
-):  # fmt: skip
-    """Traction of every row under a law that asks for no film, (n,), Pa."""
-    law: FrictionLaw
-    if isinstance(parameters, CoulombParameters):
-        law, most = CoulombLaw(parameters), parameters.mu
-    else:
-        law, most = StribeckLaw(parameters), parameters.mu_s
-    sliding = 10.0 * most * data.pressure / parameters.K_T
-    return _one_step(law, data, np.where(data.steady, sliding, data.slip))
 
 
 def _rows(data: TribometerData, rows: NDArray[np.bool_]) -> TribometerData:
@@ -464,21 +437,13 @@ Which = TypeVar("Which", bound=Searched)
 
 @dataclass(frozen=True, slots=True)
 class Estimate(Generic[Which]):
-    """One parameter of the fit.
-
-    Attributes:
-        coordinate: Which.
-        value: SI.
-        low: Lower end of the confidence interval, SI; None: open.
-        high: Upper end.
-        warning: Why the data do not determine it, if they do not.
-    """
+    """One parameter of the fit."""
 
     coordinate: Which
-    value: float
-    low: float | None
-    high: float | None
-    warning: str | None
+    value: float  # SI
+    low: float | None  # lower end of the confidence interval, SI; None: open
+    high: float | None  # upper end
+    warning: str | None  # why the data do not determine it, if they do not
 
 
 def stated(
@@ -507,23 +472,14 @@ def stated(
 
 @dataclass(frozen=True, slots=True)
 class FitResult:
-    """What a fit found.
+    """What a fit found."""
 
-    Attributes:
-        parameters: The calibrated law.
-        estimates: One for each coordinate.
-        traction: (n,), Pa, of the law, for the rows of the data.
-        scatter: Standard deviation of the logarithm of the friction.
-        degrees: Rows less parameters.
-        slopes: Of the coordinates that have one.
-    """
-
-    parameters: Parameters
-    estimates: tuple[Estimate[Coordinate], ...]
-    traction: Floats
-    scatter: float
-    degrees: int
-    slopes: Slopes
+    parameters: Parameters  # the calibrated law
+    estimates: tuple[Estimate[Coordinate], ...]  # one for each coordinate
+    traction: Floats  # (n,), Pa, of the law, for the rows of the data
+    scatter: float  # standard deviation of the logarithm of the friction
+    degrees: int  # rows less parameters
+    slopes: Slopes  # of the coordinates that have one
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -543,21 +499,13 @@ class FitResult:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A minimum.
+    """A minimum."""
 
-    Attributes:
-        x: (c,), search coordinates.
-        residual: (n,), weighted.
-        jacobian: (n, c), or (n, c - 1) where V* was held.
-        at_bound: (c,), whether the search ended at a bound.
-        free: Whether V* was varied; else it was held.
-    """
-
-    x: Floats
-    residual: Floats
-    jacobian: Floats
-    at_bound: NDArray[np.bool_]
-    free: bool
+    x: Floats  # (c,), search coordinates
+    residual: Floats  # (n,), weighted
+    jacobian: Floats  # (n, c), or (n, c - 1) where V* was held
+    at_bound: NDArray[np.bool_]  # (c,), whether the search ended at a bound
+    free: bool  # whether V* was varied; else it was held
 
     @property
     def squares(self) -> float:

@@ -20,29 +20,25 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
 from tribox.app.errors import InputError
+from tribox.app.fit.data import Floats
 from tribox.app.fit.material_data import MaterialData
 from tribox.app.fit.model import MaterialFit, MaterialParameter, Slopes, best_minimum
 
-Floats = NDArray[np.float64]
 Branch = Callable[[Floats], tuple[Floats, Floats]]
 """(k,) relaxation times, s, to what a branch of unit modulus gives, (k, m), and its derivative for
 the logarithm of the time."""
 
 MOST_BRANCHES = 12
-PER_DECADE = 4
-"""Times of the grid for starts."""
+PER_DECADE = 4  # times of the grid for starts
 BEYOND = 30.0
 """Factor beyond the shortest and longest time of the data within which relaxation times lie."""
-MOST_LOG = 150.0
-"""Logarithm of a shift factor up to which the search may go astray."""
-SMALL_STRAIN = 0.02
-"""Largest step of logarithmic strain in following a branch through cycles."""
+MOST_LOG = 150.0  # logarithm of a shift factor up to which the search may go astray
+SMALL_STRAIN = 0.02  # largest step of logarithmic strain in following a branch through cycles
 C1_LIMITS, C2_MOST = (0.1, 200.0), 1e4
 C1_START, C2_START = 8.86, 101.6
 """Of most polymers 50 K above the glass transition (Williams, Landel & Ferry, J. Am. Chem. Soc. 77
@@ -54,14 +50,10 @@ class Shift:
     """Times at a temperature T are a_T those at the reference.
 
     log10 a_T = -C1 (T - reference)/(C2 + T - reference) (Williams, Landel & Ferry, 1955).
-
-    Attributes:
-        reference: K.
-        temperature: (n,), K, of the data.
     """
 
-    reference: float
-    temperature: Floats
+    reference: float  # K
+    temperature: Floats  # (n,), K, of the data
 
     @property
     def above(self) -> Floats:
@@ -84,21 +76,13 @@ LONG_TERM = MaterialParameter("long-term G", "Pa")
 
 @dataclass(frozen=True, slots=True)
 class Prony:
-    """A series.
+    """A series."""
 
-    Attributes:
-        G: Pa, instantaneous shear modulus.
-        shares: (k,), of it.
-        times: (k,), s, rising; at the reference temperature if there is a shift.
-        C1: Of the shift; None without.
-        C2: K.
-    """
-
-    G: float
-    shares: Floats
-    times: Floats
-    C1: float | None = None
-    C2: float | None = None
+    G: float  # Pa, instantaneous shear modulus
+    shares: Floats  # (k,), of it
+    times: Floats  # (k,), s, rising; at the reference temperature if there is a shift
+    C1: float | None = None  # of the shift; None without
+    C2: float | None = None  # K
 
     @property
     def long_term(self) -> float:

@@ -25,6 +25,7 @@ from tribox.app.figures.style import (
     TRACTION,
     VELOCITY,
     VISCOSITY,
+    Floats,
     colour_of,
     marker_of,
     save,
@@ -44,10 +45,10 @@ from tribox.app.fit.model import (
     stated,
 )
 from tribox.app.fit.setup import FitSetup, fit_setup
-from tribox.app.friction_map.run import suffixed_directory
 from tribox.app.results.claim import Claim, claimed
 from tribox.app.results.directory import (
     keep_inputs_apart,
+    suffixed_directory,
     write_json,
     write_table,
     write_text,
@@ -349,7 +350,6 @@ def _columns(data: TribometerData, result: FitResult) -> dict[str, Floats | None
 
 # -- Figure of tribometer data and the law fitted to them ------------------------------------------
 
-Floats = NDArray[np.float64]
 
 AXES = {
     "traction": TRACTION.label("kPa"),
@@ -359,8 +359,7 @@ AXES = {
 }
 ONE_LEVEL = 1.1
 """Measured loads, or velocities, no further apart than by this factor are one in the figure."""
-MOST_INSIDE = 6
-"""Entries of a legend that still leave room for points and lines beside it."""
+MOST_INSIDE = 6  # entries of a legend that still leave room for points and lines beside it
 _NAMES: dict[type[Parameters], str] = {
     FrictionMapParameters: "friction map",
     StribeckParameters: "Stribeck law",
@@ -375,8 +374,7 @@ class _Group:
     rows: NDArray[np.intp]
     thickness: float
     pressure: float
-    velocity: float | None
-    """m/s, for rows over slip."""
+    velocity: float | None  # m/s, for rows over slip
     label: str
 
 

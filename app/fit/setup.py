@@ -38,25 +38,15 @@ TOLD = (
 
 @dataclass(frozen=True, slots=True)
 class FitSetup:
-    """A fit as asked for.
+    """A fit as asked for."""
 
-    Attributes:
-        law: Of ``LAWS``.
-        data: Measured friction.
-        names: Parameters to fit.
-        fixed: Keys of the law given by the user, as written.
-        base: The law with everything that is not fitted.
-        friction: The same as a table of a case file.
-        starts: By key, SI.
-    """
-
-    law: str
-    data: TribometerData
-    names: tuple[str, ...]
-    fixed: dict[str, Any]
-    base: Parameters
-    friction: LawTable
-    starts: dict[str, float]
+    law: str  # of ``LAWS``
+    data: TribometerData  # measured friction
+    names: tuple[str, ...]  # parameters to fit
+    fixed: dict[str, Any]  # keys of the law given by the user, as written
+    base: Parameters  # the law with everything that is not fitted
+    friction: LawTable  # the same as a table of a case file
+    starts: dict[str, float]  # by key, SI
 
     @property
     def assumed(self) -> dict[str, Any]:
@@ -94,7 +84,17 @@ def fit_setup(
     if names is None:
         suggested = _suggested(data, given) if law == "friction-map" else _usual(law, data)
         names = tuple(name for name in suggested if name not in given)
-    _check_names(names, given)
+    for name in names:
+        if name in given:
+            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
+    for first, second in EXCLUSIVE:
+        both = {*names, *given} & {first, second}
+        if len(both) == 2:
+            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
+    if not names:
+        raise InputError("--fix: holds every parameter, so nothing is left to fit")
+    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
+        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
     friction: LawTable
     base: Parameters
     if law == "friction-map":
@@ -187,20 +187,6 @@ def _drags(names: Sequence[str] | None, given: Mapping[str, Any]) -> bool:
     if "viscous" not in given:
         return names is None  # It is fitted as long as nothing is said, and 0 where it is not.
     return parsed("--fix", "viscous", given["viscous"], Quantity("Pa*s/m")) != 0.0
-
-
-def _check_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
-    for name in names:
-        if name in given:
-            raise InputError(f"{name}: is fitted, so --fix {name} cannot be")
-    for first, second in EXCLUSIVE:
-        both = {*names, *given} & {first, second}
-        if len(both) == 2:
-            raise InputError(f"{first}, {second}: only one of the two can be fitted or fixed")
-    if not names:
-        raise InputError("--fix: holds every parameter, so nothing is left to fit")
-    if {"A_d", "B"} & {*names} and "mu_d" not in (*names, *given):
-        raise InputError("A_d, B: have no effect without mu_d; fit it too, or give --fix mu_d=...")
 
 
 def _base(

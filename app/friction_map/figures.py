@@ -12,7 +12,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
 from tribox.app.figures.steady_points import broken, film_numbers, mark_bulk, with_room
 from tribox.app.figures.style import (
@@ -25,6 +24,7 @@ from tribox.app.figures.style import (
     TRACTION,
     VELOCITY,
     VISCOSITY,
+    Floats,
     colour_of,
     fitting,
     look_of,
@@ -36,8 +36,6 @@ from tribox.app.figures.style import (
 from tribox.app.friction_map.material_tests import Curve, FrictionMapResult, Track
 from tribox.app.friction_map.setup import MapSetup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
-
-Floats = NDArray[np.float64]
 
 MARKER_SIZE = 4.0
 # Left margin, over the page's width, of panels whose ticks may have many digits beside two lines of

@@ -28,13 +28,7 @@ from tribox.app.case.bodies import Body, Elastomer, ElastoPlasticBody
 from tribox.app.case.film import Film
 from tribox.app.case.tools import CircleTool
 from tribox.app.errors import InputError, tell
-from tribox.app.figures.style import (
-    STYLE,
-    look_of,
-    save,
-    thin_log_ticks,
-    titled,
-)
+from tribox.app.figures.style import STYLE, Floats, look_of, save, thin_log_ticks, titled
 from tribox.app.friction_map.setup import mapped
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.bodies.materials import young_and_poisson
@@ -46,7 +40,6 @@ from tribox.forms.friction.film_rheology import FilmRheology
 if TYPE_CHECKING:
     from tribox.app.case.case import Case
 
-Floats = NDArray[np.float64]
 
 COLUMNS = (
     *("load [N/m]", "pressure [Pa]", "velocity [m/s]", "oil [kg/m^2]", "friction_coefficient [-]"),
@@ -68,23 +61,17 @@ TOLERANCE, MOST_ITERATIONS = 1e-8, 60
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A steady contact.
+    """A steady contact."""
 
-    Attributes:
-        gap: g (n,), m; unknown: w (n,) of the film; approach: d, m.
-        friction: F/W; dry: share of the asperities; film: h (n,), m; pressure: p (n,), Pa.
-        passed: share of the oil brought that passes; iterations: of Newton's method.
-    """
-
-    gap: Floats
-    unknown: Floats
-    approach: float
-    friction: float
-    dry: float
-    film: Floats
-    pressure: Floats
-    passed: float
-    iterations: int
+    gap: Floats  # g (n,), m
+    unknown: Floats  # w (n,) of the film
+    approach: float  # d, m
+    friction: float  # F/W
+    dry: float  # share of the asperities
+    film: Floats  # h (n,), m
+    pressure: Floats  # p (n,), Pa
+    passed: float  # share of the oil brought that passes
+    iterations: int  # of Newton's method
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,22 +239,16 @@ def half_plane(place: Floats, modulus: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class FilmMap:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        title: of the case; contact: without places; sigma: m.
-        loads: N/m; speeds: m/s, rising; oils: kg/m², the last infinite; density: kg/m³, of them.
-        notes: what was assumed, a line each.
-    """
-
-    title: str
-    contact: LineContact
-    sigma: float
-    loads: tuple[float, ...]
-    speeds: tuple[float, ...]
-    oils: tuple[float, ...]
-    density: float
-    notes: tuple[str, ...]
+    title: str  # of the case
+    contact: LineContact  # without places
+    sigma: float  # m
+    loads: tuple[float, ...]  # N/m
+    speeds: tuple[float, ...]  # m/s, rising
+    oils: tuple[float, ...]  # kg/m², the last infinite
+    density: float  # kg/m³, of them
+    notes: tuple[str, ...]  # what was assumed, a line each
 
 
 @dataclass(frozen=True, slots=True)
@@ -482,7 +463,11 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
                 if not curve.rows:
                     continue
                 rows = np.array(curve.rows)
-                label = _label(curve, by_load)
+                # What a curve is called
+                if by_load:
+                    label = f"p = {curve.rows[0][1] / 1e6:.3g} MPa"
+                else:
+                    label = "flooded" if np.isinf(curve.oil) else f"{1e3 * curve.oil:.3g} g/m²"
                 for axes, name in zip(column, (4, 5), strict=True):
                     axes.plot(
                         rows[:, 2], rows[:, name], **look_of(number), lw=0.9, ms=4, label=label
@@ -502,13 +487,6 @@ def draw(setup: FilmMap, curves: list[Curve], path: Path) -> None:
         words = "a round tool on a half plane, steady, with the film that is found"
         figure.suptitle(titled(setup.title, words), fontsize=9)
         save(figure, path)
-
-
-def _label(curve: Curve, by_load: bool) -> str:
-    """What a curve is called."""
-    if by_load:
-        return f"p = {curve.rows[0][1] / 1e6:.3g} MPa"
-    return "flooded" if np.isinf(curve.oil) else f"{1e3 * curve.oil:.3g} g/m²"
 
 
 def map_film(setup: FilmMap, directory: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tribox.app.friction_map.setup import MapSetup
+from tribox.app.friction_map.setup import Floats, MapSetup
 from tribox.app.results.directory import write_json, write_table
 from tribox.forms.closed_forms.homogeneous_sliding import (
     presliding_length,
@@ -25,81 +25,49 @@ from tribox.forms.friction.law import FrictionLaw, Regime
 # -- Material points: a friction law stepped through given slip, pressure and film, without bodies -
 #
 # Axis letters: n steps, q points; the slip is along one line, so its vectors have one component.
-#
 
 FIRST_SLIP = 1e-9
 """m, first step on the way to steady sliding: short against any pre-sliding length."""
-GROWTH = 1.4
-"""Ratio of a step to the one before, on the way to steady sliding."""
-UNCHANGED = 1e-6
-"""Largest relative change of the traction in one step that counts as none."""
-STEPS_IN_A_ROW = 3
-"""Steps over which the traction must not change any more."""
+GROWTH = 1.4  # ratio of a step to the one before, on the way to steady sliding
+UNCHANGED = 1e-6  # largest relative change of the traction in one step that counts as none
+STEPS_IN_A_ROW = 3  # steps over which the traction must not change any more
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """Part of a program: equal steps at given speeds.
+    """Part of a program: equal steps at given speeds."""
 
-    Attributes:
-        name: What the points do, such as "rest".
-        duration: s, > 0.
-        steps: Number of equal steps.
-        speed: (q,) or a number, m/s, slip speed; its sign is the direction.
-        pressure: (q,) or a number, Pa, contact pressure, 0 is open.
-        film: (q,) or a number, m, film thickness.
-        rate_dependent: Whether time counts; without, slip is all that matters.
-    """
-
-    name: str
-    duration: float
-    steps: int
-    speed: ArrayLike
-    pressure: ArrayLike
-    film: ArrayLike
-    rate_dependent: bool = True
+    name: str  # what the points do, such as "rest"
+    duration: float  # s, > 0
+    steps: int  # number of equal steps
+    speed: ArrayLike  # (q,) or a number, m/s, slip speed; its sign is the direction
+    pressure: ArrayLike  # (q,) or a number, Pa, contact pressure, 0 is open
+    film: ArrayLike  # (q,) or a number, m, film thickness
+    rate_dependent: bool = True  # whether time counts; without, slip is all that matters
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What the points went through, one row per step.
+    """What the points went through, one row per step."""
 
-    Attributes:
-        phase: (n,), name of the phase.
-        time: (n,), s, at the end of the step.
-        slip: (n, q), m, sum of all slip increments.
-        speed: (n, q), m/s.
-        traction: (n, q), Pa, in the direction of positive slip.
-        slip_path: (n, q), m, length of the permanent slip.
-        alpha: (n, q), film fraction.
-        mu: (n, q), coefficient of friction at the slip path reached.
-        regime: (n, q), codes of ``tribox.forms.friction.law.Regime``.
-        dissipated: (n, q), J/m^2 in the step.
-    """
-
-    phase: tuple[str, ...]
-    time: Floats
-    slip: Floats
-    speed: Floats
-    traction: Floats
-    slip_path: Floats
-    alpha: Floats
-    mu: Floats
-    regime: NDArray[np.int8]
-    dissipated: Floats
+    phase: tuple[str, ...]  # (n,), name of the phase
+    time: Floats  # (n,), s, at the end of the step
+    slip: Floats  # (n, q), m, sum of all slip increments
+    speed: Floats  # (n, q), m/s
+    traction: Floats  # (n, q), Pa, in the direction of positive slip
+    slip_path: Floats  # (n, q), m, length of the permanent slip
+    alpha: Floats  # (n, q), film fraction
+    mu: Floats  # (n, q), coefficient of friction at the slip path reached
+    regime: NDArray[np.int8]  # (n, q), codes of ``tribox.forms.friction.law.Regime``
+    dissipated: Floats  # (n, q), J/m^2 in the step
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """Points that go through the same phases.
+    """Points that go through the same phases."""
 
-    Attributes:
-        phases: One after the other.
-        points: Number q of points; what a phase gives as a number holds for all of them.
-    """
-
-    phases: Sequence[Phase]
-    points: int
+    phases: Sequence[Phase]  # one after the other
+    points: int  # number q of points; what a phase gives as a number holds for all of them
 
     def steps(self, value: Callable[[Phase], ArrayLike]) -> Floats:
         """What each phase says of its points, at each step, (n, q)."""
@@ -177,22 +145,14 @@ def _tracks(programs: Sequence[Program], dt: Floats, table: Sequence[Any]) -> It
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """Steady sliding of q points at each of v speeds.
+    """Steady sliding of q points at each of v speeds."""
 
-    Attributes:
-        traction: (v, q), Pa.
-        mu, alpha: (v, q), coefficient of friction at the slip reached, and film fraction.
-        regime: (v, q), codes of ``tribox.forms.friction.law.Regime``.
-        steady: (v, q), whether the traction had stopped changing.
-        slip: (v,), m, distance slid until all points were steady (or given up).
-    """
-
-    traction: Floats
-    mu: Floats
-    alpha: Floats
-    regime: NDArray[np.int8]
-    steady: NDArray[np.bool_]
-    slip: Floats
+    traction: Floats  # (v, q), Pa
+    mu: Floats  # (v, q), coefficient of friction at the slip reached
+    alpha: Floats  # (v, q), film fraction
+    regime: NDArray[np.int8]  # (v, q), codes of ``tribox.forms.friction.law.Regime``
+    steady: NDArray[np.bool_]  # (v, q), whether the traction had stopped changing
+    slip: Floats  # (v,), m, distance slid until all points were steady (or given up)
 
 
 def slide_at_speeds(
@@ -249,7 +209,6 @@ def slide_at_speeds(
 
 # -- The friction map at material points: steady sliding, slip weakening, tests in time ------------
 
-Floats = NDArray[np.float64]
 
 MAP_COLUMNS = (
     "thickness [m]",
@@ -282,29 +241,17 @@ TRACK_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Steady sliding under one film and load; arrays (v,) over the speeds.
+    """Steady sliding under one film and load; arrays (v,) over the speeds."""
 
-    Attributes:
-        film: m, thickness D.
-        pressure: Pa, load per area.
-        speed: m/s.
-        traction: Pa, from stepping the law.
-        mu: Coefficient of friction reached.
-        alpha: Film fraction.
-        regime: Codes of ``tribox.forms.friction.law.Regime``.
-        steady: Whether the traction had stopped changing.
-        exact: Pa, closed form at the coefficient reached; NaN within the transition at V*.
-    """
-
-    film: float
-    pressure: float
-    speed: Floats
-    traction: Floats
-    mu: Floats
-    alpha: Floats
-    regime: NDArray[np.int8]
-    steady: NDArray[np.bool_]
-    exact: Floats
+    film: float  # m, thickness D
+    pressure: float  # Pa, load per area
+    speed: Floats  # m/s
+    traction: Floats  # Pa, from stepping the law
+    mu: Floats  # coefficient of friction reached
+    alpha: Floats  # film fraction
+    regime: NDArray[np.int8]  # codes of ``tribox.forms.friction.law.Regime``
+    steady: NDArray[np.bool_]  # whether the traction had stopped changing
+    exact: Floats  # Pa, closed form at the coefficient reached; NaN within the transition at V*
 
     @property
     def viscosity(self) -> Floats:
@@ -321,23 +268,14 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class FrictionMapResult:
-    """All curves of a map.
+    """All curves of a map."""
 
-    Attributes:
-        by_film: T(V; D), one curve for each thickness.
-        by_load: T(V; L), one for each load.
-        weakening: One dry point, slid from rest.
-        start_stop: Points of the thicknesses ``films``.
-        jump: Likewise.
-        films: m.
-    """
-
-    by_film: tuple[Curve, ...]
-    by_load: tuple[Curve, ...]
-    weakening: Track
-    start_stop: Track
-    jump: Track
-    films: tuple[float, ...]
+    by_film: tuple[Curve, ...]  # T(V; D), one curve for each thickness
+    by_load: tuple[Curve, ...]  # T(V; L), one for each load
+    weakening: Track  # one dry point, slid from rest
+    start_stop: Track  # points of the thicknesses ``films``
+    jump: Track  # likewise
+    films: tuple[float, ...]  # m
 
 
 def compute_map(setup: MapSetup) -> FrictionMapResult:
@@ -494,37 +432,20 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
         wet = curve.film > p.D_min
         # The abscissa of the Stribeck presentation: what the bulk fluid alone would drag with.
         bulk_stress = p.eta_b * curve.speed / curve.film if wet else np.zeros_like(curve.speed)
-        for i, V in enumerate(curve.speed):
-            exact = float(curve.exact[i])
-            yield [
-                curve.film,
-                curve.pressure,
-                float(V),
-                float(curve.traction[i]),
-                float(curve.viscosity[i]),
-                float(curve.traction[i] / curve.pressure),
-                float(bulk_stress[i]),
-                "" if math.isnan(exact) else exact,
-                float(curve.alpha[i]),
-                float(curve.mu[i]),
-                Regime(int(curve.regime[i])).name.lower(),
-                str(bool(curve.steady[i])).lower(),
-            ]
+        friction = curve.traction, curve.viscosity, curve.traction / curve.pressure
+        columns = (curve.speed, *friction, bulk_stress, curve.exact, curve.alpha, curve.mu)
+        rows = zip(np.stack(columns, axis=1), curve.regime, curve.steady, strict=True)
+        for row, regime, steady in rows:
+            numbers = ["" if math.isnan(number) else float(number) for number in row]
+            words = Regime(int(regime)).name.lower(), str(bool(steady)).lower()
+            yield [curve.film, curve.pressure, *numbers, *words]
 
 
 def _track_rows(track: Track, films: tuple[float, ...]) -> Iterator[list[Any]]:
+    of_points = track.slip, track.speed, track.traction, track.alpha, track.mu, track.slip_path
     for q, film in enumerate(films):
+        columns = track.time, *(values[:, q] for values in of_points)
         for n, phase in enumerate(track.phase):
-            yield [
-                film,
-                phase,
-                float(track.time[n]),
-                float(track.slip[n, q]),
-                float(track.speed[n, q]),
-                float(track.traction[n, q]),
-                float(track.alpha[n, q]),
-                float(track.mu[n, q]),
-                float(track.slip_path[n, q]),
-                Regime(int(track.regime[n, q])).name.lower(),
-                float(track.dissipated[n, q]),
-            ]
+            regime = Regime(int(track.regime[n, q])).name.lower()
+            numbers = [float(column[n]) for column in columns]
+            yield [film, phase, *numbers, regime, float(track.dissipated[n, q])]

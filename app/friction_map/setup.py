@@ -26,11 +26,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PRESSURE = 3.0e6
-"""Pa, the paper's pressure, where a case does not say one."""
+PRESSURE = 3.0e6  # Pa, the paper's pressure, where a case does not say one
 LOAD_FACTORS = (0.1, 0.3, 1.0, 3.0)
-FILM_SHARES = (0.04, 0.12, 0.72, 1.0)
-"""Of D_max: 10, 30, 180 and 250 nm for the paper's 250 nm."""
+FILM_SHARES = (0.04, 0.12, 0.72, 1.0)  # of D_max: 10, 30, 180 and 250 nm for the paper's 250 nm
 SPEEDS = (1e-8, 1e-1)
 SPEEDS_PER_DECADE = 8
 
@@ -50,29 +48,17 @@ ASSUMED: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class MapSetup:
-    """What is mapped.
+    """What is mapped."""
 
-    Attributes:
-        title: For the figures.
-        friction: As the case file says it.
-        parameters: Of the law.
-        films: m, film thicknesses D of T(V; D), rising.
-        film: m, film thickness of T(V; L).
-        pressure: Pa, load per area of T(V; D).
-        loads: Pa, loads per area of T(V; L), rising.
-        speeds: (v,), m/s, rising.
-        notes: What was assumed, a line each.
-    """
-
-    title: str
-    friction: LawTable
-    parameters: FrictionMapParameters
-    films: tuple[float, ...]
-    film: float
-    pressure: float
-    loads: tuple[float, ...]
-    speeds: Floats
-    notes: tuple[str, ...]
+    title: str  # for the figures
+    friction: LawTable  # as the case file says it
+    parameters: FrictionMapParameters  # of the law
+    films: tuple[float, ...]  # m, film thicknesses D of T(V; D), rising
+    film: float  # m, film thickness of T(V; L)
+    pressure: float  # Pa, load per area of T(V; D)
+    loads: tuple[float, ...]  # Pa, loads per area of T(V; L), rising
+    speeds: Floats  # (v,), m/s, rising
+    notes: tuple[str, ...]  # what was assumed, a line each
 
     @property
     def between(self) -> tuple[float, ...]:
@@ -151,6 +137,11 @@ def _setup(
     # Over loads a film is shown through which asperities rub as well, if there is one.
     if not parameters.D_min < film < parameters.D_max and inside:
         film = inside[0]
+    # The usual range, further up where film and friction drag alike only there
+    wet = [D for D in films if parameters.D_min < D]
+    crossover = crossover_speed(np.array(wet), load, parameters.mu_dynamic, parameters.eta_b)
+    low, high = SPEEDS[0], max(SPEEDS[1], float(np.max(crossover, initial=0.0)))
+    count = int(np.ceil(np.log10(high / low))) * SPEEDS_PER_DECADE + 1
     return MapSetup(
         title=title,
         friction=friction,
@@ -159,18 +150,9 @@ def _setup(
         film=film,
         pressure=load,
         loads=tuple(factor * load for factor in LOAD_FACTORS),
-        speeds=_speeds(parameters, films, load),
+        speeds=np.asarray(np.geomspace(low, high, count), dtype=np.float64),
         notes=(note,) if note else (),
     )
-
-
-def _speeds(parameters: FrictionMapParameters, films: tuple[float, ...], load: float) -> Floats:
-    """The usual range, further up where film and friction drag alike only there."""
-    wet = [D for D in films if parameters.D_min < D]
-    crossover = crossover_speed(np.array(wet), load, parameters.mu_dynamic, parameters.eta_b)
-    low, high = SPEEDS[0], max(SPEEDS[1], float(np.max(crossover, initial=0.0)))
-    count = int(np.ceil(np.log10(high / low))) * SPEEDS_PER_DECADE + 1
-    return np.asarray(np.geomspace(low, high, count), dtype=np.float64)
 
 
 def _thickness(film: Film, pressure: float) -> float:

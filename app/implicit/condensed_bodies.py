@@ -348,19 +348,13 @@ class KeptCompliance:
 
 @dataclass(frozen=True, slots=True)
 class ContactCompliance:
-    """The kept bodies as they answer to one tangent.
+    """The kept bodies as they answer to one tangent."""
 
-    Attributes:
-        touched: (m,) of the unknowns c those that contact couples in this tangent.
-        of_others: (s, m) sparse, A_sc; on_kept: (m, s) sparse, A_cs; among: (m, m) sparse, N.
-        G: (m, m), m/N.
-    """
-
-    touched: Ints
-    of_others: scipy.sparse.csr_matrix
-    on_kept: scipy.sparse.csr_matrix
-    among: scipy.sparse.csr_matrix
-    G: Floats
+    touched: Ints  # (m,) of the unknowns c those that contact couples in this tangent
+    of_others: scipy.sparse.csr_matrix  # (s, m) sparse, A_sc
+    on_kept: scipy.sparse.csr_matrix  # (m, s) sparse, A_cs
+    among: scipy.sparse.csr_matrix  # (m, m) sparse, N
+    G: Floats  # (m, m), m/N
 
     @classmethod
     def of(

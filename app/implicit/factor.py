@@ -22,8 +22,7 @@ from tribox.app.equilibrium.matrix_values import petsc_library
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.geometry.surfaces.facets import Floats, Ints
 
-LEFT = 1e-3
-"""Share of the forces that a solve may leave out of balance where nothing else is said."""
+LEFT = 1e-3  # share of the forces that a solve may leave out of balance where nothing else is said
 CLOSEST = 1e-8
 """Share of the forces that no linear solve has to get below, where a way says nothing else."""
 

@@ -27,13 +27,10 @@ from tribox.geometry.surfaces.facets import Floats
 
 @dataclass(frozen=True, slots=True)
 class PredictedStart:
-    """Newton's method from the predicted start.
+    """Newton's method from the predicted start."""
 
-    Attributes:
-        if_near: whether it is tried only where the prediction leaves little, or, where bodies
-            flow and rub, not much, as long as each iteration gains.
-    """
-
+    # whether it is tried only where the prediction leaves little, or, where bodies flow and rub,
+    # not much, as long as each iteration gains
     if_near: bool = False
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
@@ -416,18 +413,12 @@ class HeldApproach:
 
 @dataclass(slots=True)
 class Pace:
-    """How far the stages go, and how soft the contacts are.
+    """How far the stages go, and how soft the contacts are."""
 
-    Attributes:
-        way: m, of the present stage, without the distance of the bodies.
-        further: factor of the next one's; soft: penalty scale.
-        failures: stages that failed so far.
-    """
-
-    way: float
-    further: float = FURTHER
-    soft: float = SOFT
-    failures: int = 0
+    way: float  # m, of the present stage, without the distance of the bodies
+    further: float = FURTHER  # factor of the next one's
+    soft: float = SOFT  # penalty scale
+    failures: int = 0  # stages that failed so far
 
     def misled(self) -> None:
         """Take note that the soft contacts led to no solution."""

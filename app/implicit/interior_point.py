@@ -35,19 +35,14 @@ from tribox.geometry.surfaces.facets import Floats
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """How an iteration begins.
+    """How an iteration begins."""
 
-    Attributes:
-        barrier: μ over mean pressure and way: more finds contacts that change much.
-        kept: least share of pressures and slacks that an iteration leaves: more is slower, and
-            keeps vertices from opening and closing in turn.
-        central: whether it stays on the central path, from the prediction on.
-        linear: whether that begins at the linear step where the prediction continues the path.
-    """
-
-    barrier: float
+    barrier: float  # μ over mean pressure and way: more finds contacts that change much
+    # least share of pressures and slacks that an iteration leaves: more is slower, and keeps
+    # vertices from opening and closing in turn
     kept: float = 0.0
-    central: bool = False
+    central: bool = False  # whether it stays on the central path, from the prediction on
+    # whether that begins at the linear step where the prediction continues the path
     linear: bool = False
 
 
@@ -89,12 +84,9 @@ Points = list[InteriorPoint | None]
 
 @dataclass(frozen=True, slots=True)
 class FromInside:
-    """Interior points first, and from what they find Newton's method on the exact law.
+    """Interior points first, and from what they find Newton's method on the exact law."""
 
-    Attributes:
-        openings: those that are tried: all, only the one that worked last, or the others.
-    """
-
+    # those that are tried: all, only the one that worked last, or the others
     openings: Literal["all", "last", "others"] = "all"
 
     def run(self, attempt: Attempt) -> tuple[int, int]:

@@ -29,21 +29,15 @@ from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.geometry.surfaces.facets import Bools, Ints
 
-STIFFER = 0.5
-"""Largest stiffness of a contact over that of a facet's extent of a body that is kept."""
+STIFFER = 0.5  # largest stiffness of a contact over that of a facet's extent of a body that is kept
 
 
 @dataclass(frozen=True, slots=True)
 class KeptBodies:
-    """The bodies of which a factorisation is kept while the supports stay.
+    """The bodies of which a factorisation is kept while the supports stay."""
 
-    Attributes:
-        solids: the bodies.
-        kept: (n,) whether an owned unknown is theirs.
-    """
-
-    solids: tuple[Solid, ...]
-    kept: Bools
+    solids: tuple[Solid, ...]  # the bodies
+    kept: Bools  # (n,) whether an owned unknown is theirs
 
     @property
     def dofs(self) -> Ints:

@@ -9,6 +9,7 @@ them is far stiffer each is solved for by itself (:mod:`tribox.app.implicit.body
 from __future__ import annotations
 
 import ctypes
+import gc
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -399,10 +400,19 @@ def silence() -> None:
 
 @contextmanager
 def errors_as_raised() -> Iterator[None]:
-    """Raise what a function that PETSc called has raised, also Ctrl-C, not PETSc's error for it."""
+    """Raise what a function that PETSc called has raised, also Ctrl-C, not PETSc's error for it.
+
+    PETSc's handler of errors makes Python objects while the exception is under way; the collector
+    of garbage, were it to run then, would lose it, and petsc4py 3.22 would read freed memory.
+    """
+    collects = gc.isenabled()
+    gc.disable()
     try:
         yield
     except PETSc.Error as error:
         if error.__cause__ is None:
             raise
         raise error.__cause__ from None
+    finally:
+        if collects:
+            gc.enable()

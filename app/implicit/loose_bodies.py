@@ -31,16 +31,11 @@ ALONG = 0.05  # mean square of the normals' components up to which a direction i
 
 @dataclass(slots=True)
 class LooseBodies:
-    """The bodies that contact alone holds, each in one direction.
+    """The bodies that contact alone holds, each in one direction."""
 
-    Attributes:
-        problem: the equilibrium; directions: in which bodies are loose.
-        shares: (m,) of the owned nodes in the volume of their bodies.
-    """
-
-    problem: Equilibrium
-    directions: list[Loose] = field(init=False)
-    shares: Floats = field(init=False)
+    problem: Equilibrium  # the equilibrium
+    directions: list[Loose] = field(init=False)  # in which bodies are loose
+    shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
 
     def __post_init__(self) -> None:
         """Find them; collective."""
@@ -153,18 +148,12 @@ ALIKE = 0.9  # cosine of the angle between forces from which on they have one di
 
 @dataclass(slots=True)
 class WeakHold:
-    """Springs for the free bodies of a problem.
+    """Springs for the free bodies of a problem."""
 
-    Attributes:
-        problem: the equilibrium; bodies: that its supports leave free.
-        pairs: of each body, the contacts on it.
-        shares: (m,) of the owned nodes in the volume of their bodies.
-    """
-
-    problem: Equilibrium
-    bodies: list[FreeBody] = field(init=False)
-    pairs: list[list[int]] = field(init=False)
-    shares: Floats = field(init=False)
+    problem: Equilibrium  # the equilibrium
+    bodies: list[FreeBody] = field(init=False)  # that its supports leave free
+    pairs: list[list[int]] = field(init=False)  # of each body, the contacts on it
+    shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
 
     def __post_init__(self) -> None:
         """Find the bodies; collective."""

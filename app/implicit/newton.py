@@ -8,8 +8,8 @@ but the first only where the iteration before it came near enough.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -18,13 +18,13 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import (
+    Linear,
     LinearSolver,
     errors_as_raised,
     linear_options,
     refusal,
     sets_solver,
 )
-from tribox.app.implicit.options import ImplicitOptions
 
 PREFIX = "tribox_"
 _numbers = itertools.count()
@@ -45,28 +45,30 @@ STALL_WINDOW = 4  # iterations over which the residual must fall by a tenth not 
 
 
 @dataclass(frozen=True, slots=True)
+class ImplicitOptions:
+    """Settings of the Newton iteration."""
+
+    tolerance: float = 1e-8  # residual norm allowed, relative to the contact or reaction force
+    # Newton iterations before an attempt counts as failed; a step may make several
+    max_iterations: int = 25
+    linear: Linear = "auto"  # the solver; direct up to a number of unknowns, or of iterations
+    petsc: Mapping[str, str | float | bool] = field(default_factory=dict)  # without prefix
+
+
+@dataclass(frozen=True, slots=True)
 class NewtonPhase:
-    """One way to iterate.
+    """One way to iterate."""
 
-    Attributes:
-        name: of the phase.
-        within: relative residual that the phase before must have ended with at most; None: any.
-        line_search: PETSc's kind; None: that of the options.
-        freezes_facets: whether points do not leave their master facets for a neighbour as soon as
-            they pass an edge.
-        only_pressed: whether contacts that only touch have no stiffness.
-        starts_over: whether the residuals of the phase before are forgotten.
-        ends_stalled: whether the phase ends where the residual has stopped to fall.
-        ends_wavering: whether it ends where it is near, and gains less than an iteration should.
-    """
-
-    name: str
+    name: str  # of the phase
+    # relative residual that the phase before must have ended with at most; None: any
     within: float | None = None
-    line_search: str | None = None
+    line_search: str | None = None  # PETSc's kind; None: that of the options
+    # whether points do not leave their master facets for a neighbour as soon as they pass an edge
     freezes_facets: bool = False
-    only_pressed: bool = False
-    starts_over: bool = False
-    ends_stalled: bool = False
+    only_pressed: bool = False  # whether contacts that only touch have no stiffness
+    starts_over: bool = False  # whether the residuals of the phase before are forgotten
+    ends_stalled: bool = False  # whether the phase ends where the residual has stopped to fall
+    # whether it ends where it is near, and gains less than an iteration should
     ends_wavering: bool = False
 
 
@@ -95,15 +97,10 @@ WHOLE_STEPS = NewtonPhase("whole steps", line_search="basic", starts_over=True)
 
 @dataclass(slots=True)
 class Inside:
-    """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`).
+    """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`)."""
 
-    Attributes:
-        last: whether the last step was, as the next one may be.
-        opening: the one that worked last.
-    """
-
-    last: bool = False
-    opening: int = 0
+    last: bool = False  # whether the last step was, as the next one may be
+    opening: int = 0  # the one that worked last
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +130,7 @@ class Newton(Remembers):
     inside: Kept[Inside]
 
     def __init__(
-        self,
-        problem: Equilibrium,
-        solver: LinearSolver,
-        trial: PETSc.Vec,
-        options: ImplicitOptions,
+        self, problem: Equilibrium, solver: LinearSolver, trial: PETSc.Vec, options: ImplicitOptions
     ) -> None:
         """Set SNES up on the problem's residual and tangent; collective.
 

@@ -47,17 +47,12 @@ WORTHWHILE = 0.5  # share of the residual that a correction must leave at most t
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What pushes a step forward.
+    """What pushes a step forward."""
 
-    Attributes:
-        dofs: owned unknowns with a prescribed displacement; constrained: their increments, m.
-        loads: increments of the platens' forces and the loads; total: their values.
-    """
-
-    dofs: Ints
-    constrained: Floats
-    loads: Floats
-    total: Floats
+    dofs: Ints  # owned unknowns with a prescribed displacement
+    constrained: Floats  # their increments, m
+    loads: Floats  # increments of the platens' forces and the loads
+    total: Floats  # their values
 
 
 class Predictor:
@@ -78,11 +73,7 @@ class Predictor:
         self._flows = steady_flows(problem)
 
     def predict(
-        self,
-        x: PETSc.Vec,
-        trial: PETSc.Vec,
-        step: StepMode = DEFAULT_STEP,
-        only_near: bool = False,
+        self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP, only_near: bool = False
     ) -> int:
         """Put a start into ``trial`` for the step from ``x``; collective.
 
@@ -447,36 +438,23 @@ def lagrange_weights(nodes: Floats, at: float) -> Floats:
 
 @dataclass(slots=True)
 class Attempt:
-    """A step that is being tried.
+    """A step that is being tried."""
 
-    Attributes:
-        newton: whose ``trial`` becomes the solution; predictor: finds starts.
-        x: the last converged unknowns.
-        step: duration and contact modes, as they are committed.
-        pressed: whether anything pressed at the last converged state.
-        bodies: those that contact alone holds.
-        failures: attempts that have failed from the same state.
-        idle: contacts of bodies that float, and stay where they are.
-        start: (n,), m, the predicted start of the owned unknowns.
-        continued: whether that continues the path of the last steps.
-        relaxed: whether the solution was found by springs that give way.
-        adrift: bodies that the load moves away from all that they could touch.
-        held_first: whether springs that give way come first: a load pulls a body off what pressed
-            on it, or acts on one that nothing presses on.
-    """
-
-    newton: Newton
-    predictor: Predictor
-    x: PETSc.Vec
-    step: StepMode
-    pressed: bool
-    bodies: LooseBodies
-    failures: int = 0
-    idle: frozenset[int] = frozenset()
+    newton: Newton  # whose ``trial`` becomes the solution
+    predictor: Predictor  # finds starts
+    x: PETSc.Vec  # the last converged unknowns
+    step: StepMode  # duration and contact modes, as they are committed
+    pressed: bool  # whether anything pressed at the last converged state
+    bodies: LooseBodies  # those that contact alone holds
+    failures: int = 0  # attempts that have failed from the same state
+    idle: frozenset[int] = frozenset()  # contacts of bodies that float, and stay where they are
+    # (n,), m, the predicted start of the owned unknowns
     start: Floats = field(default_factory=lambda: np.empty(0))
-    continued: bool = False
-    relaxed: bool = False
-    adrift: tuple[str, ...] = ()
+    continued: bool = False  # whether that continues the path of the last steps
+    relaxed: bool = False  # whether the solution was found by springs that give way
+    adrift: tuple[str, ...] = ()  # bodies that the load moves away from all that they could touch
+    # whether springs that give way come first: a load pulls a body off what pressed on it, or acts
+    # on one that nothing presses on
     held_first: bool = False
 
     @property

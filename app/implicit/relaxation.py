@@ -76,20 +76,13 @@ class Relaxation:
 
 @dataclass(slots=True)
 class Pace:
-    """How stiff the springs are.
+    """How stiff the springs are."""
 
-    Attributes:
-        stiffness: N/m, of all springs of a body.
-        carried: force of the last stage that was solved, over the reference; 0: none was.
-        failures: stages that failed; waits: stages before springs get softer again.
-        patience: these after the next failure.
-    """
-
-    stiffness: float
-    carried: float = 0.0
-    failures: int = 0
-    waits: int = 0
-    patience: int = WAITS
+    stiffness: float  # N/m, of all springs of a body
+    carried: float = 0.0  # force of the last stage that was solved, over the reference; 0: none was
+    failures: int = 0  # stages that failed
+    waits: int = 0  # stages before springs get softer again
+    patience: int = WAITS  # these after the next failure
 
     def follow(self, carried: float) -> None:
         """Take note of a stage that was solved."""

@@ -30,8 +30,7 @@ from tribox.app.implicit.factor import NO_EFFORT, Effort
 from tribox.app.implicit.globalisation import solve
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
-from tribox.app.implicit.newton import Newton
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions, Newton
 from tribox.app.implicit.predictor import Attempt, Predictor
 from tribox.forms.contact.state import ContactTrial
 

@@ -75,19 +75,13 @@ _ALWAYS = (
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table that is ready to be written.
+    """A table that is ready to be written."""
 
-    Attributes:
-        caption: what it holds.
-        headings: (title, unit) of each column; the first column names the row.
-        rows: text of the cells.
-        folded: whether it is shown only when asked for.
-    """
-
-    caption: str
+    caption: str  # what it holds
+    # (title, unit) of each column; the first column names the row
     headings: Sequence[tuple[str, str]]
-    rows: Sequence[Sequence[str]]
-    folded: bool = False
+    rows: Sequence[Sequence[str]]  # text of the cells
+    folded: bool = False  # whether it is shown only when asked for
 
 
 def load_step_table(load_steps: DataFrame, pairs: int = 1) -> Table | None:
@@ -243,7 +237,13 @@ def frame_table(
     if frame.empty:
         return None
     kept = [name for name in names if name in frame.columns and _tells(frame, name)]
-    noise = _noise(frame, kept)
+    # What counts as round-off beside the largest value in the same unit; of ratios beside 1
+    noise = {"": ROUND_OFF}
+    for name in kept:
+        unit = column(name).unit
+        if unit:
+            noise[unit] = max(noise.get(unit, 0.0), ROUND_OFF * float(frame[name].abs().max()))
+    noise = noise if {"N", "N m"} & noise.keys() else {}
     columns, headings = [], []
     for name in kept:
         texts, unit = _cells(frame, name, noise.get(column(name).unit, 0.0))
@@ -257,16 +257,6 @@ def _tells(frame: DataFrame, name: str) -> bool:
     if name == "steady":
         return bool((frame[name] >= 0).any())
     return name in _ALWAYS or frame[name].dtype == object or bool((frame[name] != 0.0).any())
-
-
-def _noise(frame: DataFrame, names: Sequence[str]) -> dict[str, float]:
-    """What counts as round-off beside the largest value in the same unit; of ratios beside 1."""
-    noise = {"": ROUND_OFF}
-    for name in names:
-        unit = column(name).unit
-        if unit:
-            noise[unit] = max(noise.get(unit, 0.0), ROUND_OFF * float(frame[name].abs().max()))
-    return noise if {"N", "N m"} & noise.keys() else {}
 
 
 def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
@@ -283,7 +273,12 @@ def _cells(frame: DataFrame, name: str, noise: float) -> tuple[list[str], str]:
     sizes = frame[together].to_numpy().ravel().tolist() if together else values
     scale = Unit(0, column(name).unit) if wide else fitting(sizes, column(name).unit)
     if name == "time":
-        return _distinct(values, scale), scale.name
+        # Numbers with as many digits as tell them apart
+        for digits in range(6, 17):
+            texts = [scale.number(value, digits) for value in values]
+            if len(set(texts)) == len(set(values)):
+                break
+        return texts, scale.name
     return [_text(value, name, scale, noise) for value in values], scale.name
 
 
@@ -297,15 +292,6 @@ def _spread(values: Sequence[float]) -> float:
     """Largest over smallest of the sizes of values, zeros left out; 1 without any."""
     sizes = [abs(value) for value in values if value != 0.0]
     return max(sizes) / min(sizes) if sizes else 1.0
-
-
-def _distinct(values: Sequence[float], scale: Unit) -> list[str]:
-    """Numbers with as many digits as tell them apart."""
-    for digits in range(6, 17):
-        texts = [scale.number(value, digits) for value in values]
-        if len(set(texts)) == len(set(values)):
-            break
-    return texts
 
 
 # -- What the columns of the tables are called in the report, and their units ----------------------
@@ -364,15 +350,11 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A judgement.
+    """A judgement."""
 
-    Attributes:
-        kind: "good", "fair" or "bad"; word: in short; text: in full.
-    """
-
-    kind: str
-    word: str
-    text: str
+    kind: str  # "good", "fair" or "bad"
+    word: str  # in short
+    text: str  # in full
 
 
 def status_verdict(summary: Mapping[str, Any], unfinished: str | None = None) -> Verdict:

@@ -110,7 +110,7 @@ def point_values(term: ContactTerm, trial: ContactTrial) -> dict[str, Floats]:
         "normal": np.where(trial.projection.on_surface[:, None], k.normal, 0.0),
         "gap": np.where(trial.projection.on_surface, k.gap, np.nan),
         "pressure": trial.pressure,
-        "cover": np.where(trial.pressure > 0.0, trial.normal_contact.cover, 0.0),
+        "cover": np.where(trial.pressure > 0.0, term.cover(trial), 0.0),
         "tangential_traction": friction,
         "slip_increment": slip,
         "slip_rate": np.where(trial.pressure > 0.0, slip / trial.dt, 0.0),
@@ -159,31 +159,20 @@ _AVERAGED = (
 
 @dataclass(frozen=True, slots=True)
 class SlaveFacets:
-    """The slave facets of all pairs, one after the other, in an order that ranks do not change.
+    """The slave facets of all pairs, one after the other, in an order that ranks do not change."""
 
-    Attributes:
-        nodes: (f, k) rows of the vertices of each facet, round it; pair: (f,) number of its pair.
-        kind: "line", "triangle" or "quad".
-    """
-
-    nodes: Longs
-    pair: Ints
-    kind: str
+    nodes: Longs  # (f, k) rows of the vertices of each facet, round it
+    pair: Ints  # (f,) number of its pair
+    kind: str  # "line", "triangle" or "quad"
 
 
 @dataclass(frozen=True, slots=True)
 class ContactNodes:
-    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change.
+    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change."""
 
-    Attributes:
-        values: arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says.
-        facets: (f, k) rows of the vertices of each slave facet, round it; kind: "line", "triangle"
-            or "quad".
-    """
-
-    values: dict[str, Array]
-    facets: Longs
-    kind: str
+    values: dict[str, Array]  # arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says
+    facets: Longs  # (f, k) rows of the vertices of each slave facet, round it
+    kind: str  # "line", "triangle" or "quad"
 
 
 def slave_facets(model: Model) -> SlaveFacets:
@@ -227,13 +216,24 @@ def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:
 def _values(index: int, model: Model, term: ContactTerm, trial: ContactTrial) -> dict[str, Array]:
     """Values of one pair, on all ranks; collective."""
     vertices, of_points = term.surface.vertices, point_values(term, trial)
+    # Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective
+    mean = _mean_vectors(term, of_points["normal"])
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    # Mean gaps (v,), m, that the pressure answers to; NaN with no master below; collective
+    above = trial.projection.on_surface
+    # Where a part of the surroundings has no master below, the mean is over the rest.
+    covered = _mean(term, above.astype(np.float64))
+    gap = trial.nodal_gap
+    if gap is None:
+        own = _mean(term, np.where(above, trial.kinematics.gap, 0.0))
+        gap = own / np.where(covered > 0.0, covered, 1.0)
     out: dict[str, Array] = {
         "position": vertices.position + displacement_at(model, vertices.nodes),
         "reference": vertices.position,
         "pair": np.full(vertices.count, index, dtype=np.int32),
         "area": vertices.area,
-        "normal": _normals(term, of_points["normal"]),
-        "gap": _gap(term, trial),
+        "normal": (mean / np.where(length > 0.0, length, 1.0)),
+        "gap": np.where(covered > 0.0, gap, np.nan),
         "pressure": nodal_pressure(term, trial),
     }
     if term.surface.dim == 2:
@@ -277,25 +277,6 @@ def _mean(term: ContactTerm, values: Floats) -> Floats:
 def _mean_vectors(term: ContactTerm, vectors: Floats) -> Floats:
     """Means (v, i) of point values (q, i); collective."""
     return np.stack([_mean(term, component) for component in vectors.T], axis=1)
-
-
-def _normals(term: ContactTerm, normals: Floats) -> Floats:
-    """Mean unit normals (v, i) of those at the points (q, i); 0 where these are; collective."""
-    mean = _mean_vectors(term, normals)
-    length = np.linalg.norm(mean, axis=1, keepdims=True)
-    return mean / np.where(length > 0.0, length, 1.0)
-
-
-def _gap(term: ContactTerm, trial: ContactTrial) -> Floats:
-    """Mean gaps (v,), m, that the pressure answers to; NaN with no master below; collective."""
-    above = trial.projection.on_surface
-    # Where a part of the surroundings has no master below, the mean is over the rest.
-    covered = _mean(term, above.astype(np.float64))
-    gap = trial.nodal_gap
-    if gap is None:
-        own = _mean(term, np.where(above, trial.kinematics.gap, 0.0))
-        gap = own / np.where(covered > 0.0, covered, 1.0)
-    return np.where(covered > 0.0, gap, np.nan)
 
 
 def displacement_at(model: Model, nodes: Longs) -> Floats:

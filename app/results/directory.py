@@ -98,6 +98,12 @@ def default_directory(case_file: Path) -> Path:
     return Path(root) / case_file.stem
 
 
+def suffixed_directory(source: Path, suffix: str) -> Path:
+    """The default directory of a command beside ``run``: ``results/SOURCE-suffix``."""
+    default = default_directory(source)
+    return default.with_name(f"{default.name}-{suffix}")
+
+
 def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None:
     """See that results may be written; changes nothing.
 

@@ -149,17 +149,11 @@ def _numbered(rows: Longs) -> tuple[Longs, Longs]:
 
 @dataclass(frozen=True, slots=True)
 class Strain:
-    """Measures of the deformation of each cell.
+    """Measures of the deformation of each cell."""
 
-    Attributes:
-        J: (c,) volume ratio det F.
-        max_stretch: (c,) largest principal stretch.
-        log_strain: (c, 3, 3) ln V = ½ ln(F Fᵀ), along the axes of the deformed body.
-    """
-
-    J: Floats
-    max_stretch: Floats
-    log_strain: Floats
+    J: Floats  # (c,) volume ratio det F
+    max_stretch: Floats  # (c,) largest principal stretch
+    log_strain: Floats  # (c, 3, 3) ln V = ½ ln(F Fᵀ), along the axes of the deformed body
 
 
 def strain_of(F: Floats) -> Strain:

@@ -32,15 +32,11 @@ INPUTS = "inputs"
 
 @dataclass(frozen=True, slots=True)
 class KeptInputs:
-    """What was copied.
+    """What was copied."""
 
-    Attributes:
-        names: of the copies, by the files that they were made from.
-        sums: SHA-256 of each copy, by its name.
-    """
-
+    # of the copies, by the files that they were made from
     names: Mapping[Path, str] = field(default_factory=dict)
-    sums: Mapping[str, str] = field(default_factory=dict)
+    sums: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of each copy, by its name
 
 
 NOTHING = KeptInputs()

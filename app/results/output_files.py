@@ -62,17 +62,14 @@ class Series:
         self._lines: list[str] = []
         self._next = 0.0
         if times is not None:
-            self._keep(times)
-
-    def _keep(self, times: Mapping[int, float]) -> None:
-        kept = {step: when for step, when in times.items() if self.path(step).is_file()}
-        names = {self.path(step).name for step in kept}
-        for path in (self._directory / self._name).glob("*.vtu*"):
-            if path.name not in names:
-                path.unlink()
-        self._lines = [self._line(step, when) for step, when in kept.items()]
-        if kept:
-            self.write_index()
+            kept = {step: when for step, when in times.items() if self.path(step).is_file()}
+            names = {self.path(step).name for step in kept}
+            for path in (self._directory / self._name).glob("*.vtu*"):
+                if path.name not in names:
+                    path.unlink()
+            self._lines = [self._line(step, when) for step, when in kept.items()]
+            if kept:
+                self.write_index()
 
     def path(self, step: int) -> Path:
         """The file of a step, in a directory that is made with the first of them."""
@@ -419,10 +416,7 @@ class BpWriter:
         # The default engine writes garbage from a rank without cells; BP4 does not.
         self._writers = [
             dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in (
-                (f"fields{ending}.bp", nodes),
-                (f"stress{ending}.bp", cells),
-            )
+            for name, functions in ((f"fields{ending}.bp", nodes), (f"stress{ending}.bp", cells))
         ]
 
     def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:

@@ -43,21 +43,14 @@ def components(dim: int) -> tuple[tuple[str, int, int], ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """The points in one body, on this rank; k counts pairs of a point and a cell around it.
+    """The points in one body, on this rank; k counts pairs of a point and a cell around it."""
 
-    Attributes:
-        point: (k,) number among all points; share: (k,) of the cell in the point's values.
-        nodes: (k, a) local nodes of the cell.
-        rows, centre: at the point, and where the volume is taken, if that is another place.
-        stress: of the body's material.
-    """
-
-    point: Longs
-    share: Floats
-    nodes: Ints
-    rows: Rows
-    centre: Rows | None
-    stress: StressAt
+    point: Longs  # (k,) number among all points
+    share: Floats  # (k,) of the cell in the point's values
+    nodes: Ints  # (k, a) local nodes of the cell
+    rows: Rows  # at the point
+    centre: Rows | None  # where the volume is taken, if that is another place
+    stress: StressAt  # of the body's material
 
 
 def stress_and_strain(tensor: Sequence[tuple[str, int, int]]) -> tuple[str, ...]:
@@ -178,22 +171,15 @@ AS_THIN = 1e-7  # relative difference up to which two places are as thin
 
 @dataclass(frozen=True, slots=True)
 class _Along:
-    """How the values of one probe follow from those of the vertices.
+    """How the values of one probe follow from those of the vertices."""
 
-    Attributes:
-        name: of the probe; pair: number of the contact.
-        first, second: (p,) vertices on either side of each point; share: (p,) of the second.
-        way: (p,) m, undeformed arc length; NaN in space.
-        at_vertices: whether the points are the vertices, each with an area of its own.
-    """
-
-    name: str
-    pair: int
-    first: Longs
-    second: Longs
-    share: Floats
-    way: Floats
-    at_vertices: bool
+    name: str  # of the probe
+    pair: int  # number of the contact
+    first: Longs  # (p,) vertices on either side of each point
+    second: Longs  # likewise
+    share: Floats  # (p,) of the second
+    way: Floats  # (p,) m, undeformed arc length; NaN in space
+    at_vertices: bool  # whether the points are the vertices, each with an area of its own
 
 
 class ContactProbes:
@@ -294,44 +280,34 @@ def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
     return np.concatenate(order), np.concatenate(way)
 
 
-class SurfaceLines:
-    """The lines of nodes of surfaces, where they are at present."""
+def line_places(model: Model) -> list[tuple[SurfaceLine, Floats, Floats]]:
+    """Each line of nodes, its places (n, i), m, and the opposite one's (m, i); collective."""
+    found = []
+    for line in model.lines:
+        moved = displacement_at(model, np.concatenate([line.nodes, line.opposite]))
+        own = line.place + moved[: len(line.nodes)]
+        found.append((line, own, line.opposite_place + moved[len(line.nodes) :]))
+    return found
+
+
+class NodeTable:
+    """The table of the nodes of the lines: a row for each."""
+
+    columns = (
+        *("probe", "point", "arc_length"),
+        *(f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]),
+        *("tangent_angle", "curvature", "thickness"),
+    )
 
     def __init__(self, model: Model) -> None:
         """Take the lines of a model."""
-        self.model, self.lines = model, model.lines
-
-    def places(self) -> list[tuple[Floats, Floats]]:
-        """Places of each line (n, i) and of the opposite one (m, i), m; collective."""
-        found = []
-        for line in self.lines:
-            moved = displacement_at(self.model, np.concatenate([line.nodes, line.opposite]))
-            own = line.place + moved[: len(line.nodes)]
-            found.append((own, line.opposite_place + moved[len(line.nodes) :]))
-        return found
-
-
-@dataclass(frozen=True, slots=True)
-class NodeTable:
-    """The table of the nodes of the lines: a row for each.
-
-    Attributes:
-        lines: the lines.
-    """
-
-    lines: SurfaceLines
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns after those that say when."""
-        places = [f"{kind}_{x}" for kind in ("reference", "displacement") for x in AXES[:2]]
-        return ("probe", "point", "arc_length", *places, "tangent_angle", "curvature", "thickness")
+        self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
         found: list[tuple[object, ...]] = []
-        for line, (own, other) in zip(self.lines.lines, self.lines.places(), strict=True):
-            if self.lines.model.problem.comm.rank == 0:
+        for line, own, other in line_places(self._model):
+            if self._model.problem.comm.rank == 0:
                 parts = (line.way, *line.place.T, *(own - line.place).T, tangent_angles(own))
                 table = np.stack([*parts, line_curvatures(own), thickness(own, other)], axis=1)
                 rows = enumerate(table.tolist())
@@ -339,32 +315,27 @@ class NodeTable:
         return found
 
 
-@dataclass(frozen=True, slots=True)
 class ShapeTable:
-    """The table of the shapes of the lines: a row for each line.
+    """The table of the shapes of the lines: a row for each line."""
 
-    Attributes:
-        lines: the lines.
-    """
+    columns = (
+        *("probe", "angle", "bend_angle", "largest_turn", "radius", "off_circle", "length"),
+        *("mean_thickness", "min_thickness", "max_thickness", "thinnest_at"),
+    )
 
-    lines: SurfaceLines
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns after those that say when."""
-        thicknesses = (f"{kind}_thickness" for kind in ("mean", "min", "max"))
-        turned = ("angle", "bend_angle", "largest_turn")
-        return ("probe", *turned, "radius", "off_circle", "length", *thicknesses, "thinnest_at")
+    def __init__(self, model: Model) -> None:
+        """Take the lines of a model."""
+        self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
-        found = zip(self.lines.lines, self.lines.places(), strict=True)
-        if self.lines.model.problem.comm.rank > 0:
+        found = line_places(self._model)
+        if self._model.problem.comm.rank > 0:
             return []
-        return [(line.probe.name, *_shape(line, *places)) for line, places in found]
+        return [(line.probe.name, *shape_of(line, *places)) for line, *places in found]
 
 
-def _shape(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
+def shape_of(line: SurfaceLine, own: Floats, other: Floats) -> tuple[float, ...]:
     """Numbers of a line's row, with the places (n, i) and (m, i), m, of it and the opposite one."""
     angle = _angle(line, own)
     radius, off = fitted_circle(own[line.bend])

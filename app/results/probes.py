@@ -21,7 +21,6 @@ from tribox.app.results.point_probes import (
     NodeTable,
     PointProbes,
     ShapeTable,
-    SurfaceLines,
     components,
     reduced_rows,
     stress_and_strain,
@@ -55,11 +54,7 @@ class ProbeRecorder(Observer):
     """Observer that follows the probes; all ranks take part, the first one writes."""
 
     def __init__(
-        self,
-        model: Model,
-        directory: Path,
-        saving: Saving | None = None,
-        after: int | None = None,
+        self, model: Model, directory: Path, saving: Saving | None = None, after: int | None = None
     ) -> None:
         """Make the tables that the case has probes for; collective.
 
@@ -151,8 +146,7 @@ def _tables(model: Model) -> dict[str, Table]:
     if contacts:
         tables[contact_table] = ContactProbes(model, contacts)
     if model.lines:
-        lines = SurfaceLines(model)
-        tables[shape_table], tables[node_table] = ShapeTable(lines), NodeTable(lines)
+        tables[shape_table], tables[node_table] = ShapeTable(model), NodeTable(model)
     return tables
 
 

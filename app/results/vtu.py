@@ -34,16 +34,11 @@ _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": 
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """An array as it stands in a file.
+    """An array as it stands in a file."""
 
-    Attributes:
-        data: header, and blocks, in base64; kind: VTK's name of the type.
-        width: number of components, 0 of plain numbers.
-    """
-
-    data: tuple[bytes, bytes]
-    kind: str
-    width: int
+    data: tuple[bytes, bytes]  # header, and blocks, in base64
+    kind: str  # VTK's name of the type
+    width: int  # number of components, 0 of plain numbers
 
 
 def pack(values: Array | Packed, *, lasting: bool = False) -> Packed:
@@ -68,16 +63,12 @@ def pack(values: Array | Packed, *, lasting: bool = False) -> Packed:
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells of a grid, packed once.
+    """The cells of a grid, packed once."""
 
-    Attributes:
-        connectivity, offsets, types: VTK's arrays; count: number of cells.
-    """
-
-    connectivity: Packed
-    offsets: Packed
-    types: Packed
-    count: int
+    connectivity: Packed  # VTK's arrays
+    offsets: Packed  # likewise
+    types: Packed  # likewise
+    count: int  # number of cells
 
     @classmethod
     def of_one_kind(cls, nodes: Array, kind: int) -> Cells:

@@ -19,11 +19,9 @@ from tribox.app.implicit.linear_solver import silence
 from tribox.app.simulation.explicit_stage import notes_on_steps
 from tribox.app.simulation.simulation import Simulation
 from tribox.forms.contact.law_faults import law_fault
-from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.law_check import Conditions, Finding, check_law
 
-MOST_BUILT = 20
-"""Values of a sweep that are put together to see what shows only then."""
+MOST_BUILT = 20  # values of a sweep that are put together to see what shows only then
 
 
 def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list[str]]:
@@ -72,18 +70,15 @@ def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
 
 def _own_code(case: Case) -> list[tuple[str, str]]:
     """(place, what) of all in a case that is code."""
-    laws = [(f"contact.{index}", contact.friction) for index, contact in enumerate(case.contact)]
-    return [
-        *(
-            (place, f"the friction law {law.reference}")
-            for place, law in laws
-            if isinstance(law, OwnLaw)
-        ),
-        *(
-            (f"bodies.{name}", f"the material {body.reference}")
-            for name, body in case.bodies.items()
-            if isinstance(body, OwnBody)
-        ),
+    found = [
+        (f"contact.{index}", f"the friction law {contact.friction.reference}")
+        for index, contact in enumerate(case.contact)
+        if isinstance(contact.friction, OwnLaw)
+    ]
+    return found + [
+        (f"bodies.{name}", f"the material {body.reference}")
+        for name, body in case.bodies.items()
+        if isinstance(body, OwnBody)
     ]
 
 
@@ -107,7 +102,9 @@ def check_laws(cases: Sequence[Case]) -> None:
         for index in new:
             name = law_name(case.contact[index])
             print(f"contact.{index}: friction law {name}")
-            findings = _findings(case, index, terms[index])
+            findings = check_law(terms[index].law, conditions(case, case.contact[index]))
+            if fault := law_fault([terms[index]]):
+                raise InputError(f"contact.{index}.friction: {fault}")
             print("\n".join(f"  {line}" for line in table(findings)))
             if not all(finding.good for finding in findings):
                 wrong.append(f"contact.{index}: {name}")
@@ -150,11 +147,3 @@ def conditions(case: Case, contact: Contact) -> Conditions:
     )
     chosen = {steps[0], steps[len(steps) // 2], steps[-1]} if steps else {1.0}
     return Conditions(pressure, film, sorted(chosen))
-
-
-def _findings(case: Case, index: int, term: ContactTerm) -> list[Finding]:
-    """What came of one law."""
-    findings = check_law(term.law, conditions(case, case.contact[index]))
-    if fault := law_fault([term]):
-        raise InputError(f"contact.{index}.friction: {fault}")
-    return findings

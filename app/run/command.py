@@ -48,14 +48,28 @@ def run_command(case_file: Path, options: RunOptions) -> int:
         run_sweep(case, case_file, directory, options, changes)
         return 0
     if options.part is not None:
-        case = _one_part(case, options.part)
+        parts = case.sweep_cases()
+        if options.part >= len(parts):
+            raise InputError(
+                f"--part {options.part}: the sweep has {len(parts)} values, counted from 0"
+            )
+        case = parts[options.part][1]
     if options.resume and not options.extend and is_done(directory):
         is_whole(directory, case)
         print(f"{directory}: the run is done; --extend goes on past its end")
         return 0
     if options.ranks > 1 and ranks_around() == 1:
         return _run_on_ranks(case_file, directory, options, changes)
-    _run_here(case, directory, options)
+    with lasting_imports():
+        from tribox.app.run.run import run_case
+    run_case(
+        case,
+        directory,
+        force=options.force,
+        inputs_of=options.inputs_of,
+        resume=options.resume,
+        extend=options.extend,
+    )
     return 0
 
 
@@ -70,14 +84,6 @@ def _keep_results_apart(directory: Path, case: Case, case_file: Path, options: R
     keep_inputs_apart(directory, (case_file, *input_files(case)))
 
 
-def _one_part(case: Case, part: int) -> Case:
-    """The case of one value of the sweep."""
-    parts = case.sweep_cases()
-    if part >= len(parts):
-        raise InputError(f"--part {part}: the sweep has {len(parts)} values, counted from 0")
-    return parts[part][1]
-
-
 def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes: list[str]) -> int:
     """Have several ranks run a case; their exit code."""
     check_not_in_use(directory)
@@ -85,20 +91,6 @@ def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes
         check_free(directory, options.force, sweep_labels(directory))
     words = ["run", str(case_file), "--out", str(directory), *changes, *options.for_ranks()]
     return run_on_ranks(options.ranks, words)
-
-
-def _run_here(case: Case, directory: Path, options: RunOptions) -> None:
-    """Run one case in this process, which may be one of several ranks."""
-    with lasting_imports():
-        from tribox.app.run.run import run_case
-    run_case(
-        case,
-        directory,
-        force=options.force,
-        inputs_of=options.inputs_of,
-        resume=options.resume,
-        extend=options.extend,
-    )
 
 
 # -- What ``tribox check`` does --------------------------------------------------------------------

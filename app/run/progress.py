@@ -305,31 +305,20 @@ class Log:
 
 @dataclass(slots=True)
 class StageProgress:
-    """How far one stage has come.
+    """How far one stage has come."""
 
-    Attributes:
-        stage: the stage; number: from 1.
-        velocities: m/s, of its load steps; none if it has a duration.
-        began: s, time of the run at its start; started: s, of the clock.
-        time: s, of the run; dt: s, of the last step.
-        done: load steps done; turned: s, time of the run at the start of the one at hand.
-        cuts: steps cut so far.
-        ended: s, of the clock; None before.
-        before: share that was done when a run was gone on with.
-    """
-
-    stage: Stage
-    number: int
-    velocities: tuple[float, ...]
-    began: float
-    started: float
-    time: float
-    turned: float
-    dt: float = 0.0
-    done: int = 0
-    cuts: int = 0
-    ended: float | None = None
-    before: float = 0.0
+    stage: Stage  # the stage
+    number: int  # from 1
+    velocities: tuple[float, ...]  # m/s, of its load steps; none if it has a duration
+    began: float  # s, time of the run at its start
+    started: float  # s, of the clock
+    time: float  # s, of the run
+    turned: float  # s, time of the run at the start of the one at hand
+    dt: float = 0.0  # s, of the last step
+    done: int = 0  # load steps done
+    cuts: int = 0  # steps cut so far
+    ended: float | None = None  # s, of the clock; None before
+    before: float = 0.0  # share that was done when a run was gone on with
 
     @property
     def load_steps(self) -> int:
@@ -508,9 +497,7 @@ class StageBars:
             if one.ended is None:
                 said = ", ".join(part for part in (one.place(), said) if part)
             grid.add_row(
-                Text(name),
-                ProgressBar(total=1.0, completed=one.share, width=BAR_WIDTH),
-                Text(said),
+                Text(name), ProgressBar(total=1.0, completed=one.share, width=BAR_WIDTH), Text(said)
             )
         return Group(grid, Text(self.details, no_wrap=True, overflow="ellipsis"))
 

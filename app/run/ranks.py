@@ -34,28 +34,18 @@ from tribox.app.run.process import (
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The options of ``tribox run``.
+    """The options of ``tribox run``."""
 
-    Attributes:
-        out: results directory; None: by the name of the case.
-        overrides: "KEY=VALUE" texts that change the case.
-        ranks: MPI ranks to run on; force: replace results that are there.
-        jobs: runs of a sweep at a time; None: as many as the cores allow.
-        part: the only value of the sweep that is run, counted from 0; None: all.
-        trust: run the Python that the case names.
-        resume: go on from the last checkpoint; extend: the same, and past the end.
-        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
-    """
-
-    out: Path | None = None
-    overrides: Sequence[str] = ()
-    ranks: int = 1
-    force: bool = False
-    jobs: int | None = None
-    part: int | None = None
-    trust: bool = False
-    resume: bool = False
-    extend: bool = False
+    out: Path | None = None  # results directory; None: by the name of the case
+    overrides: Sequence[str] = ()  # "KEY=VALUE" texts that change the case
+    ranks: int = 1  # MPI ranks to run on
+    force: bool = False  # replace results that are there
+    jobs: int | None = None  # runs of a sweep at a time; None: as many as the cores allow
+    part: int | None = None  # the only value of the sweep that is run, counted from 0; None: all
+    trust: bool = False  # run the Python that the case names
+    resume: bool = False  # go on from the last checkpoint
+    extend: bool = False  # the same, and past the end
+    # results directory of the sweep, whose copies of mesh and laws are linked
     inputs_of: Path | None = None
 
     @property
@@ -254,8 +244,6 @@ def _supervise(command: Sequence[str], told: Path) -> tuple[int, bool]:
         code = process.wait()
     return code, forwarding.asked > 0
 
-
-# -- How a process ends: one line, an exit code, and no rank that waits for another  --------------
 
 # -- Where compiled forms are kept, if the usual place cannot be written ---------------------------
 

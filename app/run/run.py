@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -160,9 +159,10 @@ def run_case(
     on_first(comm, lambda: claim.take(resume or extend))
     try:
         found = _to_go_on(directory, extend, comm) if resume or extend else None
-        opening = Opening(claim, found, resume, extend, inputs_of, quiet)
         with meshed(case, directory if found else None, comm) as whole:
-            return _run_claimed(whole, opening, comm)
+            claimed = ClaimedRun(whole, claim, found, comm)
+            claimed.run(resume, extend, inputs_of, quiet)
+            return claimed.simulation
     finally:
         claim.release()
 
@@ -177,168 +177,218 @@ def _to_go_on(directory: Path, extend: bool, comm: MPI.Comm) -> Found | None:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """How a run begins.
+class ClaimedRun:
+    """A case in a directory that is this run's, and who tells and keeps what comes of it.
 
     Attributes:
-        claim: on the results directory.
-        found: checkpoint that it goes on from, or None.
-        resume: whether it was to go on; extend: past the end.
-        inputs_of: results directory of the sweep, whose copies of mesh and laws are linked.
-        quiet: print warnings and errors only.
+        claim: on the results directory; found: checkpoint that it goes on from, or None.
+        steps: notes on explicit time steps; simulation: what is run.
+        saving: keeps errors of writing files; recorder: of the results.
+        reporter: tells the user, on the first rank; None on the others.
     """
 
-    claim: Claim
-    found: Found | None
-    resume: bool
-    extend: bool
-    inputs_of: Path | None
-    quiet: bool
+    recorder: Recorder
 
-
-def _run_claimed(case: Case, opening: Opening, comm: MPI.Comm) -> Simulation:
-    """Run one case in a directory that is this run's."""
-    directory, resumed = opening.claim.directory, opening.found is not None
-    model = build_model(case, comm)
-    try:
-        steps, simulation = notes_on_steps(model), Simulation(model)
-    except InputError as error:
-        raise of_case(case, error) from None
-    saving = Saving(directory)
-    with Interruption(comm, saving) as interruption:
-        recorder = _recorder(case, simulation, opening, saving)
-        interruption.noted = partial(recorder.mark, "interrupted")
-        reporter = None
-        if comm.rank == 0:
-            log = directory / "log.txt"
-            reporter = Reporter(log, case, saving, opening.quiet, resumed=resumed)
-        told: list[Observer] = [reporter, recorder] if reporter else [recorder]
+    def __init__(self, case: Case, claim: Claim, found: Found | None, comm: MPI.Comm) -> None:
+        """Build the model; InputError if it cannot be run; collective."""
+        self._case, self._comm, self.claim, self.found = case, comm, claim, found
+        model = build_model(case, comm)
         try:
-            if reporter:
-                _say_begin(reporter, simulation, steps, recorder, opening)
-            after = simulation.state.step if resumed else None
-            probes = ProbeRecorder(model, directory, saving, after)
-            checkpointer = Checkpointer(simulation, recorder, probes, directory)
-            everybody = Together(*told, probes, interruption, checkpointer)
-            _run(simulation, Keepers(recorder, probes, checkpointer), interruption, everybody)
-            interruption.restore()
-            draw_run(simulation, directory, reporter)
-            if reporter:
-                _say_end(reporter, simulation, recorder)
-            saving.raise_together(comm)
-        except (SolutionError, OutputError, Interrupted) as error:
-            if reporter:
-                _say_failure(reporter, simulation, recorder, error)
-            if not isinstance(error, OutputError):
-                draw_run(simulation, directory, reporter)
+            self.steps, self.simulation = notes_on_steps(model), Simulation(model)
+        except InputError as error:
+            raise of_case(case, error) from None
+        self.saving = Saving(claim.directory)
+        self.reporter: Reporter | None = None
+
+    def run(self, resume: bool, extend: bool, inputs_of: Path | None, quiet: bool) -> None:
+        """Run it; see :func:`run_case`; ``resume``: whether it was to go on."""
+        comm, simulation, directory = self._comm, self.simulation, self.claim.directory
+        resumed = self.found is not None
+        with Interruption(comm, self.saving) as interruption:
+            self.recorder = self._recorder(extend, inputs_of)
+            interruption.noted = partial(self.recorder.mark, "interrupted")
+            told: list[Observer] = [self.recorder]
+            if comm.rank == 0:
+                log = directory / "log.txt"
+                self.reporter = Reporter(log, self._case, self.saving, quiet, resumed=resumed)
+                told.insert(0, self.reporter)
+            try:
+                self._say_begin(resume)
+                after = simulation.state.step if resumed else None
+                probes = ProbeRecorder(simulation.model, directory, self.saving, after)
+                checkpointer = Checkpointer(simulation, self.recorder, probes, directory)
+                everybody = Together(*told, probes, interruption, checkpointer)
+                self._run(probes, checkpointer, interruption, everybody)
+                interruption.restore()
+                self.draw()
+                self._say_end()
+                self.saving.raise_together(comm)
+            except (SolutionError, OutputError, Interrupted) as error:
+                self._say_failure(error)
+                if not isinstance(error, OutputError):
+                    self.draw()
+                raise
+            finally:
+                if self.reporter:
+                    self.reporter.close()
+
+    def _recorder(self, extend: bool, inputs_of: Path | None) -> Recorder:
+        """Make the directory ready and begin its files, or go on with them; collective."""
+        simulation, directory, found = self.simulation, self.claim.directory, self.found
+        kept, seen = NOTHING, None  # but on the first rank, which writes
+
+        def make_ready() -> None:
+            nonlocal kept
+            if found is not None:
+                kept = kept_inputs(self._case)
+                return
+            self.claim.clear(begins=True)
+            kept = keep_inputs(self._case, directory, inputs_of)
+
+        on_first(self._comm, make_ready)
+        if found is not None:
+            try:
+                seen = go_on(simulation, found, directory, extend, kept.sums)
+            except InputError:
+                silence()  # PETSc has had no use for the options of a solver that solves nothing
+                raise
+        keys = given_keys(self._case)
+        recorder = Recorder(simulation.model, directory, keys, kept, self.saving, seen)
+        if found is not None:
+            recorder.go_on(simulation.state)
+        return recorder
+
+    def _run(
+        self,
+        probes: ProbeRecorder,
+        checkpointer: Checkpointer,
+        interruption: Interruption,
+        observer: Observer,
+    ) -> None:
+        """Run to an end, and save the state where ranks end early, together or one alone."""
+        recorder, simulation = self.recorder, self.simulation
+        try:
+            try:
+                interruption.look()  # what has come while the files were begun
+                simulation.run(observer)
+                checkpointer.close("done")
+            except (SolutionError, OutputError, Interrupted) as error:
+                stopped = isinstance(error, Interrupted)
+                status, why = ("interrupted", []) if stopped else ("failed", [str(error)])
+                if not isinstance(error, OutputError):
+                    try:
+                        checkpointer.close(status)
+                    except OutputError as more:  # there are results to be saved yet
+                        self.saving.note(str(more))
+                recorder.close(simulation, status, *why)
+                raise
+        except (SolutionError, OutputError, Interrupted):
+            raise
+        except BaseException as error:
+            # An error of one rank alone: the others are not here, so nothing collective may follow.
+            # A second signal may come while the state is being saved for the first; whoever is
+            # called back just then, by a library in C, may make another error of it. The kernel
+            # sends two when a sweep is killed whose threads end one after the other.
+            stopped = interruption.asked or isinstance(error, KeyboardInterrupt)
+            how = ("interrupted",) if stopped else ("failed", repr(error))
+            recorder.rescue(simulation, *how)
+            if stopped:
+                raise KeyboardInterrupt from error
             raise
         finally:
-            if reporter:
-                reporter.close()
-    return simulation
+            probes.close()
+        recorder.close(simulation, "done")
 
+    # -- what is told -------------------------------------------------------------------------
 
-def _recorder(case: Case, simulation: Simulation, opening: Opening, saving: Saving) -> Recorder:
-    """Make the directory ready and begin its files, or go on with them; collective."""
-    model, directory, found = simulation.model, opening.claim.directory, opening.found
-    kept, seen = NOTHING, None  # but on the first rank, which writes
-
-    def make_ready() -> None:
-        nonlocal kept
-        if found is not None:
-            kept = kept_inputs(case)
+    def _say_begin(self, resume: bool) -> None:
+        """The notes on a case, those on its explicit time steps, and from where a run goes on."""
+        reporter, simulation, found = self.reporter, self.simulation, self.found
+        if reporter is None:
             return
-        opening.claim.clear(begins=True)
-        kept = keep_inputs(case, directory, opening.inputs_of)
+        for note in simulation.model.notes:
+            reporter.say(f"note: {note}")
+        for note in self.steps:
+            reporter.tell(f"note: {note}")
+        if found is None:
+            if resume:
+                reporter.tell("no checkpoint yet: begins anew")
+            return
+        for note in (*found.notes, *version_notes(found.about)):
+            reporter.say(f"note: {note}")
+        reporter.tell(started_line(found, simulation))
+        ends = [(one["time"], one["dt"]) for one in self.recorder.load_steps]
+        explicit = simulation.explicit
+        reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 
-    on_first(model.problem.comm, make_ready)
-    if found is not None:
-        try:
-            seen = go_on(simulation, found, directory, opening.extend, kept.sums)
-        except InputError:
-            silence()  # PETSc has had no use for the options of a solver that solves nothing
-            raise
-    recorder = Recorder(model, directory, given_keys(case), kept, saving, seen)
-    if found is not None:
-        recorder.go_on(simulation.state)
-    return recorder
+    def _say_warnings(self, reporter: Reporter) -> None:
+        """The warnings that came up during the run."""
+        for warning in self.recorder.warnings[len(self.simulation.model.notes) :]:
+            reporter.say(f"warning: {warning}")
 
+    def _say_end(self) -> None:
+        """Warnings, figures of the run, its tools and shapes, and the place of the results."""
+        if (reporter := self.reporter) is None:
+            return
+        self._say_warnings(reporter)
+        shapes = self.recorder.shapes().items() if self.recorder.first else ()
+        for line in (
+            *(_closing_line(self.simulation), *tool_lines(self.simulation.state)),
+            *(shape_line(name, shape) for name, shape in shapes),
+            f"results in {self.claim.directory}",
+        ):
+            reporter.tell(line)
 
-def _say_begin(
-    reporter: Reporter,
-    simulation: Simulation,
-    steps: Sequence[str],
-    recorder: Recorder,
-    opening: Opening,
-) -> None:
-    """The notes on a case, those on its explicit time steps, and from where a run goes on."""
-    for note in simulation.model.notes:
-        reporter.say(f"note: {note}")
-    for note in steps:
-        reporter.tell(f"note: {note}")
-    found, explicit = opening.found, simulation.explicit
-    if found is None:
-        if opening.resume:
-            reporter.tell("no checkpoint yet: begins anew")
-        return
-    for note in (*found.notes, *version_notes(found.about)):
-        reporter.say(f"note: {note}")
-    reporter.tell(started_line(found, simulation))
-    ends = [(one["time"], one["dt"]) for one in recorder.load_steps]
-    reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
+    def _say_failure(self, error: SolutionError | OutputError | Interrupted) -> None:
+        """What ended the run, for the log, and what is saved."""
+        if (reporter := self.reporter) is None:
+            return
+        if isinstance(error, Interrupted):
+            reporter.say(f"interrupted; the results so far are in {self.claim.directory}")
+            return
+        reporter.note(f"failed: {error}")
+        if isinstance(error, OutputError):
+            return
+        self._say_warnings(reporter)
+        # What was said long ago may explain it.
+        for note in self.simulation.model.notes[:NOTES_REPEATED]:
+            reporter.say(f"noted before the run: {note}")
+        reporter.say(self._saved_line())
 
+    def _saved_line(self) -> str:
+        """Where the last converged state of a failed run is."""
+        state, directory = self.simulation.state, self.claim.directory
+        if state.step == 0:
+            return f"no step was solved, so {directory} holds no state"
+        # An explicit run fails between two rows; its last output may be that of the row before.
+        time, files = self.recorder.last_output
+        when = time_text(time, state.rows[-1].dt)
+        what = "converged" if self.simulation.explicit is None else "valid"
+        return (
+            f"the last {what} state, step {state.step} at time {when}, is saved in {directory}: "
+            f"{files}, and the steps that led there in history.csv"
+        )
 
-def _say_warnings(reporter: Reporter, recorder: Recorder) -> None:
-    """The warnings that came up during the run."""
-    for warning in recorder.warnings[len(recorder.model.notes) :]:
-        reporter.say(f"warning: {warning}")
+    def draw(self) -> None:
+        """Draw the figures of a run, however it ended, from its files; collective.
 
+        If the case asks for them and there is a step to show. The first rank draws and the others
+        wait: of a failed run mpirun would end it with the first of them. A figure that cannot be
+        drawn is a warning: the results are there, and can be drawn again.
+        """
+        model, reporter = self.simulation.model, self.reporter
+        if reporter is not None and model.case.output.figures and self.simulation.state.step > 0:
+            from tribox.app.figures.run_figures import draw_figures
+            from tribox.app.results import read
 
-def _say_end(reporter: Reporter, simulation: Simulation, recorder: Recorder) -> None:
-    """Warnings, figures of the run, its tools and shapes, and the place of the results."""
-    _say_warnings(reporter, recorder)
-    shapes = recorder.shapes().items() if recorder.first else ()
-    closing = (
-        *(_closing_line(simulation), *tool_lines(simulation.state)),
-        *(shape_line(name, shape) for name, shape in shapes),
-    )
-    for line in (*closing, f"results in {recorder.directory}"):
-        reporter.tell(line)
-
-
-def _say_failure(
-    reporter: Reporter,
-    simulation: Simulation,
-    recorder: Recorder,
-    error: SolutionError | OutputError | Interrupted,
-) -> None:
-    """What ended the run, for the log, and what is saved."""
-    if isinstance(error, Interrupted):
-        reporter.say(f"interrupted; the results so far are in {recorder.directory}")
-        return
-    reporter.note(f"failed: {error}")
-    if isinstance(error, OutputError):
-        return
-    _say_warnings(reporter, recorder)
-    for note in simulation.model.notes[:NOTES_REPEATED]:  # what was said long ago may explain it
-        reporter.say(f"noted before the run: {note}")
-    reporter.say(_saved_line(simulation, recorder))
-
-
-def _saved_line(simulation: Simulation, recorder: Recorder) -> str:
-    """Where the last converged state of a failed run is."""
-    state, directory = simulation.state, recorder.directory
-    if state.step == 0:
-        return f"no step was solved, so {directory} holds no state"
-    # An explicit run fails between two rows; its last output may be that of the row before.
-    time, files = recorder.last_output
-    when = time_text(time, simulation.rows[-1].dt)
-    what = "converged" if simulation.explicit is None else "valid"
-    return (
-        f"the last {what} state, step {state.step} at time {when}, is saved in {directory}: "
-        f"{files}, and the steps that led there in history.csv"
-    )
+            with self.saving, model.problem.timer("figures"):
+                try:
+                    draw_figures(read(self.claim.directory))
+                except OSError:
+                    raise
+                except Exception as error:
+                    reporter.say(f"warning: the figures could not be drawn: {error!r}")
+        self._comm.barrier()
 
 
 def _closing_line(simulation: Simulation) -> str:
@@ -358,93 +408,6 @@ def _closing_line(simulation: Simulation) -> str:
         f"{depth}energy balanced to {abs(energy_gap(rows)):.1e}"
         f" of the {'work or kinetic energy' if explicit else 'external work'}"
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Keepers:
-    """What keeps a run on the disk: results, probes and checkpoints."""
-
-    recorder: Recorder
-    probes: ProbeRecorder
-    checkpointer: Checkpointer
-
-    def save(self, status: str) -> None:
-        """Write the last checkpoint of a run that ends early; collective."""
-        try:
-            self.checkpointer.close(status)
-        except OutputError as error:  # there are results to be saved yet
-            self.recorder.saving.note(str(error))
-
-
-def _run(
-    simulation: Simulation, keepers: Keepers, interruption: Interruption, observer: Observer
-) -> None:
-    recorder = keepers.recorder
-    try:
-        _run_to_an_end(simulation, keepers, interruption, observer)
-    except (SolutionError, OutputError, Interrupted):
-        raise
-    except BaseException as error:
-        # An error of one rank alone: the others are not here, so nothing collective may follow. A
-        # second signal may come while the state is being saved for the first; whoever is called
-        # back just then, by a library in C, may make another error of it. The kernel sends two when
-        # a sweep is killed whose threads end one after the other.
-        stopped = interruption.asked or isinstance(error, KeyboardInterrupt)
-        recorder.rescue(simulation, *(("interrupted",) if stopped else ("failed", repr(error))))
-        if stopped:
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        keepers.probes.close()
-    recorder.close(simulation, "done")
-
-
-def _run_to_an_end(
-    simulation: Simulation, keepers: Keepers, interruption: Interruption, observer: Observer
-) -> None:
-    """Run, and save the state where all ranks end early together."""
-    recorder = keepers.recorder
-    try:
-        interruption.look()  # what has come while the files were begun
-        simulation.run(observer)
-        keepers.checkpointer.close("done")
-    except SolutionError as error:
-        keepers.save("failed")
-        recorder.close(simulation, "failed", str(error))
-        raise
-    except OutputError as error:
-        recorder.close(simulation, "failed", str(error))
-        raise
-    except Interrupted:
-        keepers.save("interrupted")
-        recorder.close(simulation, "interrupted")
-        raise
-
-
-def draw_run(simulation: Simulation, directory: Path, reporter: Reporter | None) -> None:
-    """Draw the figures of a run, however it ended, from its files; collective.
-
-    If the case asks for them and there is a step to show. The first rank draws and the others wait:
-    of a failed run mpirun would end it with the first of them. A figure that cannot be drawn is a
-    warning: the results are there, and can be drawn again.
-    """
-    if reporter is not None and simulation.model.case.output.figures and simulation.state.step > 0:
-        with reporter.saving:
-            _draw(simulation, directory, reporter)
-    simulation.model.problem.comm.barrier()
-
-
-def _draw(simulation: Simulation, directory: Path, reporter: Reporter) -> None:
-    from tribox.app.figures.run_figures import draw_figures
-    from tribox.app.results import read
-
-    with simulation.model.problem.timer("figures"):
-        try:
-            draw_figures(read(directory))
-        except OSError:
-            raise
-        except Exception as error:
-            reporter.say(f"warning: the figures could not be drawn: {error!r}")
 
 
 # -- What a run tells of its rigid tools at its end: a line each -----------------------------------

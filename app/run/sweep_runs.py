@@ -36,12 +36,7 @@ from tribox.app.results.claim import (
     is_beginning,
     is_done,
 )
-from tribox.app.results.directory import (
-    json_of,
-    unwritable,
-    write_json,
-    write_table,
-)
+from tribox.app.results.directory import json_of, unwritable, write_json, write_table
 from tribox.app.results.inputs import NOTHING, KeptInputs, keep_inputs, kept_inputs, write_case
 from tribox.app.run.process import (
     PARENT,

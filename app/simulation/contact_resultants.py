@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -102,8 +102,7 @@ def measure_contact(
     driven: Sequence[float] | None = None,
 ) -> ContactResultants:
     """Resultants of one pair; collective."""
-    scalars = _summed(comm, {n: np.array([v]) for n, v in _scalars(term, trial).items()})
-    total = {name: float(value[0]) for name, value in scalars.items()}
+    total = {n: float(value) for n, value in _summed(comm, _scalars(term, trial)).items()}
     area, force = total["closed"], total["load"]
     vectors = _summed(comm, vector_integrals(term, trial))
     parts = trial.response.dissipation
@@ -146,16 +145,16 @@ def _film(term: ContactTerm, trial: ContactTrial, force: float) -> tuple[float, 
     return carried, float(after.volume.sum()), after.supplied
 
 
-def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
+def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, Any]:
     """This rank's integrals over the reference area."""
     k, response = trial.kinematics, trial.response
     weight = term.surface.slave.weight
     # What is tied counts where it is tied, also in tension.
     pressed = np.where(k.closed if term.tied else trial.pressure > 0.0, weight, 0.0)
-    closed = pressed * trial.normal_contact.cover
+    closed = pressed * term.cover(trial)
     regime, parts = response.regime, response.dissipation
     load = pressed * trial.pressure
-    out = {
+    return {
         "closed": closed.sum(),
         "stick": closed[regime == Regime.STICK].sum(),
         "viscous": closed[regime == Regime.VISCOUS].sum(),
@@ -169,7 +168,6 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, float]:
         * (weight @ _dot(response.traction - term.state.friction_traction, _way(term, trial))),
         "area_ratio": closed @ trial.area_ratio,
     }
-    return {name: float(value) for name, value in out.items()}
 
 
 def _way(term: ContactTerm, trial: ContactTrial) -> Floats:
@@ -230,49 +228,43 @@ def resultants(
         # force.
         axial = np.array([0.0, 1.0])
         vectors = {n: v * axial if n in _CANCELLING else v for n, v in vectors.items()}
-    along = _Along(vectors, driven)
+    normal, way = _directions(vectors, driven)
     right = vectors.get("right")
-    friction = along.share(vectors["friction"]) if right is None else float(right[0])
+    friction = vectors["friction"] @ way if right is None else right[0]
     return {
         "normal_force": float(vectors["scalars"][0]),
         "friction_force": float(vectors["scalars"][1]),
-        "tangential_force": friction,
-        "normal_resultant": float(vectors["force"] @ along.normal),
-        "drag": -along.share(vectors["force"]),
+        "tangential_force": float(friction),
+        "normal_resultant": float(vectors["force"] @ normal),
+        "drag": -float(vectors["force"] @ way),
         "force": tuple(map(float, vectors["force"])),
         "friction": tuple(map(float, vectors["friction"])),
-        "twist_moment": _twist(vectors, along.normal),
+        "twist_moment": _twist(vectors, normal),
         "tool_moment": _on_tool(vectors, axisymmetric),
     }
 
 
-def _summed(comm: MPI.Comm, mine: dict[str, Floats]) -> dict[str, Floats]:
-    """The same vectors, summed over all ranks."""
+def _summed(comm: MPI.Comm, mine: Mapping[str, Any]) -> dict[str, Floats]:
+    """The same numbers or vectors, summed over all ranks."""
     total = comm.allreduce(np.array(list(mine.values()), dtype=np.float64))
     return dict(zip(mine, total, strict=True))
 
 
-class _Along:
+def _directions(
+    vectors: dict[str, Floats], driven: Sequence[float] | None
+) -> tuple[Floats, Floats]:
     """Mean normal of a contact and the way along it that signs are for."""
-
-    def __init__(self, vectors: dict[str, Floats], driven: Sequence[float] | None) -> None:
-        normal = vectors["normal"]
-        length = float(np.linalg.norm(normal))
-        self.normal: Floats = (normal / length if length > 0.0 else 0.0 * normal).astype(np.float64)
-        self.way: Floats = np.zeros_like(normal)
-        if len(normal) == 2:
-            self.way = turned_right(self.normal[None])[0]
-            return
-        # A boundary that is driven straight into the contact says nothing about the way along it.
-        for way in ([] if driven is None else [np.asarray(driven)]) + [vectors["friction"]]:
-            along = way - (way @ self.normal) * self.normal
-            if np.linalg.norm(along) > 1e-6 * np.linalg.norm(way):
-                self.way = along / np.linalg.norm(along)
-                return
-
-    def share(self, force: Floats) -> float:
-        """Component of a force along the surface."""
-        return float(force @ self.way)
+    normal: Floats = np.zeros_like(vectors["normal"])
+    if vectors["normal"].any():
+        normal = np.asarray(vectors["normal"] / float(np.linalg.norm(vectors["normal"])))
+    if len(normal) == 2:
+        return normal, turned_right(normal[None])[0]
+    # A boundary that is driven straight into the contact says nothing about the way along it.
+    for way in ([] if driven is None else [np.asarray(driven)]) + [vectors["friction"]]:
+        along = way - (way @ normal) * normal
+        if np.linalg.norm(along) > 1e-6 * np.linalg.norm(way):
+            return normal, along / np.linalg.norm(along)
+    return normal, np.zeros_like(normal)
 
 
 def _twist(vectors: dict[str, Floats], normal: Floats) -> float:

@@ -77,41 +77,35 @@ WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 @dataclass(frozen=True, slots=True)
 class PairState:
-    """One contact after a step.
+    """One contact after a step."""
 
-    Attributes:
-        force: N (N/m), integral of the pressure; area: m or m², pressed.
-        deepest: m, largest penetration; over_facet: the largest over the local facet length.
-        mean: m, penetration weighted by pressure.
-        half_width: m, from the rim of the contact to where it is furthest away; 0 without a rim:
-            the end of a surface is none. rim: m, mean length of the facets that the rim crosses.
-        uncertain: half the area of all such facets over that of the contact.
-        open_inside: share of open points inside the patch; scatter: of the pressure within facets;
-            sagitta: m, mean over the pressed facets. All 0 where the pressure is averaged.
-        waves: of the pressure from vertex to vertex over its mean, where the master has corners; 0
-            point by point. corners: m, how far these are apart.
-        astray: how far the resultant of the pressures is off that along the master's own normals,
-            over it. hidden: m, depth of the deepest point beyond the mean gaps', and over the
-            length of its facet, undeformed: hidden_share. stretched: largest da/dA that is pressed.
-    """
-
-    force: float
-    area: float
-    deepest: float
-    over_facet: float
-    mean: float
+    force: float  # N (N/m), integral of the pressure
+    area: float  # m or m², pressed
+    deepest: float  # m, largest penetration
+    over_facet: float  # the largest over the local facet length
+    mean: float  # m, penetration weighted by pressure
+    # m, from the rim of the contact to where it is furthest away; 0 without a rim: the end of a
+    # surface is none
     half_width: float = 0.0
-    rim: float = 0.0
-    uncertain: float = 0.0
-    open_inside: float = 0.0
-    scatter: float = 0.0
-    sagitta: float = 0.0
+    rim: float = 0.0  # m, mean length of the facets that the rim crosses
+    uncertain: float = 0.0  # half the area of all such facets over that of the contact
+    # Point by point, 0 where the pressure is averaged:
+    open_inside: float = 0.0  # share of open points inside the patch
+    scatter: float = 0.0  # of the pressure within facets
+    sagitta: float = 0.0  # m, mean over the pressed facets
+    # of the pressure from vertex to vertex over its mean, where the master has corners; 0 point by
+    # point
     waves: float = 0.0
-    corners: float = 0.0
+    corners: float = 0.0  # m, how far these are apart
+    # how far the resultant of the pressures is off that along the master's own normals, over it
     astray: float = 0.0
-    hidden: float = 0.0
-    hidden_share: float = 0.0
-    stretched: float = 0.0
+    hidden: float = 0.0  # m, depth of the deepest point beyond the mean gaps'
+    hidden_share: float = 0.0  # the same over the length of its facet, undeformed
+    stretched: float = 0.0  # largest da/dA that is pressed
+
+    def is_wider(self, other: PairState) -> bool:
+        """Whether more presses, or as much with a rim that is further away, or without one."""
+        return (self.area, self.facets) > (other.area, other.facets)
 
     @property
     def facets(self) -> float:
@@ -373,7 +367,7 @@ class ContactWarnings(Remembers):
                 self._strongest[index] = state
                 if not terms[index].tied:
                     self.over_approach[index] = over(state.mean, approach)
-            if widest is None or state.area > widest.area:
+            if widest is None or state.is_wider(widest):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, spent / thickness)
         self._look_at_edges(row, states)

@@ -142,21 +142,6 @@ def fit_work(
     return float(term.surface.slave.weight @ density)
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyFlow:
-    """What happened to the energy over a stretch of explicit steps, J/m, all ranks together.
-
-    Attributes:
-        work: of supports, platens and loads on the bodies.
-        damping: taken by mass-proportional damping, contacts' dashpots and relaxation.
-        kinetic: kinetic energy at the end.
-    """
-
-    work: float
-    damping: float
-    kinetic: float
-
-
 class EnergyBalance:
     """Adds up work and dissipation over a run and holds them against the stored energy.
 
@@ -201,11 +186,22 @@ class EnergyBalance:
         """Enter the kinetic energy (J/m) that the bodies are given at the start of their motion."""
         self.kinetic = self._initial_kinetic = kinetic
 
-    def add_interval(self, resultants: Sequence[ContactResultants], flow: EnergyFlow) -> None:
-        """Enter a stretch of explicit steps that ends at what was spread last; collective."""
-        self.work += flow.work
-        self.damping += flow.damping
-        self.kinetic = flow.kinetic
+    def add_interval(
+        self,
+        resultants: Sequence[ContactResultants],
+        work: float,
+        damping: float,
+        kinetic: float,
+    ) -> None:
+        """Enter a stretch of explicit steps that ends at what was spread last; collective.
+
+        Args:
+            work: J/m, of supports, platens and loads; damping: taken by mass-proportional damping,
+                dashpots and relaxation; both of all ranks. kinetic: energy at the end.
+        """
+        self.work += work
+        self.damping += damping
+        self.kinetic = kinetic
         self._enter_contacts(resultants)
 
     def _enter_contacts(self, resultants: Sequence[ContactResultants]) -> None:

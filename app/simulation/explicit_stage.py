@@ -30,10 +30,9 @@ from tribox.app.simulation.contact_resultants import (
     resultants,
     vector_integrals,
 )
-from tribox.app.simulation.energy_balance import EnergyFlow, Inertia
 from tribox.app.simulation.history import time_text
 from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
-from tribox.app.simulation.run_state import Effort, Interval, Moved, Observer, RunState
+from tribox.app.simulation.run_state import Interval, Observer, RunState
 from tribox.forms.contact.law_faults import law_fault
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -198,7 +197,7 @@ class ExplicitStage:
         return stage
 
     def snapshot(self) -> Snapshot:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
+        """All that the next step depends on, beside the loads; collective."""
         return {
             "stepper": self.stepper.snapshot(),
             "rate_dependent": self.stepper.rate_dependent,
@@ -206,20 +205,12 @@ class ExplicitStage:
             "averages": self.averages.snapshot(),
         }
 
-    def begin(self, load_step: LoadStep) -> None:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
-        self.state.inertia.append(Inertia(load_step.label))
-
-    def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step, or what is left of it, to its end, or until steady; collective.
+    def advance(self, load_step: LoadStep, observer: Observer) -> None:
+        """The steps up to the next row of the load step, and that row; collective.
 
         Raises:
             SolutionError: an element is turned inside out, or the energy runs away.
         """
-        self.state.run(load_step, observer, self._interval)
-
-    def _interval(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
@@ -231,7 +222,7 @@ class ExplicitStage:
             raise
 
     def _steps(self, load_step: LoadStep, observer: Observer) -> None:
-        """What :meth:`_interval` does, if nothing fails."""
+        """What :meth:`advance` does, if nothing fails."""
         at = self.state.position
         start, driven, end = at.time, at.driven, (at.count + 1) * load_step.dt
         if at.within == 0:
@@ -316,14 +307,14 @@ class ExplicitStage:
         problem.spread(self.stepper.x)
         with problem.timer("resultants"):
             ends = state.resultants_of(problem.committed)
-            state.resultants, flow, outside = self.averages.close(ends, state.driven_direction())
-            state.energy_balance.add_interval(state.resultants, flow)
+            driven, kinetic = state.driven_direction(), self.stepper.kinetic_energy()
+            state.resultants, work, damping, outside = self.averages.close(ends, driven)
+            state.energy_balance.add_interval(state.resultants, work, damping, kinetic)
         inertia = state.inertia[-1]
-        inertia.add(flow.kinetic, state.energy_balance.strain)
+        inertia.add(kinetic, state.energy_balance.strain)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
-        moved = Moved(self.stepper.whole_step_velocity, outside)
         observer.attempt(state, load_step, load_step.dt, interval)
-        row = state.add_row(load_step, Effort(dt, 0, steps), moved)
+        row = state.add_row(load_step, dt, 0, steps, 0, self.stepper.whole_step_velocity, outside)
         observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:
@@ -343,21 +334,48 @@ class ExplicitStage:
 
 @dataclass(slots=True)
 class _Tally:
-    """Sums over the steps of an interval for one pair, this rank's part.
+    """Sums over the steps of an interval for one pair, this rank's part."""
 
-    Attributes:
-        time: s, length of the interval so far.
-        vectors: ∫ dt of the pair's vector integrals (i), by name.
-        dissipated, numerical: J/m, energies dissipated and by the time integration.
-        least: J/m², least dissipation met; worst: where, m.
-    """
-
-    time: float = 0.0
+    time: float = 0.0  # s, length of the interval so far
+    # ∫ dt of the pair's vector integrals (i), by name
     vectors: dict[str, Floats] = field(default_factory=dict)
-    dissipated: float = 0.0
-    numerical: float = 0.0
-    least: float = np.inf
-    worst: tuple[float, ...] = ()
+    dissipated: float = 0.0  # J/m, energy dissipated
+    numerical: float = 0.0  # J/m, energy by the time integration
+    least: float = np.inf  # J/m², least dissipation met
+    worst: tuple[float, ...] = ()  # where, m
+
+    def add(self, term: ContactTerm, trial: ContactTrial, before: Floats, dt: float) -> None:
+        """Add a step of ``dt`` (s) after tractions ``before`` (q, i), Pa."""
+        weight, parts = term.surface.slave.weight, trial.response.dissipation
+        lost = parts.total
+        self.time += dt
+        for name, vector in vector_integrals(term, trial).items():
+            self.vectors[name] = dt * vector + self.vectors.get(name, 0.0)
+        change = trial.response.traction - before
+        self.dissipated += float(weight @ lost) + fading_loss(term, trial)
+        self.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
+        lost -= parts.numerical
+        at = int(np.argmin(lost)) if len(lost) else -1
+        if at >= 0 and lost[at] < self.least:
+            self.least, self.worst = float(lost[at]), tuple(map(float, trial.position[at]))
+
+    def over(
+        self, end: ContactResultants, driven: Sequence[float] | None, ring: bool, comm: MPI.Comm
+    ) -> ContactResultants:
+        """Resultants at the end, with mean forces and the interval's dissipation; collective."""
+        work = np.zeros(len(self.vectors["force"]))
+        work[:2] = self.dissipated, self.numerical
+        total = comm.allreduce(np.array([*self.vectors.values(), work]))
+        means: dict[str, Floats] = dict(zip(self.vectors, total[:-1] / self.time, strict=True))
+        least, worst = min(comm.allgather((self.least, self.worst)))
+        return replace(
+            end,
+            **resultants(means, driven, ring),
+            dissipated=float(total[-1, 0]),
+            numerical=float(total[-1, 1]),
+            least_dissipation=least,
+            worst=worst,
+        )
 
 
 class IntervalAverages:
@@ -419,70 +437,27 @@ class IntervalAverages:
         """Enter the step of ``dt`` (s) just made; local to the rank."""
         pairs = zip(self.problem.contacts, self.problem.committed, self._tallies, strict=True)
         for number, (term, trial, tally) in enumerate(pairs):
-            _tally_step(term, trial, self._tractions[number], tally, dt)
+            tally.add(term, trial, self._tractions[number], dt)
             self._tractions[number] = trial.response.traction
         self._outside.enter(dt)
 
     def close(
         self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
-    ) -> tuple[list[ContactResultants], EnergyFlow, OutsideForces]:
+    ) -> tuple[list[ContactResultants], float, float, OutsideForces]:
         """End the interval; collective.
 
-        Returns the contacts with mean forces and with what they dissipated; what else happened to
-        the energy; mean forces of the surroundings.
+        Returns the contacts with mean forces and with what they dissipated; work and damping, J/m;
+        mean forces of the surroundings.
         """
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
-        resultants = [_over_interval(term, m, tally, driven, comm) for term, m, tally in parts]
+        means = [
+            tally.over(end, driven, term.surface.axisymmetric, comm) for term, end, tally in parts
+        ]
         taken = (self.stepper.energies.work, self.stepper.energies.damped)
         local = np.subtract(taken, self._taken)
         self._taken = taken
-        total = comm.allreduce(local)
-        flow = EnergyFlow(
-            work=float(total[0]),
-            damping=float(total[1]) + self.removed,
-            kinetic=self.stepper.kinetic_energy(),
-        )
+        work, damped = map(float, comm.allreduce(local))
+        damped += self.removed
         self.removed = 0.0
-        return resultants, flow, self._outside.close()
-
-
-def _tally_step(
-    term: ContactTerm, trial: ContactTrial, before: Floats, tally: _Tally, dt: float
-) -> None:
-    """Add one step of one pair."""
-    weight, parts = term.surface.slave.weight, trial.response.dissipation
-    lost = parts.total
-    tally.time += dt
-    for name, vector in vector_integrals(term, trial).items():
-        tally.vectors[name] = dt * vector + tally.vectors.get(name, 0.0)
-    change = trial.response.traction - before
-    tally.dissipated += float(weight @ lost) + fading_loss(term, trial)
-    tally.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
-    lost -= parts.numerical
-    at = int(np.argmin(lost)) if len(lost) else -1
-    if at >= 0 and lost[at] < tally.least:
-        tally.least, tally.worst = float(lost[at]), tuple(map(float, trial.position[at]))
-
-
-def _over_interval(
-    term: ContactTerm,
-    end: ContactResultants,
-    tally: _Tally,
-    driven: Sequence[float] | None,
-    comm: MPI.Comm,
-) -> ContactResultants:
-    """Resultants at the end, with mean forces and the interval's dissipation; collective."""
-    mine = np.array([*tally.vectors.values(), np.zeros(term.surface.dim)])
-    mine[-1, :2] = tally.dissipated, tally.numerical
-    total = comm.allreduce(mine)
-    means: dict[str, Floats] = dict(zip(tally.vectors, total[:-1] / tally.time, strict=True))
-    least, worst = min(comm.allgather((tally.least, tally.worst)))
-    return replace(
-        end,
-        **resultants(means, driven, term.surface.axisymmetric),
-        dissipated=float(total[-1, 0]),
-        numerical=float(total[-1, 1]),
-        least_dissipation=least,
-        worst=worst,
-    )
+        return means, work, damped, self._outside.close()

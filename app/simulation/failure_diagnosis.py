@@ -185,16 +185,11 @@ def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Squeezed:
-    """The element point with the least volume ratio.
+    """The element point with the least volume ratio."""
 
-    Attributes:
-        ratio: J = det F there; body: the body's name.
-        place: (i,), m, middle of the element, undeformed.
-    """
-
-    ratio: float
-    body: str
-    place: tuple[float, ...]
+    ratio: float  # J = det F there
+    body: str  # the body's name
+    place: tuple[float, ...]  # (i,), m, middle of the element, undeformed
 
     @property
     def text(self) -> str:
@@ -379,8 +374,9 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
     )
     if tried and before and not strayed:
         return
+    pairs = range(len(problem.contacts))
     for one in loose:
-        driven = [i for i in range(len(problem.contacts)) if presses(problem, one, i)]
+        driven = [i for i in pairs if presses(problem, one, i)]
         if driven:
             yield (
                 f"the load on {one.name} presses it on contact.{driven[0]}, and no state was "
@@ -388,18 +384,14 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
                 "to bring the bodies together by displacement first, or a smaller first load, or a "
                 "softer penalty (penalty_factor)",
             )
-        elif problem.committed or not _may_be_held(problem, one):
+        # Asked on all ranks alike, of each contact that it has reached and no load pulls it off.
+        elif problem.committed or not any([may_hold(problem, one, i) for i in pairs]):
             yield f"{one.text} and no contact presses on it", SUPPORT
         elif strayed or not tried:
             yield (
                 f"{one.text}, and no step has been solved yet in which a contact holds it there",
                 SUPPORT,
             )
-
-
-def _may_be_held(problem: Equilibrium, one: Loose) -> bool:
-    """Whether a body has reached a contact that no load pulls it off; collective."""
-    return any([may_hold(problem, one, index) for index in range(len(problem.contacts))])
 
 
 def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:

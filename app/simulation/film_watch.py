@@ -89,7 +89,7 @@ class Look:
     @property
     def pressed(self) -> Bools:
         """Faces (f,) between vertices that count to the width of the contact."""
-        return (self.carried > PRESSED * self.carried.max())[self.faces].all(axis=1)
+        return (self.carried > PRESSED * self.carried.max(initial=0.0))[self.faces].all(axis=1)
 
     @property
     def width(self) -> float:
@@ -153,7 +153,9 @@ class FilmWatch(Remembers):
             stored = [*self._neglected(index, look, row.dt)]
             if area @ np.where(film.members, film.pressure, 0.0) >= FELT * (area @ carried):
                 found += stored + [one for check in CHECKS for one in check(look)]
-            for word, bad, said in found:
+            # What masters are like is seen by the ranks above them.
+            everywhere = self._problem.comm.allgather(found)
+            for word, bad, said in [one for part in everywhere for one in part]:
                 name = f"{word} {look.place}"
                 if name not in self._found or self._found[name][0] < bad:
                     self._found[name] = (bad, f"{look.place}: {said}")
@@ -271,10 +273,11 @@ def _bounded(look: Look, first: int) -> bool:
 
 
 def _bare(look: Look) -> Bools:
-    """Vertices (v,) with no master below all of their area."""
-    bare: Bools = np.zeros(len(look.film.members), dtype=bool)
-    bare[look.term.surface.vertices.of_point[~look.trial.projection.on_surface]] = True
-    return bare
+    """Vertices (v,) with no master below all of their area; collective."""
+    vertices = look.term.surface.vertices
+    bare: Floats = np.zeros(vertices.count)
+    bare[vertices.of_point[~look.trial.projection.on_surface]] = 1.0
+    return vertices.total(bare) > 0.0
 
 
 def _ahead(upstream: Longs, downstream: Longs, length: Floats, inlet: int) -> tuple[float, int]:
@@ -325,7 +328,7 @@ def master_facets(look: Look) -> Found:
     """Hold arcs over the chords of a faceted master, and its corners, against the film."""
     vertices, at, nodes = look.term.surface.vertices, look.trial.projection, look.trial.nodes
     carried = vertices.at_points(look.carried)
-    loaded = look.trial.kinematics.closed & (carried > LOADED * carried.max())
+    loaded = look.trial.kinematics.closed & (carried > LOADED * look.carried.max(initial=0.0))
     if nodes is None or not loaded.any():
         return
     length, turn, beside = corners(look.term.surface.target, nodes)
@@ -546,16 +549,19 @@ def _turned(a: Floats, b: Floats) -> Floats:
 def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Floats:
     """How far the cells reach in (f,), m, below the slave's facets, over the elements' degree.
 
-    On one rank, as films that are found are.
+    Of the facets of all ranks; collective.
     """
     dim, surface = term.surface.dim, term.surface
     assert isinstance(term.rule, AsperityPressure)
-    _, first = np.unique(term.rule.facet_of, return_index=True)
-    ends = surface.nodes[surface.slave_rows[first, :2]]
+    mine, first = np.unique(term.rule.facet_of, return_index=True)
+    index = space.dofmap.index_map
+    nodes = surface.nodes[surface.slave_rows[first, :2]]
+    ends = index.global_to_local(nodes.reshape(-1)).reshape(nodes.shape)
     cells = np.asarray(space.dofmap.list, dtype=np.int64)
     place = np.repeat(np.arange(len(cells)), cells.shape[1])
     table = scipy.sparse.csr_matrix(
-        (np.ones(cells.size, dtype=np.int8), (cells.reshape(-1), place))
+        (np.ones(cells.size, dtype=np.int8), (cells.reshape(-1), place)),
+        (index.size_local + index.num_ghosts, len(cells)),
     )
     cell = table[ends[:, 0]].multiply(table[ends[:, 1]]).tocsr().indices  # one has both
     position = space.tabulate_dof_coordinates()[:, :dim]
@@ -564,4 +570,6 @@ def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Float
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     inward = position[cells[cell]] - position[ends[:, 0]][:, None]
     depth = np.abs(np.einsum("fai,fi->fa", inward, normal)).max(axis=1)
-    return np.asarray(depth / space.element.basix_element.degree)
+    out: Floats = np.zeros(len(term.faces))
+    out[mine] = depth / space.element.basix_element.degree
+    return surface.vertices.total(out)

@@ -10,21 +10,13 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the history.
+    """A column of the history."""
 
-    Attributes:
-        title: what it is called in tables for people.
-        unit: SI; "text" of a text, "" of a plain number.
-        pair: whether a pair of surfaces has one for itself.
-        count: whether it tells of the way to the result, not of the physics.
-        difference: whether it can be a small difference of large numbers, and is to be compared
-            with those.
-    """
-
-    title: str
-    unit: str
-    pair: bool = False
-    count: bool = False
+    title: str  # what it is called in tables for people
+    unit: str  # SI; "text" of a text, "" of a plain number
+    pair: bool = False  # whether a pair of surfaces has one for itself
+    count: bool = False  # whether it tells of the way to the result, not of the physics
+    # whether it can be a small difference of large numbers, and is to be compared with those
     difference: bool = False
 
 

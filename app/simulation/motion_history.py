@@ -31,15 +31,11 @@ from tribox.geometry.surfaces.surface import NodalVector
 
 @dataclass(frozen=True, slots=True)
 class OutsideForces:
-    """What the surroundings do to the bodies, at a state or in the mean over an interval.
+    """What the surroundings do to the bodies, at a state or in the mean over an interval."""
 
-    Attributes:
-        held: (c,), N per unit thickness, on the unknowns of :func:`held_dofs`.
-        loads: of each load, those at nodes last, N likewise, on all local unknowns (n,): what this
-            rank gives, so that sums over ranks are whole.
-    """
-
-    held: Floats
+    held: Floats  # (c,), N per unit thickness, on the unknowns of :func:`held_dofs`
+    # of each load, those at nodes last, N likewise, on all local unknowns (n,): what this rank
+    # gives, so that sums over ranks are whole
     loads: list[Floats]
 
     @classmethod
@@ -357,14 +353,6 @@ class _Means:
         ).reshape(len(self._parts), len(nodal) * self._dim)
 
 
-@dataclass(frozen=True, slots=True)
-class _Pressed:
-    """Nodes (n,) that a load acts on, ghosts included, and the number of its surface or body."""
-
-    surface: int
-    nodes: Ints
-
-
 class _SurfaceForces:
     """Sums of forces, and of their moments, over surfaces with a boundary and bodies with weight.
 
@@ -383,13 +371,15 @@ class _SurfaceForces:
         self._reference = model.problem.space.tabulate_dof_coordinates()
         self._held, self._acting = held, model.problem.constraints.controls
         self._owner = self._owners()
+        # Of each load the number of its surface or body, and the nodes (n,) that it acts on, ghosts
+        # included.
         self._pressed = [
             self._on_surface(model, surface) if surface else self._on_body(model, body)
             for surface, body in zip(forms.surfaces, forms.bodies, strict=True)
         ]
         for load, name in zip(model.loads.nodal_loads, model.loads.nodal_surfaces, strict=True):
             nodes = np.unique(load.dofs // model.problem.dim).astype(np.int32)
-            self._pressed.append(_Pressed(self._number[name], nodes))
+            self._pressed.append((self._number[name], nodes))
         self._centres, self._fixed = self._centres_of(model, means)
 
     def _owners(self) -> Ints:
@@ -401,15 +391,15 @@ class _SurfaceForces:
                 owner[np.searchsorted(self._held, constraint.dofs)] = number
         return owner
 
-    def _on_surface(self, model: Model, surface: str) -> _Pressed:
+    def _on_surface(self, model: Model, surface: str) -> tuple[int, Ints]:
         space, facets = model.problem.space, model.named.facets(surface)
         fdim = space.mesh.topology.dim - 1
         nodes = dolfinx.fem.locate_dofs_topological(space, fdim, np.sort(facets), remote=False)
-        return _Pressed(self._number[surface], nodes.astype(np.int32))
+        return self._number[surface], nodes.astype(np.int32)
 
-    def _on_body(self, model: Model, body: str) -> _Pressed:
+    def _on_body(self, model: Model, body: str) -> tuple[int, Ints]:
         nodes = np.unique(model.problem.space.dofmap.list[model.named.cells(body)])
-        return _Pressed(self._surfaces + self.bodies.index(body), nodes.astype(np.int32))
+        return self._surfaces + self.bodies.index(body), nodes.astype(np.int32)
 
     def _centres_of(self, model: Model, means: _Means) -> tuple[Floats, list[bool]]:
         """Where moments are about (s, i), and whether that stays: the centre of a rotation."""
@@ -445,10 +435,10 @@ class _SurfaceForces:
         vectors[np.arange(len(self._held)), component] = outside.held
         mine = self._owner >= 0
         self._add(out, self._owner[mine], nodes[mine], vectors[mine])
-        for part, load in zip(self._pressed, outside.loads, strict=False):
-            vectors = np.zeros((len(part.nodes), 3))
-            vectors[:, :dim] = load.reshape(-1, dim)[part.nodes]
-            self._add(out, np.full(len(part.nodes), part.surface), part.nodes, vectors)
+        for (surface, pressed), load in zip(self._pressed, outside.loads, strict=False):
+            vectors = np.zeros((len(pressed), 3))
+            vectors[:, :dim] = load.reshape(-1, dim)[pressed]
+            self._add(out, np.full(len(pressed), surface), pressed, vectors)
         return out
 
     def _add(self, out: Floats, surface: Ints, nodes: Ints, vectors: Floats) -> None:

@@ -135,21 +135,15 @@ def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """What the contacts of a body hold it with, at one state.
+    """What the contacts of a body hold it with, at one state."""
 
-    Attributes:
-        contacts: their numbers.
-        friction, pressure: (i,), N (N/m), resultants of both on the body.
-        limit: N (N/m), what the asperities can hold at most: the integral of mu(d) times the
-            pressure, less what a film takes off them.
-        wet: whether a film carries a part.
-    """
-
-    contacts: tuple[int, ...]
-    friction: Floats
-    pressure: Floats
+    contacts: tuple[int, ...]  # their numbers
+    friction: Floats  # (i,), N (N/m), resultants of both on the body
+    pressure: Floats  # likewise
+    # N (N/m), what the asperities can hold at most: the integral of mu(d) times the pressure, less
+    # what a film takes off them
     limit: float
-    wet: bool = False
+    wet: bool = False  # whether a film carries a part
 
 
 def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:

@@ -35,34 +35,6 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 STILL = 1e-9  # of the bodies' extent: what moves less in a step rests
 
 
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """What a step took.
-
-    Attributes:
-        dt: s, length of the step; iterations: of Newton's method.
-        attempts: at the step; in an explicit run the time steps of the row.
-        linear: iterations of linear solves that are iterative.
-    """
-
-    dt: float
-    iterations: int
-    attempts: int
-    linear: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Moved:
-    """How the bodies move after a step, and what from outside acts on them.
-
-    Attributes:
-        velocity: (n,), m/s, of the owned unknowns; outside: forces on the bodies.
-    """
-
-    velocity: Floats
-    outside: OutsideForces
-
-
 class RunState(Remembers):
     """History, energies and loads of a run so far.
 
@@ -138,8 +110,24 @@ class RunState(Remembers):
                 return [float(axis == table.spring.direction) for axis in axes]
         return None
 
-    def add_row(self, load_step: LoadStep, effort: Effort, moved: Moved) -> Row:
-        """Add a row of the present resultants and energies to the history; collective."""
+    def add_row(
+        self,
+        load_step: LoadStep,
+        dt: float,
+        iterations: int,
+        attempts: int,
+        linear: int,
+        velocity: Floats,
+        outside: OutsideForces,
+    ) -> Row:
+        """Add a row of the present resultants and energies to the history; collective.
+
+        Args:
+            dt: s, length of the step; iterations: of Newton's method.
+            attempts: at the step; in an explicit run the time steps of the row.
+            linear: iterations of linear solves that are iterative.
+            velocity: (n,), m/s, of the owned unknowns; outside: forces on the bodies.
+        """
         self.step += 1
         t, stage = self.model.thickness, load_step.stage
         rates, speed = stage.rate_dependent, self._mean_speed(load_step)
@@ -148,12 +136,12 @@ class RunState(Remembers):
             step=self.step,
             time=self.time,
             stage=stage.name,
-            dt=effort.dt,
+            dt=dt,
             velocity=load_step.velocity,
             driven_displacement=self.driven,
-            newton_iterations=effort.iterations,
-            linear_iterations=effort.linear,
-            attempts=effort.attempts,
+            newton_iterations=iterations,
+            linear_iterations=linear,
+            attempts=attempts,
             **contact_columns(self._loose_resultants(), speed, rates, t, noise),
             **self.energy_balance.columns(t),
         )
@@ -163,17 +151,15 @@ class RunState(Remembers):
             columns = contact_columns([pair], speed, rates, t, noise)
             values = (columns[name] for name in self._columns)
             self.pair_rows.append((*at, contact.label, *values, *film_columns(pair, t)))
-        motion = (self.stepper.x.array_r, moved.velocity)
-        self.motion.add(at, motion, moved.outside, self.resultants)
-        self.tools.add(at, motion, moved.outside, self.resultants)
+        motion = (self.stepper.x.array_r, velocity)
+        self.motion.add(at, motion, outside, self.resultants)
+        self.tools.add(at, motion, outside, self.resultants)
         self._add_to_way(row)
-        self.speed = row.velocity if stage.is_driven else self._fastest(moved.velocity, effort.dt)
+        self.speed = row.velocity
+        if not stage.is_driven:
+            fastest = max(self.motion.fastest(velocity), self.tools.fastest())
+            self.speed = fastest if fastest * dt > STILL * self.motion.extent else 0.0
         return row
-
-    def _fastest(self, velocity: Floats, dt: float) -> float:
-        """Speed of the fastest support, platen or tool, m/s; 0 for round-off; collective."""
-        speed = max(self.motion.fastest(velocity), self.tools.fastest())
-        return speed if speed * dt > STILL * self.motion.extent else 0.0
 
     def _loose_resultants(self) -> list[ContactResultants]:
         """The resultants of the contacts that are not tied, whose sums are those of friction."""
@@ -329,14 +315,16 @@ class ToolHistory:
         """
         if not self._tools:
             return
-        contacts = self._model.case.contact
-        slots = self._slots(motion, outside)
+        contacts, t = self._model.case.contact, self._model.thickness
+        slots, dim = self._slots(motion, outside), self._model.problem.dim
         for number, tool in enumerate(self._tools):
             moved, speed, drive = slots[number]
             length = tool.motion.length
             mine = [m for m, c in zip(pairs, contacts, strict=True) if c.master == tool.name]
-            force, moment = self._pressed(mine)
-            drive = drive * self._model.thickness
+            force = sum((-t * np.array(pair.force) for pair in mine), np.zeros(dim))
+            moments = (t * np.array(pair.tool_moment) for pair in mine)
+            moment = sum(moments, np.zeros(3 if dim == 3 else 1))
+            drive = drive * t
             if self._model.section == "axisymmetric":
                 drive[0] = drive[-1] = 0.0  # what points outwards cancels round the ring
             power = float(drive @ speed)
@@ -396,15 +384,6 @@ class ToolHistory:
                     drive = outside.held[np.searchsorted(self._held, dof)]
                 out[number, :, slot] = motion[0][dof], motion[1][dof], drive
         return problem.comm.allreduce(out)
-
-    def _pressed(self, pairs: Sequence[ContactResultants]) -> tuple[Floats, Floats]:
-        """Force (i,), N, and moment (1 or 3,), N m, of the bodies on a tool."""
-        dim, t = self._model.problem.dim, self._model.thickness
-        force, moment = np.zeros(dim), np.zeros(3 if dim == 3 else 1)
-        for pair in pairs:
-            force -= t * np.array(pair.force)
-            moment += t * np.array(pair.tool_moment)
-        return force, moment
 
 
 # -- What wants to know of a run while it goes on --------------------------------------------------

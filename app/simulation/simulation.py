@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -15,19 +14,15 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import Loose, loose_directions, sprung_dofs
 from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import begin_stage
+from tribox.app.simulation.energy_balance import Inertia
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import (
-    body_adrift,
-    explain,
-    is_unstable,
-    not_finite,
-)
+from tribox.app.simulation.failure_diagnosis import body_adrift, explain, is_unstable, not_finite
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
-from tribox.app.simulation.run_state import Effort, Moved, Observer, RunState
+from tribox.app.simulation.run_state import Observer, RunState
 from tribox.forms.contact.law_faults import law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 
@@ -62,25 +57,17 @@ class ImplicitStage:
         """The directions in which contact alone holds a body at present; collective."""
         return loose_directions(self.model.problem)
 
-    def begin(self, load_step: LoadStep) -> None:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
-
-    def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step, or what is left of it, to its end, or until steady; collective.
-
-        Raises:
-            SolutionError: a step failed however short it was made.
-        """
-        self.state.run(load_step, observer, self._advance)
-
     def snapshot(self) -> Snapshot:
-        """See :class:`tribox.app.simulation.simulation.StageRunner`."""
+        """All that the next step depends on, beside the loads; collective."""
         return self.stepper.snapshot()
 
-    def _advance(self, load_step: LoadStep, observer: Observer) -> None:
-        """One step of the load step, or the rest of it, in as many pieces as it takes.
+    def advance(self, load_step: LoadStep, observer: Observer) -> None:
+        """One step of the load step, or the rest of it, in as many pieces as it takes; collective.
 
         The pieces end exactly where the whole step would have.
+
+        Raises:
+            SolutionError: it failed however short it was made.
         """
         state, at = self.state, self.state.position
         at.begin_step(state.time, state.driven)
@@ -153,10 +140,11 @@ class ImplicitStage:
         self.stepper.commit()
         state.energy_balance.add(self.stepper.x, state.resultants)
         outside = OutsideForces.at(self.model.problem, state.motion.held)
-        moved = Moved((self.stepper.x.array_r - before) / dt, outside)
+        velocity = (self.stepper.x.array_r - before) / dt
         counted, self._counted = self._counted, self.stepper.solver.iterations
-        effort = Effort(dt, result.iterations, failures + 1, self._counted - counted)
-        row = state.add_row(load_step, effort, moved)
+        linear = self._counted - counted
+        made = (dt, result.iterations, failures + 1, linear)
+        row = state.add_row(load_step, *made, velocity, outside)
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:
@@ -178,23 +166,6 @@ class ImplicitStage:
 
 
 # -- All stages of a case, one load step after the other -------------------------------------------
-
-
-class StageRunner(Protocol):
-    """What runs load steps: from the state of the run as it is, to the state at their end."""
-
-    def begin(self, load_step: LoadStep) -> None:
-        """A load step begins that :meth:`run` will be asked for, perhaps more than once."""
-
-    def run(self, load_step: LoadStep, observer: Observer) -> None:
-        """Run one load step, or what is left of it, to its end, or until steady; collective.
-
-        Raises:
-            SolutionError: there is no way on; the state is the last valid one.
-        """
-
-    def snapshot(self) -> Snapshot:
-        """All that the next step depends on, beside the loads; collective."""
 
 
 class Simulation:
@@ -254,13 +225,14 @@ class Simulation:
             state.energy_balance.take_over(released)
             with failures_as(SolutionError, f"stage {load_step.stage.name}"):
                 runner = self._runner(load_step.stage)
-                if at.begin(state.time, state.driven, len(state.rows)):
-                    runner.begin(load_step)
-                runner.run(load_step, observer)
+                begins = at.begin(state.time, state.driven, len(state.rows))
+                if begins and isinstance(runner, ExplicitStage):
+                    state.inertia.append(Inertia(load_step.label))
+                state.run(load_step, observer, runner.advance)
             at.end()
         observer.ready(state)
 
-    def _runner(self, stage: Stage) -> StageRunner:
+    def _runner(self, stage: Stage) -> ImplicitStage | ExplicitStage:
         """The runner of a stage; the first explicit one takes over from the implicit ones."""
         rates = stage.rate_dependent
         if solver_of(stage, self.model.case.solver.kind) == "implicit":

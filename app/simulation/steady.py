@@ -53,21 +53,13 @@ SHARE = 1.0 / 8.0  # of the way slid, over which the force must at least have st
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """How near the tangential force is to its end.
+    """How near the tangential force is to its end."""
 
-    Attributes:
-        steady: whether it is there.
-        left: what friction has still to lose by its law, over the tangential force.
-        change: of the tangential force without that, relative, over the distance.
-        distance: m, of drive.
-        allowed: tolerance of what is left.
-    """
-
-    steady: bool
-    left: float
-    change: float
-    distance: float
-    allowed: float = SETTLED
+    steady: bool  # whether it is there
+    left: float  # what friction has still to lose by its law, over the tangential force
+    change: float  # of the tangential force without that, relative, over the distance
+    distance: float  # m, of drive
+    allowed: float = SETTLED  # tolerance of what is left
 
     @property
     def reason(self) -> str:

@@ -72,16 +72,11 @@ def _places_text(found: Floats, extent: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PressedEnd:
-    """Contact at an end of one of a pair's surfaces.
+    """Contact at an end of one of a pair's surfaces."""
 
-    Attributes:
-        pressure: Pa, the largest there; share: of the mean pressure; 0 where it is not reached.
-        where: the place, undeformed, in words.
-    """
-
-    pressure: float = 0.0
-    share: float = 0.0
-    where: str = ""
+    pressure: float = 0.0  # Pa, the largest there
+    share: float = 0.0  # of the mean pressure; 0 where it is not reached
+    where: str = ""  # the place, undeformed, in words
 
     def text(self, index: int, surface: str, of_tool: bool, when: str = "") -> str:
         """The end in words."""
@@ -147,10 +142,15 @@ class SmoothEnds:
         beside &= shown > FELT * mean
         past &= _largest(shown, beside)[vertices.of_point].any(axis=1)
         places = vertices.position[_largest(shown, ends)]
-        return (
-            _pressed_end(shown[ends], mean, _places_text(places, _extent(vertices.position))),
-            _pressed_end(shown[beside], mean, ends_text(surface, trial.projection, past)),
+        said = _places_text(places, _extent(vertices.position))
+        both = (shown[ends], said), (shown[beside], ends_text(surface, trial.projection, past))
+        of_slave, of_master = (
+            PressedEnd(float(found.max()), float(found.max()) / mean, where)
+            if len(found)
+            else PressedEnd()
+            for found, where in both
         )
+        return of_slave, of_master
 
     def _touched(self, points: Bools) -> Bools:
         """Vertices (v,) of the facets of some points (q,) of all ranks; collective."""
@@ -178,13 +178,6 @@ class SmoothEnds:
 def _largest(values: Floats, among: Bools) -> Bools:
     """Which (v,) of some values are nearly as large as the largest of them."""
     return among & (values >= MOST * np.max(values, where=among, initial=0.0))
-
-
-def _pressed_end(pressures: Floats, mean: float, where: str) -> PressedEnd:
-    """The end with these pressures (n,), Pa, if there are any."""
-    if not len(pressures):
-        return PressedEnd()
-    return PressedEnd(float(pressures.max()), float(pressures.max()) / mean, where)
 
 
 def _extent(places: Floats) -> float:
@@ -405,17 +398,12 @@ class LeftMaster(Remembers):
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """The node that is deepest in a master, none at a depth of 0.
+    """The node that is deepest in a master, none at a depth of 0."""
 
-    Attributes:
-        depth: m; place: m, undeformed; side: the named surface that goes in, or "".
-        since: when a fold was first seen, in words.
-    """
-
-    depth: float = 0.0
-    place: tuple[float, ...] = ()
-    side: str = ""
-    since: str = ""
+    depth: float = 0.0  # m
+    place: tuple[float, ...] = ()  # m, undeformed
+    side: str = ""  # the named surface that goes in, or ""
+    since: str = ""  # when a fold was first seen, in words
 
 
 class _Beside:

@@ -129,16 +129,11 @@ def _needs(problem: Equilibrium) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Sunk:
-    """How far a vertex of the master is inside a slave facet.
+    """How far a vertex of the master is inside a slave facet."""
 
-    Attributes:
-        share: of the depth beyond the penetration in the facet's shortest side; depth: m.
-        place: of the vertex, m, undeformed.
-    """
-
-    share: float = 0.0
-    depth: float = 0.0
-    place: tuple[float, ...] = ()
+    share: float = 0.0  # of the depth beyond the penetration in the facet's shortest side
+    depth: float = 0.0  # m
+    place: tuple[float, ...] = ()  # of the vertex, m, undeformed
 
 
 class SunkVertices:

@@ -41,7 +41,7 @@ class AtRoundOff:
     Attributes:
         share: largest residual of its steps over its largest contact or reaction force.
         stage: its label.
-        body: whose rounding leaves most; carried: whether because it has moved far.
+        body: whose rounding leaves most, "" of gaps; carried: whether because it has moved far.
     """
 
     share: float
@@ -97,24 +97,32 @@ class RoundOffWatch(Remembers):
         self._begin()
 
     def _noisiest(self) -> tuple[str, bool]:
-        """The body whose rounding leaves most, and whether by its motion; collective."""
+        """The body whose rounding leaves most, or "" for gaps; whether by motion; collective."""
         rounding = self._problem.rounding
         at_rest, carried = rounding.squares()
         at = int((at_rest + carried).argmax())
+        if self._problem.roundoff_of_contacts() ** 2 > at_rest[at] + carried[at]:
+            return "", False
         return rounding.names[at], bool(carried[at] > at_rest[at])
 
     def warnings(self) -> Iterator[str]:
         """One line if some load step ended at round-off."""
         if self.worst is None:
             return
+        where = f"in body {self.worst.body}" if self.worst.body else "of gaps"
         yield (
             f"stage {self.worst.stage}: a residual of {self.worst.share:.1e} of the contact or "
             f"reaction force was accepted, not solver.tolerance = {self._tolerance:.3g}: rounding "
-            f"in body {self.worst.body} leaves no less; the results are no better than that; try "
+            f"{where} leaves no less; the results are no better than that; try "
             f"{self._cure(self.worst)}"
         )
 
     def _cure(self, worst: AtRoundOff) -> str:
+        if not worst.body:
+            return (
+                "to place the bodies near the origin (and tools no larger than they need be), or "
+                "a larger solver.tolerance if this is enough"
+            )
         moduli = {s.name: oedometric_modulus(s.material) for s in self._problem.solids}
         ratio = moduli[worst.body] / min(moduli.values())
         if worst.carried and len(moduli) > 1:

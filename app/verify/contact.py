@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,8 +111,8 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         raise ValueError("the contact reaches the end of the contact zone; widen contact_width")
     (term,), (trial,) = simulation.model.problem.contacts, simulation.model.problem.committed
     lengths = term.surface.slave.facet_length[trial.pressure > 0.0]
-    row, thickness = simulation.rows[-1], case.geometry.slab
-    load = row.normal_force / thickness
+    row, (radius, depth) = simulation.rows[-1], _radius_and_depth(case)
+    load = row.normal_force / case.geometry.slab
     friction = case.contact[0].friction
     assert isinstance(friction, LawTable)
     mu = value_at(friction.mu, 0.0) if friction.law == "coulomb" else 0.0
@@ -123,13 +123,13 @@ def press(name: str, overrides: Sequence[str] = ()) -> Profile:
         pressure=p,
         traction=arrays["tangential_traction"][closed],
         sticks=arrays["regime"][closed] == Regime.STICK,
-        exact=LineContact(load, _radius(case), case_modulus(case)),
+        exact=LineContact(load, radius, case_modulus(case)),
         share=shares[-1],
         peak=max(shares),
         mu=mu,
         penetration=row.max_penetration,
         size=float(lengths.mean()),
-        depth=_depth(case),
+        depth=depth,
         below=_below(simulation.model),
     )
 
@@ -144,20 +144,15 @@ def _below(model: Model) -> Floats | None:
     return np.array([[row[i] for i in picked] for row in probes.rows()], dtype=np.float64).T
 
 
-def _radius(case: Case) -> float:
+def _radius_and_depth(case: Case) -> tuple[float, float]:
+    """Relative radius of the bodies, and the depth of the shallower one, m."""
     geometry = case.geometry
     if isinstance(geometry, CylinderOnBlockGeometry):
-        return relative_radius(geometry.cylinder.radius)
+        radius = geometry.cylinder.radius
+        return relative_radius(radius), min(radius, geometry.block.height)
     assert isinstance(geometry, TwoCylindersGeometry)
-    return relative_radius(geometry.upper.radius, geometry.lower.radius)
-
-
-def _depth(case: Case) -> float:
-    geometry = case.geometry
-    if isinstance(geometry, CylinderOnBlockGeometry):
-        return min(geometry.cylinder.radius, geometry.block.height)
-    assert isinstance(geometry, TwoCylindersGeometry)
-    return min(geometry.upper.radius, geometry.lower.radius)
+    radii = geometry.upper.radius, geometry.lower.radius
+    return relative_radius(*radii), min(radii)
 
 
 def case_modulus(case: Case) -> float:
@@ -192,9 +187,9 @@ def pressure_checks(profile: Profile) -> tuple[Check, ...]:
     width, peak = fit_ellipse(profile.x, p)
     apart = (p - exact.pressure(profile.x)) / exact.peak
     return (
-        compare("half-width a", width * 1e6, exact.half_width * 1e6, BAR, "µm"),
-        compare("peak pressure p0, fitted", peak * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
-        compare("largest pressure", p.max() * 1e-3, exact.peak * 1e-3, BAR, "kPa"),
+        compare("half-width a", width, exact.half_width, BAR, "µm"),
+        compare("peak pressure p0, fitted", peak, exact.peak, BAR, "kPa"),
+        compare("largest pressure", p.max(), exact.peak, BAR, "kPa"),
         *_along_profile("pressure", "p0", apart, profile),
     )
 
@@ -237,8 +232,8 @@ def traction_checks(profile: Profile) -> tuple[Check, ...]:
     width, _ = fit_ellipse(x[profile.sticks], reserve[profile.sticks])
     apart = (profile.traction - profile.exact_traction(x)) / limit
     return (
-        compare("stick half-width c", width * 1e6, c * 1e6, BAR, "µm"),
-        compare("c by the regime of points", _stuck(profile) * 1e6, c * 1e6, BAR, "µm"),
+        compare("stick half-width c", width, c, BAR, "µm"),
+        compare("c by the regime of points", _stuck(profile), c, BAR, "µm"),
         *_along_profile("traction", "(µ p0)", apart, profile),
     )
 
@@ -303,40 +298,42 @@ def _depth_panel(profile: Profile) -> Iterator[Panel]:
     )
 
 
+def _line_contact(
+    profile: Profile,
+    name: str,
+    title: str,
+    checks: tuple[Check, ...],
+    lead: str = "",
+    traction: bool = False,
+    more: Iterable[Panel] = (),
+) -> Verification:
+    """What a line contact came to; ``more``: panels beside that of the profiles."""
+    panels = _panel(profile, traction), *more
+    return Verification(name, title, lead + _about(profile), checks, panels)
+
+
 def hertz_line(overrides: Sequence[str] = ()) -> Verification:
     """An elastomer cylinder on aluminium."""
     profile = press("hertz-line", overrides)
-    return Verification(
-        "hertz-line",
-        "Hertz's line contact, elastomer on aluminium",
-        _about(profile),
-        (*pressure_checks(profile), *depth_checks(profile)),
-        (_panel(profile, traction=False), *_depth_panel(profile)),
-    )
+    title = "Hertz's line contact, elastomer on aluminium"
+    checks = *pressure_checks(profile), *depth_checks(profile)
+    return _line_contact(profile, "hertz-line", title, checks, more=_depth_panel(profile))
 
 
 def hertz_two_cylinders() -> Verification:
     """Two like elastomer cylinders."""
     profile = press("hertz-two-cylinders")
-    return Verification(
-        "hertz-two-cylinders",
-        "Hertz's line contact, two like cylinders",
-        _about(profile),
-        pressure_checks(profile),
-        (_panel(profile, traction=False),),
-    )
+    title = "Hertz's line contact, two like cylinders"
+    return _line_contact(profile, "hertz-two-cylinders", title, pressure_checks(profile))
 
 
 def cattaneo_mindlin(overrides: Sequence[str] = ()) -> Verification:
     """Two like cylinders in partial slip."""
     profile = press("cattaneo-mindlin", overrides)
-    return Verification(
-        "cattaneo-mindlin",
-        "partial slip of Cattaneo and Mindlin, two like cylinders",
-        f"Q/(µP) = {profile.share:.4f}. {_about(profile)}",
-        (*pressure_checks(profile), *traction_checks(profile)),
-        (_panel(profile, traction=True),),
-    )
+    title = "partial slip of Cattaneo and Mindlin, two like cylinders"
+    checks = *pressure_checks(profile), *traction_checks(profile)
+    lead = f"Q/(µP) = {profile.share:.4f}. "
+    return _line_contact(profile, "cattaneo-mindlin", title, checks, lead, traction=True)
 
 
 # Sideways by as much as `cattaneo-mindlin`, then halfway back.
@@ -350,14 +347,13 @@ THERE_AND_BACK = (
 def mindlin_reversal() -> Verification:
     """Two like cylinders in partial slip, moved partly back."""
     profile = press("cattaneo-mindlin", [*THERE_AND_BACK])
-    return Verification(
-        "mindlin-reversal",
-        "partial slip moved back, Mindlin and Deresiewicz, two like cylinders",
+    title = "partial slip moved back, Mindlin and Deresiewicz, two like cylinders"
+    lead = (
         f"cases/cattaneo-mindlin.toml, moved back: Q/(µP) has risen to {profile.peak:.4f} and "
-        f"fallen to {profile.share:.4f}. {_about(profile)}",
-        traction_checks(profile),
-        (_panel(profile, traction=True),),
+        f"fallen to {profile.share:.4f}. "
     )
+    checks = traction_checks(profile)
+    return _line_contact(profile, "mindlin-reversal", title, checks, lead, traction=True)
 
 
 # -- Verification of sliding: the friction law at points and in a block, forces of other codes  ---
@@ -377,28 +373,17 @@ PENALTY_FACTORS = (3.0, 30.0, 300.0)
 def friction_law(overrides: Sequence[str] = ()) -> Verification:
     """The friction map stepped to steady sliding at material points."""
     result = compute_map(map_setup(None, overrides))
-    checks = [
-        Check(f"F(V) at D = {curve.film * 1e9:.0f} nm, max over V", _deviation(curve), 1e-6)
-        for curve in result.by_film
-    ]
-    checks += [
-        Check(f"F(V) at p = {curve.pressure * 1e-6:.1f} MPa, max over V", _deviation(curve), 1e-6)
-        for curve in result.by_load
-    ]
+    curves = [(f"D = {curve.film * 1e9:.0f} nm", curve) for curve in result.by_film]
+    curves += [(f"p = {curve.pressure * 1e-6:.1f} MPa", curve) for curve in result.by_load]
+    checks = [Check(f"F(V) at {at}, max over V", _deviation(curve), 1e-6) for at, curve in curves]
+    lines = tuple(line for curve in result.by_film for line in _curves(curve))
     return Verification(
         "friction-law",
         "friction map at material points, steady sliding",
         "The law is stepped at constant speed until its traction stays the same, and compared with "
         "(1 − α) µ p + α η_b V/D outside the transition at V*.",
         tuple(checks),
-        (
-            Panel(
-                "speed V (m/s)",
-                "traction (kPa)",
-                tuple(line for curve in result.by_film for line in _curves(curve)),
-                log=True,
-            ),
-        ),
+        (Panel("speed V (m/s)", "traction (kPa)", lines, log=True),),
     )
 
 

@@ -47,10 +47,14 @@ class Check:
         return bool(self.error <= self.bar)
 
 
+SHOWN = {"µm": 1e6, "mm": 1e3, "kPa": 1e-3, "MPa": 1e-6, "mN": 1e3, "nJ": 1e9, "N µm": 1e6}
+"""Units that numbers are shown in, over that of SI."""
+
+
 def compare(quantity: str, computed: float, exact: float, bar: float, unit: str = "") -> Check:
-    """A check of one number by its relative error."""
-    error = abs(computed / exact - 1.0) if exact != 0.0 else math.inf
-    return Check(quantity, error, bar, computed, exact, unit)
+    """A check of one number by its relative error; both are in SI, and shown in ``unit``."""
+    error, scale = abs(computed / exact - 1.0) if exact != 0.0 else math.inf, SHOWN.get(unit, 1.0)
+    return Check(quantity, error, bar, scale * computed, scale * exact, unit)
 
 
 def apart(computed: Floats, exact: Floats | float) -> float:

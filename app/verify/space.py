@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -261,8 +261,8 @@ def hertz_point(overrides: Sequence[str] = ()) -> Verification:
         radius, peak = found.fitted
         exact = found.exact
         checks += [
-            compare(f"{name}: radius a", radius * 1e6, exact.contact_radius * 1e6, 0.03, "µm"),
-            compare(f"{name}: peak pressure p0", peak * 1e-3, exact.peak * 1e-3, 0.03, "kPa"),
+            compare(f"{name}: radius a", radius, exact.contact_radius, 0.03, "µm"),
+            compare(f"{name}: peak pressure p0", peak, exact.peak, 0.03, "kPa"),
         ]
     checks += _apart(quarter, section)
     e = quarter.exact
@@ -282,18 +282,16 @@ def hertz_point(overrides: Sequence[str] = ()) -> Verification:
     )
 
 
-def _apart(quarter: Pressed, section: Pressed) -> tuple[Check, ...]:
+def _apart(quarter: Pressed, section: Pressed) -> Iterator[Check]:
     """The quarter in space against the section of revolution."""
     (a, p0), (b, q0) = quarter.fitted, section.fitted
-    loads = quarter.exact.load * 1e3, section.exact.load * 1e3
-    return (
-        compare("quarter and section: force P", *loads, 0.02, "mN"),
-        compare(
-            "quarter and section: energy", quarter.energy * 1e9, section.energy * 1e9, 0.02, "nJ"
-        ),
-        compare("quarter and section: radius a", a * 1e6, b * 1e6, 0.02, "µm"),
-        compare("quarter and section: peak p0", p0 * 1e-3, q0 * 1e-3, 0.02, "kPa"),
-    )
+    for what, one, other, unit in (
+        ("force P", quarter.exact.load, section.exact.load, "mN"),
+        ("energy", quarter.energy, section.energy, "nJ"),
+        ("radius a", a, b, "µm"),
+        ("peak p0", p0, q0, "kPa"),
+    ):
+        yield compare(f"quarter and section: {what}", one, other, 0.02, unit)
 
 
 def _pressure_panel(quarter: Pressed, section: Pressed) -> Panel:
@@ -349,12 +347,9 @@ def sphere_twist(overrides: Sequence[str] = ()) -> Verification:
         contact = PointContact(row.normal_force, geometry.sphere.radius, case_modulus(case))
         twist = Twist(contact, shear, mu)
         name = f"moment at {math.degrees(angle):.1f}° (c/a = {twist.stuck(angle):.2f})"
-        values = (abs(row.twist_moment) * 1e6, twist.moment(angle) * 1e6)
-        checks.append(compare(name, *values, 0.03, "N µm"))
+        checks.append(compare(name, abs(row.twist_moment), twist.moment(angle), 0.03, "N µm"))
     full = contact.full_twist(mu)
-    checks.append(
-        compare("last moment, 3π/16 µPa", abs(row.twist_moment) * 1e6, full * 1e6, 0.02, "N µm")
-    )
+    checks.append(compare("last moment, 3π/16 µPa", abs(row.twist_moment), full, 0.02, "N µm"))
     sideways = max(abs(row.tangential_force) / row.normal_force for row in rows)
     checks.append(Check("friction force / normal force, max", sideways, 1e-6))
     moments = np.array([abs(row.twist_moment) for row in rows])

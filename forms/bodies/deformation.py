@@ -23,25 +23,17 @@ ON_AXIS = 1e-6  # radius over the cell's outer one up to which a point lies on t
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """What takes the displacements of a cell's nodes to one point of it; by cell, (c, …).
+    """What takes the displacements of a cell's nodes to one point of it; by cell, (c, …)."""
 
-    Attributes:
-        values: (c, a) shape functions; slopes: (c, α, a) their derivatives in the reference cell.
-        inverse: (c, α, j), 1/m, ∂ξ_α/∂X_j.
-        place: (c, i), m, undeformed.
-        across: (c,) 1/m, by which a radial displacement gives the hoop strain; 0 on the axis,
-            where it is the radial strain instead, and in all sections but axisymmetric ones.
-        on_axis: (c,) whether that is so.
-        volume: (c,) determinant of the Jacobian, m² or m³.
-    """
-
-    values: Floats
-    slopes: Floats
-    inverse: Floats
-    place: Floats
+    values: Floats  # (c, a) shape functions
+    slopes: Floats  # (c, α, a) their derivatives in the reference cell
+    inverse: Floats  # (c, α, j), 1/m, ∂ξ_α/∂X_j
+    place: Floats  # (c, i), m, undeformed
+    # (c,) 1/m, by which a radial displacement gives the hoop strain; 0 on the axis, where it is the
+    # radial strain instead, and in all sections but axisymmetric ones
     across: Floats
-    on_axis: Floats
-    volume: Floats
+    on_axis: Floats  # (c,) whether that is so
+    volume: Floats  # (c,) determinant of the Jacobian, m² or m³
 
     def deformation(self, u: Floats) -> Floats:
         """Deformation gradients (c, 3, 3) of nodal displacements ``u`` (c, a, i), m."""

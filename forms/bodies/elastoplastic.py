@@ -90,20 +90,14 @@ FORMED = 0.2
 
 @dataclass(frozen=True, slots=True)
 class ElastoPlastic:
-    """Finite J2 plasticity with F = Fᵉ Fᵖ and Hencky's energy of Fᵉ.
+    """Finite J2 plasticity with F = Fᵉ Fᵖ and Hencky's energy of Fᵉ."""
 
-    Attributes:
-        shear_modulus: G, Pa.
-        bulk_modulus: K, Pa.
-        hardening: yield stress over the equivalent plastic strain.
-        rate: factor of the yield stress for the rate of that strain; None: independent of rate.
-        kinematic: branches of the backstress, around whose sum the metal yields; none: around 0.
-    """
-
-    shear_modulus: float
-    bulk_modulus: float
-    hardening: Hardening
+    shear_modulus: float  # G, Pa
+    bulk_modulus: float  # K, Pa
+    hardening: Hardening  # yield stress over the equivalent plastic strain
+    # factor of the yield stress for the rate of that strain; None: independent of rate
     rate: RateFactor | None = None
+    # branches of the backstress, around whose sum the metal yields; none: around 0
     kinematic: tuple[Backstress, ...] = ()
 
     def __post_init__(self) -> None:

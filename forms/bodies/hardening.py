@@ -88,9 +88,7 @@ class Voce(Hardening):
     number: ClassVar[int] = 1
     yield_stress: float = parameter("yield stress σ₀ before any plastic strain", "Pa", gt=0.0)
     saturation_stress: float = parameter(
-        "stress σ∞ that the yield stress tends to, but for H α; at least yield_stress",
-        "Pa",
-        gt=0.0,
+        "stress σ∞ that the yield stress tends to, but for H α; at least yield_stress", "Pa", gt=0.0
     )
     exponent: float = parameter(
         "rate δ of that in the plastic strain: half way at α = 0.69/δ", gt=0.0

@@ -17,35 +17,25 @@ axis x = 0 (x the radius, y along the axis), or the whole body."""
 
 @dataclass(frozen=True, slots=True)
 class PlanePart:
-    """The in-plane part of a deformation that does not tilt the normal of the plane.
+    """The in-plane part of a deformation that does not tilt the normal of the plane."""
 
-    Attributes:
-        stretch: λ₃ across the plane: one in plane strain, the hoop stretch of a body of revolution.
-        J, I1: det and tr FᵀF of the in-plane part.
-    """
-
+    # λ₃ across the plane: one in plane strain, the hoop stretch of a body of revolution
     stretch: Expr
-    J: Expr
-    I1: Expr
+    J: Expr  # det F of the in-plane part
+    I1: Expr  # tr FᵀF of the in-plane part
 
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """A deformation and its invariants.
+    """A deformation and its invariants."""
 
-    Attributes:
-        F: deformation gradient (i, j), a UFL variable; of a plane the in-plane part.
-        J: det of the whole, three-dimensional deformation gradient.
-        I1, I2: tr C and ½((tr C)² − tr C²) of the three-dimensional C = FᵀF. In space these and J
-            are UFL variables, and all that a material may depend on.
-        plane: the in-plane part; None in space.
-    """
-
-    F: Expr
-    J: Expr
+    F: Expr  # deformation gradient (i, j), a UFL variable; of a plane the in-plane part
+    J: Expr  # det of the whole, three-dimensional deformation gradient
+    # tr C and ½((tr C)² − tr C²) of the three-dimensional C = FᵀF. In space these and J are UFL
+    # variables, and all that a material may depend on
     I1: Expr
-    I2: Expr
-    plane: PlanePart | None
+    I2: Expr  # likewise
+    plane: PlanePart | None  # the in-plane part; None in space
 
 
 def section_of(dim: int, section: Section | None) -> Section:

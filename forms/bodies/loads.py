@@ -122,11 +122,7 @@ class BodyForce(Load):
     """
 
     def __init__(
-        self,
-        u: dolfinx.fem.Function,
-        cells: Ints,
-        density: float,
-        section: Section | None = None,
+        self, u: dolfinx.fem.Function, cells: Ints, density: float, section: Section | None = None
     ) -> None:
         """Compile the load's form.
 

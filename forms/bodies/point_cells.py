@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import quadrature_rows
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.point_state import CELLS, Kernel
+from tribox.forms.bodies.point_state import CELLS, Kernel, address_of
 from tribox.forms.native import library
 from tribox.geometry.meshes.places import shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
@@ -68,10 +68,18 @@ class _Work(ctypes.Structure):
     _fields_ = (
         *(
             (name, ctypes.c_int64)
-            for name in ("blocks", "lanes_of_last", "points", "nodes", "width", "symmetric")
+            for name in (
+                "blocks",
+                "lanes_of_last",
+                "points",
+                "nodes",
+                "width",
+                "symmetric",
+                "begin",
+            )
         ),
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
-        *((name, ctypes.c_void_p) for name in ("update", "material", "state")),
+        *((name, ctypes.c_void_p) for name in ("update", "add", "material", "state")),
         *((name, ctypes.c_void_p) for name in ("P", "A", "F", "end", "energies")),
         *((name, ctypes.c_void_p) for name in ("forces", "values", "start")),
     )
@@ -144,12 +152,8 @@ class PointCells:
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
-        names = [f"tribox_point_block_{NAMES[section]}"]
-        # The moduli of a point join those of a loop that has some there; the loop over rings adds
-        # whole matrices only.
-        names += [f"tribox_point_moduli_{NAMES[section]}"] if section != "axisymmetric" else []
-        code = [getattr(library(CELLS), name) for name in names]
-        self._beside = [ctypes.cast(one, ctypes.c_void_p).value for one in code]
+        names = f"point_block_{NAMES[section]}", "point_moduli"
+        self._beside = [address_of(CELLS, name) for name in names]
         tables = (cells.table, cells.nodes, cells.number[:, None])
         self._tables = [in_lanes(table) for table in tables]
         table, node, cell = (part.ctypes.data for part in self._tables)
@@ -185,6 +189,7 @@ class PointCells:
         if kernel is not None:
             work.width = arrays["state"].shape[1]
             work.update, work.material = kernel.function, ctypes.addressof(kernel.material)
+            work.add, work.begin = kernel.moduli, kernel.begin
         return work
 
     def beside(self, u: Floats) -> Beside | None:

@@ -53,6 +53,14 @@ class PointUpdate:
     valid: bool
 
 
+def address_of(source: str, name: str) -> int:
+    """Of the function ``tribox_NAME`` of a C source."""
+    function = getattr(library(source), f"tribox_{name}")
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None
+    return address
+
+
 @dataclass(frozen=True, slots=True)
 class Kernel:
     """A compiled update of points, ``Update`` of ``point_lanes.h``, with its arguments.
@@ -60,19 +68,20 @@ class Kernel:
     Attributes:
         function: its address; material: what it reads, and what is read from there.
         symmetric: whether A is.
+        moduli: address of what adds A to the moduli of a strain energy; None: there is none;
+            begin: how many values of a state, from the first one on, that reads.
     """
 
     function: int
     material: ctypes.Structure
     symmetric: bool
+    moduli: int | None = None
+    begin: int = 0
 
     @classmethod
     def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:
         """The function ``tribox_NAME`` of a C source, for parameters as it lays them out."""
-        function = getattr(library(source), f"tribox_{name}")
-        address = ctypes.cast(function, ctypes.c_void_p).value
-        assert address is not None
-        return cls(address, material, symmetric)
+        return cls(address_of(source, name), material, symmetric)
 
     def update(self, F: Floats, state: Floats, tangent: bool) -> PointUpdate:
         """Update points by themselves, see :meth:`MaterialPoints.update`."""

@@ -33,17 +33,11 @@ Scalar = Any  # a number, an array or a UFL expression
 
 @dataclass(frozen=True, slots=True)
 class Jet:
-    """A function f(x, y) at a point.
+    """A function f(x, y) at a point."""
 
-    Attributes:
-        value: f.
-        first: (f_x, f_y).
-        second: (f_xx, f_xy, f_yy).
-    """
-
-    value: Scalar
-    first: tuple[Scalar, Scalar] = (0.0, 0.0)
-    second: tuple[Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0)
+    value: Scalar  # f
+    first: tuple[Scalar, Scalar] = (0.0, 0.0)  # (f_x, f_y)
+    second: tuple[Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0)  # (f_xx, f_xy, f_yy)
 
     def __add__(self, other: Jet | Scalar) -> Jet:
         """F + g, or f plus a constant."""

@@ -40,17 +40,11 @@ TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]]) 
 
 @dataclass(frozen=True, slots=True)
 class Mullins:
-    """Constants of the softening.
+    """Constants of the softening."""
 
-    Attributes:
-        r: the largest loss of stress is 1/r of it; above 1.
-        m: Pa (J/m³), above 0: energies far below it soften little.
-        beta: makes the softening of large energies more gradual; 0 or above.
-    """
-
-    r: float
-    m: float
-    beta: float = 0.0
+    r: float  # the largest loss of stress is 1/r of it; above 1
+    m: float  # Pa (J/m³), above 0: energies far below it soften little
+    beta: float = 0.0  # makes the softening of large energies more gradual; 0 or above
 
     def width(self, largest: Floats) -> Floats:
         """The s, J/m³, of the largest energies (n,)."""

@@ -28,17 +28,11 @@ STEPS = 400  # on the way there
 
 @dataclass(frozen=True, slots=True)
 class _Test:
-    """A homogeneous test.
+    """A homogeneous test."""
 
-    Attributes:
-        words: what it is called.
-        ratio: ε₂/ε₁.
-        end: stretch λ₁ at which it ends.
-    """
-
-    words: str
-    ratio: float
-    end: float
+    words: str  # what it is called
+    ratio: float  # ε₂/ε₁
+    end: float  # stretch λ₁ at which it ends
 
 
 # Uniaxial compression is equibiaxial tension, planar tension is planar compression as well.

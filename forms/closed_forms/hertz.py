@@ -119,24 +119,17 @@ class LineContact:
 # sphere's. Twisting about the axis of symmetry does not change it for any bodies. Sources: K. L.
 # Johnson, Contact Mechanics, Cambridge University Press 1985, section 4.2; J. L. Lubkin, J. Appl.
 # Mech. 18 (1951) 183-187, for the moment in partial slip.
-#
 
 STUCK = 1e-9  # c/a below which the whole contact counts as sliding
 
 
 @dataclass(frozen=True, slots=True)
 class PointContact:
-    """A sphere and a flat, or two spheres.
+    """A sphere and a flat, or two spheres."""
 
-    Attributes:
-        load: N, P.
-        radius: m, R*.
-        modulus: Pa, E*.
-    """
-
-    load: float
-    radius: float
-    modulus: float
+    load: float  # N, P
+    radius: float  # m, R*
+    modulus: float  # Pa, E*
 
     @property
     def contact_radius(self) -> float:
@@ -169,16 +162,11 @@ class Twist:
     .. math:: M = \frac{16}{3} G [c^3 \theta(c) + 3 \int_c^a s^2 \theta(s)\,ds],
 
     with complete elliptic integrals K and E, and :math:`1/G = 1/G_1 + 1/G_2` of the two bodies.
-
-    Attributes:
-        contact: the contact, pressed.
-        shear: Pa, G of both bodies together.
-        mu: coefficient of friction, > 0.
     """
 
-    contact: PointContact
-    shear: float
-    mu: float
+    contact: PointContact  # the contact, pressed
+    shear: float  # Pa, G of both bodies together
+    mu: float  # coefficient of friction, > 0
 
     def angle(self, share: ArrayLike) -> Floats:
         """Angle θ, rad, at which discs of radius c = share · a still stick; 0 < share <= 1."""

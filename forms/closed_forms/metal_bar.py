@@ -120,11 +120,7 @@ def flow_curve(strain: Floats, shear_modulus: float, yield_stress: Law) -> Float
 
 
 def inner_pressure(
-    displacement: float,
-    inner: float,
-    outer: float,
-    shear_modulus: float,
-    yield_stress: Law,
+    displacement: float, inner: float, outer: float, shear_modulus: float, yield_stress: Law
 ) -> float:
     """Pressure on the present inner surface, Pa.
 
@@ -156,22 +152,14 @@ def inner_pressure(
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """A strip and how it is integrated.
+    """A strip and how it is integrated."""
 
-    Attributes:
-        thickness: m.
-        young, poisson: E, Pa; ν.
-        yield_stress: σ_Y(α), Pa, not falling.
-        fibres: of half the thickness; the other half is its mirror image.
-        steps: of the curvature.
-    """
-
-    thickness: float
-    young: float
-    poisson: float
-    yield_stress: Law
-    fibres: int = 200
-    steps: int = 100
+    thickness: float  # m
+    young: float  # E, Pa
+    poisson: float  # ν
+    yield_stress: Law  # σ_Y(α), Pa, not falling
+    fibres: int = 200  # of half the thickness; the other half is its mirror image
+    steps: int = 100  # of the curvature
 
     def bent(self, curvature: float) -> tuple[float, float]:
         """Moment of a strip that is bent, and the curvature that is left of it.

@@ -28,10 +28,7 @@ from typing import Literal
 import numpy as np
 
 from tribox.forms.contact.pressure import AveragedPressure
-from tribox.forms.contact.state import (
-    ContactMode,
-    NormalContact,
-)
+from tribox.forms.contact.state import ContactMode, NormalContact
 from tribox.forms.film.places import FilmPlaces
 from tribox.forms.film.roughness import Asperities, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
@@ -44,35 +41,27 @@ _WHOLE = 0.999  # share of a facet that must have the master below it
 
 @dataclass(frozen=True, slots=True)
 class FilmModel:
-    """What a film and its surfaces are made of.
+    """What a film and its surfaces are made of."""
 
-    Attributes:
-        rough: roughness; asperities: what they carry; rheology: of the oil.
-        share: "contact": the asperities rub by the law, the film by its viscosity; "map": the law
-            is a map with films, which is given p_a and h_T.
-        oil: m, θh of the oil on the slave; infinite: flooded.
-        reach: m, gap beyond which oil is only kept.
-        steady: whether each step is the steady state of its speed.
-        scale: Pa, of the order of the pressures.
-        cells: of the film per facet of the slave.
-    """
-
-    rough: RoughGap
-    asperities: Asperities
-    rheology: FilmRheology
+    rough: RoughGap  # roughness
+    asperities: Asperities  # what they carry
+    rheology: FilmRheology  # of the oil
+    # "contact": the asperities rub by the law, the film by its viscosity; "map": the law is a map
+    # with films, which is given p_a and h_T
     share: Literal["contact", "map"]
-    oil: float
-    reach: float
-    steady: bool
-    scale: float
-    cells: int = 1
+    oil: float  # m, θh of the oil on the slave; infinite: flooded
+    reach: float  # m, gap beyond which oil is only kept
+    steady: bool  # whether each step is the steady state of its speed
+    scale: float  # Pa, of the order of the pressures
+    cells: int = 1  # of the film per facet of the slave
 
 
 class AsperityPressure(AveragedPressure):
     """Pressure of the asperities from the mean gaps of the vertices.
 
     Attributes:
-        model: of the film; places: of it; facet_of: (q,) numbers of the points' facets there.
+        model: of the film; places: of it, on all ranks; facet_of: (q,) numbers of the points'
+            facets there; whole: (f,), m², their areas.
         shape: (q, k), ψ' of the gaps; spread: (q, k), ψ of the pressures.
     """
 
@@ -86,27 +75,30 @@ class AsperityPressure(AveragedPressure):
         stiffness = -float(model.asperities.pressure(step)[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
         self.model = model
-        _, first, self.facet_of = np.unique(
-            surface.slave.facet, return_index=True, return_inverse=True
-        )
-        facets = surface.vertices.of_point[first]
+        facets, self.facet_of = _facets(surface)
         self.places = FilmPlaces(facets, surface.vertices.count, model.cells)
-        if np.bincount(self.facet_of).min(initial=3) < 3:
+        enough = np.bincount(self.facet_of)[self.facet_of].min(initial=3) >= 3
+        if not self.vertices.on_all_ranks(bool(enough)):
             raise ValueError("it needs three points on a facet, a quadrature_degree of 4 or more")
         shape, weight = self.vertices.shape, surface.slave.weight
+        self.whole = self.facet_sums(weight)
         self.spread = dual(shape, weight, self.facet_of)
         self.shape = dual(shape, weight, self.facet_of, bent=True)
 
+    def facet_sums(self, values: Floats) -> Floats:
+        """Σ_q f_q (…, f) of point values ``values`` (…, q), over all ranks; collective."""
+        rows, count = values.reshape(-1, len(self.facet_of)), len(self.places.facets)
+        local = np.array([np.bincount(self.facet_of, row, count) for row in rows], dtype=np.float64)
+        return self.vertices.total(local.reshape(*values.shape[:-1], count))
+
     def covered(self, at: Projection) -> Bools:
-        """Facets (f,) that have the master below all of them."""
-        weight, count = self.surface.slave.weight, len(self.places.facets)
+        """Facets (f,) that have the master below all of them; collective."""
         on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
-        whole = np.bincount(self.facet_of, weight, count)
-        out: Bools = np.bincount(self.facet_of, weight * on, count) > _WHOLE * whole
+        out: Bools = self.facet_sums(self.surface.slave.weight * on) > _WHOLE * self.whole
         return out
 
     def gaps(self, at: Projection, shape: Floats | None = None) -> tuple[Floats, Floats]:
-        """Gaps (v,), m, at the vertices, and the area (v,), m², that they are averaged over.
+        """Gaps (v,), m, at the vertices, and the area (v,), m², of their mean; collective.
 
         It is that of the facets around that have the master below all of them; infinite gaps where
         there is none.
@@ -157,7 +149,24 @@ class AsperityPressure(AveragedPressure):
         if normal.gap is None or normal.area is None or film is None:
             return 0.0
         density = np.where(film.members, self.model.asperities.energy(normal.gap), 0.0)
-        return float(normal.area @ (film.ratio * density))
+        density *= film.ratio * normal.area / self.vertices.area
+        return float(self.surface.slave.weight @ self.vertices.at_points(density))
+
+
+def _facets(surface: ContactSurface) -> tuple[Longs, Longs]:
+    """Vertices (f, k) of the slave facets of all ranks, in an order that does not depend on these.
+
+    Also the number (q,) there of the facet of each point of this rank; collective.
+    """
+    vertices = surface.vertices
+    _, first, own = np.unique(surface.slave.facet, return_index=True, return_inverse=True)
+    gathered = vertices.comm.allgather(vertices.of_point[first])
+    every = np.concatenate(gathered)
+    order = np.lexsort(np.sort(every, axis=1).T)
+    number = np.empty(len(order), dtype=np.int64)
+    number[order] = np.arange(len(order))
+    before = sum(len(facets) for facets in gathered[: vertices.comm.rank])
+    return every[order], number[before + own]
 
 
 def dual(shape: Floats, weight: Floats, facet: Longs, bent: bool = False) -> Floats:

@@ -121,14 +121,14 @@ class CompiledTangent:
         assert isinstance(target, FacetSurface)
         powers, coefficients = target.shape.polynomials
         self._fixed: dict[str, NDArray[Any] | None] = {
-            "powers": _packed(powers, np.int32),
-            "coefficients": _packed(coefficients),
-            "extraction": _packed(target.extraction),
-            "stencil": _packed(target.stencil, np.int32),
-            "signs": _packed(surface.signs),
-            "weight": _packed(slave.weight),
-            "shape": _packed(slave.shape),
-            "slave_rows": _packed(surface.slave_rows, np.int64),
+            "powers": packed(powers, np.int32),
+            "coefficients": packed(coefficients),
+            "extraction": packed(target.extraction),
+            "stencil": packed(target.stencil, np.int32),
+            "signs": packed(surface.signs),
+            "weight": packed(slave.weight),
+            "shape": packed(slave.shape),
+            "slave_rows": packed(surface.slave_rows, np.int64),
         }
         self._sizes = {
             "shapes": target.shape.count,
@@ -137,7 +137,7 @@ class CompiledTangent:
             "first_master": surface.first_master,
             "vertices": surface.vertices.of_point.shape[1],
         }
-        self._of_point = _packed(surface.vertices.of_point, np.int64)
+        self._of_point = packed(surface.vertices.of_point, np.int64)
 
     # -- forces -------------------------------------------------------------------------------
 
@@ -149,7 +149,7 @@ class CompiledTangent:
         )
         out = np.zeros((len(self.surface.nodes), 3))
         count = ctypes.c_int64(len(at.facet))
-        squared = self._code.tribox_nodal_forces(ctypes.byref(pair), count, _at(out))
+        squared = self._code.tribox_nodal_forces(ctypes.byref(pair), count, start_of(out))
         if (images := self.surface.images) is not None:
             images.give_back(out, self.surface.first_master)
         return out, float(squared)
@@ -158,16 +158,19 @@ class CompiledTangent:
 
     def add(
         self, tangent: PairTangent, state: ContactState, trial: ContactTrial, entries: Entries
-    ) -> tuple[Blocks, list[Coupling]]:
+    ) -> tuple[Blocks, list[Coupling]] | None:
         """Add the tangent to a part of a matrix; collective.
 
         Returns:
-            What is not in that part: blocks of points, and couplings.
+            What is not in that part: blocks of points, and couplings; None where points fade, and
+            nothing was added.
 
         Raises:
             RuntimeError: the matrix has no room for an entry.
         """
-        first = _packed(entries.first(self.surface.nodes), np.int32)
+        if trial.projection.share_slope is not None:
+            return None
+        first = packed(entries.first(self.surface.nodes), np.int32)
         closed = np.nonzero(trial.kinematics.closed)[0]
         pair, _alive = self._pair(self._varying(tangent, state, trial))
         groups = PointGroups.of(closed, tangent.point_facets(state, trial, closed))
@@ -176,11 +179,14 @@ class CompiledTangent:
         inside = np.all(first[nodes] >= 0, axis=1)
         ends, points = groups.ordered(inside)
         scratch = np.empty(9 * nodes.shape[1] ** 2)
-        made, _kept = _entries(entries, first, first)
+        made, _kept = entries_of(entries, first, first)
         count = ctypes.c_int64(len(ends) - 1)
-        _require_room(
+        require_room(
             self._code.tribox_add_point_blocks(
-                ctypes.byref(pair), ctypes.byref(made), count, *map(_at, (ends, points, scratch))
+                ctypes.byref(pair),
+                ctypes.byref(made),
+                count,
+                *map(start_of, (ends, points, scratch)),
             )
         )
         stayed = (trial.projection.facet == state.facet)[groups.point]
@@ -252,7 +258,7 @@ class CompiledTangent:
         kinds = {"facet": np.int32, "facet_before": np.int32, "clamped": np.uint8}
         arrays = dict(self._fixed)
         for name, array in varying.items():
-            arrays[name] = _packed(array, kinds.get(name, np.float64))
+            arrays[name] = packed(array, kinds.get(name, np.float64))
         pair = _Pair(**self._sizes)
         for name, array in arrays.items():
             setattr(pair, name, None if array is None else array.ctypes.data)
@@ -273,8 +279,8 @@ class CompiledTangent:
         width = nodes.shape[1]
         blocks = np.zeros((len(ends) - 1, width, 3, width, 3))
         self._code.tribox_point_blocks(
-            *(ctypes.byref(pair), ctypes.c_int64(len(blocks)), _at(ends), _at(points)),
-            *(ctypes.c_int64(width), _at(blocks)),
+            *(ctypes.byref(pair), ctypes.c_int64(len(blocks)), start_of(ends), start_of(points)),
+            *(ctypes.c_int64(width), start_of(blocks)),
         )
         if (signs := self._fixed["signs"]) is not None:
             by_node = signs[nodes[which]]
@@ -288,11 +294,17 @@ class CompiledTangent:
         indptr, node = np.empty(count + 1, dtype=np.int64), np.empty(g * k * size, dtype=np.int64)
         place = np.empty((g, k, size), dtype=np.int32)
         scratch = [np.empty(length, dtype=np.int64) for length in (nodes, count + 1, g * k)]
-        point, needed = _packed(groups.point, np.int64), _packed(needs, np.uint8)
+        point, needed = packed(groups.point, np.int64), packed(needs, np.uint8)
         self._code.tribox_vertex_places(
-            *(ctypes.byref(pair), ctypes.c_int64(g), _at(point), _at(self._of_point), _at(needed)),
-            *(ctypes.c_int64(count), ctypes.c_int64(nodes), *map(_at, scratch)),
-            *(_at(indptr), _at(node), _at(place)),
+            *(
+                ctypes.byref(pair),
+                ctypes.c_int64(g),
+                start_of(point),
+                start_of(self._of_point),
+                start_of(needed),
+            ),
+            *(ctypes.c_int64(count), ctypes.c_int64(nodes), *map(start_of, scratch)),
+            *(start_of(indptr), start_of(node), start_of(place)),
         )
         return indptr, node[: indptr[-1]], place
 
@@ -302,10 +314,10 @@ class CompiledTangent:
         """Σ_q w G_aᵀ d_A of the groups' points and vectors d (p, k, i)."""
         indptr, node, place = places
         data = np.zeros((len(node), 3))
-        take, along = _packed(groups.take, np.int64), _packed(along)
+        take, along = packed(groups.take, np.int64), packed(along)
         arrays = take, groups.group, place, along, data
         count = ctypes.c_int64(len(take))
-        self._code.tribox_vertex_rows(ctypes.byref(pair), count, *map(_at, arrays))
+        self._code.tribox_vertex_rows(ctypes.byref(pair), count, *map(start_of, arrays))
         signs = self._fixed["signs"]
         return NodeRows(indptr, node, data if signs is None else signs[node] * data)
 
@@ -317,21 +329,21 @@ class CompiledTangent:
         columns, of_column = nodes, first
         if vertices.comm.size > 1:
             right, columns = self._completed(right)
-            of_column = _packed(entries.first(columns), np.int32)
-        made, _kept = _entries(entries, first, of_column)
+            of_column = packed(entries.first(columns), np.int32)
+        made, _kept = entries_of(entries, first, of_column)
         counts = len(nodes) + 1, len(left.node), len(left.node), len(columns)
         scratch = [np.empty(count, dtype=np.int64) for count in counts]
         node_of, right_node = _one_each(of_column, len(entries.indptr) - 1, right.node)
-        sums, area = np.empty((len(columns), 3, 4)), _packed(area)
+        sums, area = np.empty((len(columns), 3, 4)), packed(area)
         # Three components as vectors of four, which the loop multiplies and adds in one go.
         padded = np.zeros((len(right.node), 4))
         padded[:, :3] = right.data
-        _require_room(
+        require_room(
             self._code.tribox_add_product(
-                *(ctypes.byref(made), ctypes.c_int64(vertices.count), _at(area)),
-                *(ctypes.c_int64(len(nodes)), *map(_at, (left.indptr, left.node, left.data))),
-                *(ctypes.c_int64(len(columns)), *map(_at, (right.indptr, right_node, padded))),
-                *(*map(_at, scratch), _at(node_of), _at(sums)),
+                *(ctypes.byref(made), ctypes.c_int64(vertices.count), start_of(area)),
+                *(ctypes.c_int64(len(nodes)), *map(start_of, (left.indptr, left.node, left.data))),
+                *(ctypes.c_int64(len(columns)), *map(start_of, (right.indptr, right_node, padded))),
+                *(*map(start_of, scratch), start_of(node_of), start_of(sums)),
             )
         )
         outside = first < 0, of_column < 0
@@ -348,8 +360,8 @@ class CompiledTangent:
         matrix = right.matrix(len(surface.nodes))
         whole, columns = completed(matrix, vertices, vertices.of_point, surface.nodes, surface.dim)
         blocks = whole.tobsr(blocksize=(1, surface.dim))
-        indptr, node = (_packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
-        return NodeRows(indptr, node, _packed(blocks.data.reshape(-1, surface.dim))), columns
+        indptr, node = (packed(a, np.int64) for a in (blocks.indptr, blocks.indices))
+        return NodeRows(indptr, node, packed(blocks.data.reshape(-1, surface.dim))), columns
 
 
 def _one_each(of_column: Ints, count: int, node: Longs) -> tuple[Ints, Longs]:
@@ -362,22 +374,28 @@ def _one_each(of_column: Ints, count: int, node: Longs) -> tuple[Ints, Longs]:
     return node_of, number[node]
 
 
-def _packed(array: Any, kind: Any = np.float64) -> Any:
+def packed(array: Any, kind: Any = np.float64) -> Any:
     """An array as the loops read it, copied only where it is not; None stays None."""
     return None if array is None else np.ascontiguousarray(array, dtype=kind)
 
 
-def _at(array: NDArray[Any]) -> ctypes.c_void_p:
+def start_of(array: NDArray[Any]) -> ctypes.c_void_p:
+    """Where an array begins, for the loops."""
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def _entries(entries: Entries, rows: Ints, columns: Ints) -> tuple[_Entries, tuple[Any, ...]]:
+def entries_of(entries: Entries, rows: Ints, columns: Ints) -> tuple[_Entries, tuple[Any, ...]]:
     """The structure, and the arrays that must live as long as it does."""
     arrays = entries.indptr, entries.indices, entries.values, rows, columns
     return _Entries(*(array.ctypes.data for array in arrays)), arrays
 
 
-def _require_room(failed: int) -> None:
+def require_room(failed: int) -> None:
+    """Refuse what loops could not add.
+
+    Raises:
+        RuntimeError: they failed.
+    """
     if failed:
         raise RuntimeError("contact: an entry of the tangent is not in the matrix's pattern")
 

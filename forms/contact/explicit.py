@@ -148,7 +148,7 @@ class ExplicitContact:
         response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)
         self.trial = ContactTrial(
             position=points,
-            area_ratio=surface.slave_area_ratio(slave),
+            area_ratio=surface.slave_area_ratio(surface.slave_tangents(slave), points),
             projection=projection,
             kinematics=kinematics,
             normal_contact=normal,

@@ -47,11 +47,7 @@ class CompiledContact(ExplicitContact):
         check_layout(code)
         super().__init__(term)
         self._code = code
-        code.tribox_pair_hold_film.argtypes = [
-            ctypes.c_void_p,
-            ctypes.c_double,
-            ctypes.c_void_p,
-        ]
+        code.tribox_pair_hold_film.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p]
         code.tribox_pair_correct_film.argtypes = [ctypes.c_void_p, ctypes.c_double]
         code.tribox_pair_commit.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         self._adopted: ContactState | None
@@ -254,9 +250,7 @@ class CompiledContact(ExplicitContact):
             self.trial.response,
             traction=now.arrays["friction"],
             dissipation=replace(
-                parts,
-                viscous=now.arrays["viscous"],
-                numerical=parts.numerical + now.arrays["work"],
+                parts, viscous=now.arrays["viscous"], numerical=parts.numerical + now.arrays["work"]
             ),
         )
         self.exchange.add(self._load, out)

@@ -40,33 +40,23 @@ Answer = Callable[[Floats, FrictionState], FrictionResponse]  # of pressure, Pa,
 
 @dataclass(frozen=True, slots=True)
 class LinearSlip:
-    """Elastic slips that are linear in trial slip and threshold.
+    """Elastic slips that are linear in trial slip and threshold."""
 
-    Attributes:
-        elastic: (q, i), m, may be longer than the threshold; permanent: (q,), m, may be negative.
-        d_trial: (q, i, j), derivative of ``elastic`` for the trial slip, symmetric, between 0 and
-            1; d_threshold: (q, i), that for the length at the threshold.
-    """
-
-    elastic: Floats
-    permanent: Floats
+    elastic: Floats  # (q, i), m, may be longer than the threshold
+    permanent: Floats  # (q,), m, may be negative
+    # (q, i, j), derivative of ``elastic`` for the trial slip, symmetric, between 0 and 1
     d_trial: Floats
-    d_threshold: Floats
+    d_threshold: Floats  # (q, i), that for the length at the threshold
 
 
 @dataclass(frozen=True, slots=True)
 class InteriorSlip:
-    r"""Elastic slips inside of their threshold.
+    r"""Elastic slips inside of their threshold."""
 
-    Attributes:
-        elastic: e, (q, i), m; permanent: y, (q,), m; threshold: \ell, (q,), m, longer than e.
-        barrier: \nu, (q,), m^2.
-    """
-
-    elastic: Floats
-    permanent: Floats
-    threshold: Floats
-    barrier: Floats
+    elastic: Floats  # e, (q, i), m
+    permanent: Floats  # y, (q,), m
+    threshold: Floats  # \ell, (q,), m, longer than e
+    barrier: Floats  # \nu, (q,), m^2
 
     def linear(self, trial: Floats, threshold: Floats) -> LinearSlip:
         r"""One step of Newton's method for e and y, at a trial slip and a threshold.

@@ -20,6 +20,7 @@ bodies.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse
@@ -393,6 +394,12 @@ def _vary_transport(
 # without the last term, which the angle alone has, Newton's method would not be quadratic.
 
 
+@lru_cache
+def _turned(motion: RigidMotion, theta: float) -> tuple[Floats, Floats]:
+    """T (a, i, k) and ∂²y_a/∂(θL)² (a, i), 1/m, at an angle, rad: most tools keep theirs."""
+    return motion.tangent(theta), motion.bend(theta)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Carried:
     """How control points follow the unknowns of their tool, at one state.
@@ -410,7 +417,7 @@ class Carried:
     def at(cls, motion: RigidMotion, values: Floats) -> Carried:
         """At the reference nodes' values (2, i), m."""
         displacement, theta = motion.read(values)
-        return cls(motion.tangent(theta), motion.bend(theta), motion.centre + displacement)
+        return cls(*_turned(motion, theta), motion.centre + displacement)
 
     @property
     def dim(self) -> int:

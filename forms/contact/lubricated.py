@@ -1,7 +1,7 @@
 r"""Contact with a film that follows from pressure, speed, oil and roughness.
 
 Axis letters: q, p points, v vertices of the slave, f its facets, the faces of the film, k vertices
-of a facet, i space, m nodes of the pair. In the plane and with axial symmetry, on one rank.
+of a facet, i space, m nodes of the pair. In the plane and with axial symmetry.
 
 At each vertex the mean gap g_A between the mean planes gives the film h_T(g) and the pressure of
 the asperities p_a(g), which takes the place of the penalty (:mod:`tribox.forms.film.roughness`),
@@ -16,7 +16,8 @@ the film's momentum balances.
 
 Newton's method of the bodies has no unknown of the film. Its equations are solved at every
 evaluation, from the last w; their derivatives join the tangent
-(:mod:`tribox.forms.contact.lubricated_tangent`).
+(:mod:`tribox.forms.contact.lubricated_tangent`). A film has few places: on several ranks each of
+them solves for all of it, from sums over the points of all.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.forms.contact.asperities import AsperityPressure, FilmModel
@@ -78,10 +80,10 @@ class LubricatedTerm(ContactTerm):
         modulus: float | None = None,
         held: Sequence[Longs] = (),
     ) -> None:
-        """Set up the undeformed contact.
+        """Set up the undeformed contact; collective.
 
         Args:
-            surface: the pair's surfaces, in the plane, on one rank.
+            surface: the pair's surfaces, in the plane.
             law: friction of the asperities, or a map.
             model: of the film.
             modulus: Pa, E* of both bodies together.
@@ -89,10 +91,10 @@ class LubricatedTerm(ContactTerm):
                 plane of symmetry nothing flows.
 
         Raises:
-            ValueError: the pair is in space, or on more than one rank.
+            ValueError: the pair is in space.
         """
-        if surface.dim != 2 or surface.vertices.comm.size > 1:
-            raise ValueError("a film as an unknown needs the plane or axial symmetry, and one rank")
+        if surface.dim != 2:
+            raise ValueError("a film as an unknown needs the plane or axial symmetry")
         super().__init__(surface, law, 1.0, modulus=modulus)
         self.model, self.compiled = model, None
         self.forgets = model.steady
@@ -100,8 +102,6 @@ class LubricatedTerm(ContactTerm):
         self.linearised = LubricatedTangent(surface, self.rule)
         self.places, self._face = self.rule.places, self.rule.facet_of
         self.faces: Longs = self.places.facets
-        self._weight: Floats = np.zeros(len(self.faces))
-        self._weight += np.bincount(self._face, surface.slave.weight, len(self.faces))
         self._reference = np.linalg.norm(surface.slave.tangents[:, 0], axis=1)
         ends = surface.vertices.position[self.faces]
         self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -151,10 +151,9 @@ class LubricatedTerm(ContactTerm):
         return FilmHistory(none, film, volume, pressure, gap, felt, self._length, self._own, 0.0)
 
     def _parts(self, area_ratio: Floats) -> Floats:
-        """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,)."""
+        """Areas (f, 2), m² or of rings, that vertices have of facets at da/dA (q,); collective."""
         weighted = (self.surface.slave.weight * area_ratio)[:, None] * self.surface.vertices.shape
-        parts = [np.bincount(self._face, part, len(self.faces)) for part in weighted.T]
-        return np.stack(parts, axis=1).astype(np.float64)
+        return self.asperities.facet_sums(weighted.T).T
 
     @property
     def _flooded(self) -> bool:
@@ -263,10 +262,9 @@ class LubricatedTerm(ContactTerm):
         return replace(oil, eta_b=mode.thinned * oil.eta_b, eta_inf=mode.thinned * oil.eta_inf)
 
     def speeds(self, along: Floats, slip: Floats, dt: float) -> Floats:
-        """Half the velocity (f,) of the master relative to the slave along the faces, m/s."""
+        """Half the master's velocity (f,) over the slave along the faces, m/s; collective."""
         moved = self.surface.slave.weight * np.einsum("qi,qi->q", slip, along)
-        mean = np.bincount(self._face, moved, len(self.faces)) / self._weight
-        out: Floats = mean * (-0.5 / dt)
+        out: Floats = self.asperities.facet_sums(moved) / self.asperities.whole * (-0.5 / dt)
         return out
 
     def _with_film(
@@ -289,7 +287,7 @@ class LubricatedTerm(ContactTerm):
         if model.steady and unfed.any():  # nothing else says how much oil a ring has
             fixed |= part.widest(thickness, unfed)
         before, volume = (None,) * 2 if model.steady else self._at_start(part, thickness, cells)
-        number, share, sense = felt_speeds(model.steady, part, self._weight)
+        number, share, sense = felt_speeds(model.steady, part, self.asperities.whole)
         moved = self.speeds(film.along, kinematics.slip, dt)
         speed: Floats = np.bincount(number, share * moved[part.inside]).astype(np.float64)
         step = FilmStep(
@@ -340,7 +338,7 @@ class LubricatedTerm(ContactTerm):
         return before, volume
 
     def _beyond(self, at: Projection, part: FilmPart) -> Floats:
-        """Ways (x,), m, from the last vertices of a film to where the master ends.
+        """Ways (x,), m, from the last vertices of a film to where the master ends; collective.
 
         That is where points past the end are projected to. Points that fade before it tell how far
         it is.
@@ -358,6 +356,7 @@ class LubricatedTerm(ContactTerm):
         way = within + np.where(at.on_surface[:, None], faded, past)
         nearest = np.full((len(self.faces), 2), np.inf)
         np.minimum.at(nearest, self._face, way)
+        self.surface.vertices.comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
         facet = np.nonzero(part.inside)[0][part.edges[:, 0]]
         next_facet, turned = (a[facet, part.edges[:, 1]] for a in (places.beside, places.turned))
         end = np.where(turned > 0.0, 1 - part.edges[:, 1], part.edges[:, 1])
@@ -394,7 +393,7 @@ class LubricatedTerm(ContactTerm):
         normal.spring = np.where(normal.closed, spread, 0.0)
         at_points = np.where(normal.closed, vertices.at_points(nodal), 0.0)
         normal.pressure = at_points
-        largest = float(np.max(at_points, initial=0.0))
+        largest = vertices.comm.allreduce(float(np.max(at_points, initial=0.0)), op=MPI.MAX)
         normal.cover = np.where(at_points > _LOADED * largest, 1.0, 0.0)
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
@@ -548,14 +547,14 @@ class LubricatedTerm(ContactTerm):
         self._guess = None  # a run that goes on from a checkpoint has none either
 
     def film_after(self, trial: ContactTrial) -> FilmHistory:
-        """The film that a step after this one starts from."""
+        """The film that a step after this one starts from; collective."""
         history, film = self.state.film, trial.normal_contact.lubrication
         assert history is not None and film is not None
-        weight, faces = self.surface.slave.weight, len(self.faces)
+        weight, summed = self.surface.slave.weight, self.asperities.facet_sums
         here, gap, count = film.part.here, trial.normal_contact.gap, film.part.count
         assert gap is not None and trial.slave_tangents is not None
         longer = np.linalg.norm(trial.slave_tangents[:, 0], axis=1) / self._reference
-        longer = np.bincount(self._face, weight * longer, faces) / self._weight
+        longer = summed(weight * longer) / self.asperities.whole
         length, parts = self._length * longer, self._parts(trial.area_ratio)
         area = self.places.cells(length, parts).area
         covered = self.places.part_of(self.asperities.covered(trial.projection))

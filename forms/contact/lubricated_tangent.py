@@ -23,13 +23,9 @@ import scipy.sparse
 
 from tribox.forms.contact.asperities import AsperityPressure
 from tribox.forms.contact.kinematics import Variations
-from tribox.forms.contact.state import (
-    ContactState,
-    ContactTrial,
-    Lubrication,
-)
+from tribox.forms.contact.state import ContactState, ContactTrial, Lubrication
 from tribox.forms.contact.tangent import PairTangent
-from tribox.forms.contact.vertex_rows import Coupling, VertexRows
+from tribox.forms.contact.vertex_rows import Coupling, VertexRows, with_others
 from tribox.forms.film.places import FilmPart
 from tribox.forms.film.reynolds import wedge_film
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
@@ -55,8 +51,7 @@ class LubricatedTangent(PairTangent):
     ) -> tuple[Floats, Longs]:
         """See :class:`PairTangent`; kept likewise."""
         return self._once(
-            *("rows", trial, take),
-            lambda: PairTangent.generalised_rows(self, state, trial, take),
+            *("rows", trial, take), lambda: PairTangent.generalised_rows(self, state, trial, take)
         )
 
     def _once(self, kind: str, trial: ContactTrial, take: Longs, make: Callable[[], _T]) -> _T:
@@ -93,31 +88,24 @@ class LubricatedTangent(PairTangent):
             for vectors in self._field_vectors(trial, film, take)
         )
         pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
-        every = self.of_nodes(stacked([gaps, speeds, own, pressed, filled, pulled]), trial)
-        # The film couples all that it feels: what is multiplied by the rows of t is dense.
-        dim = self.surface.dim
-        used = np.unique(every.indices // dim)
-        number = np.full(every.shape[1] // dim, -1)
-        number[used] = np.arange(len(used))
-        column = number[every.indices // dim] * dim + every.indices % dim
-        size, split = len(used) * dim, gaps.shape[0] + speeds.shape[0]
-        right, left = (
-            scipy.sparse.csr_matrix(
-                (every.data[a:b], column[a:b], start - a), (len(start) - 1, size)
-            )
-            for start in (every.indptr[: split + 1], every.indptr[split:])
-            for a, b in [(start[0], start[-1])]
-        )
-        nodes, vertices = self.surface.nodes[used], gaps.shape[0]
+        left = self.of_nodes(stacked([own, pressed, filled, pulled]), trial)
+        right = self.of_nodes(stacked([gaps, speeds]), trial)
+        # Every rank has a part of the points around the film, which feels all of them.
+        every, vertices = np.ones(right.shape[0], dtype=bool), gaps.shape[0]
+        nodes, dim, comm = self.surface.nodes, self.surface.dim, self.surface.vertices.comm
+        right, others = with_others(right, (every, every), nodes, dim, comm)
+        # What is multiplied by the rows of t is dense.
+        (left, rows), (right, columns) = _used(left, nodes, dim), _used(right, others, dim)
         if film.solution is None:
-            return Coupling(nodes, nodes, (left[:vertices].T @ right).tocsr())
-        felt = self._through_film(state, trial, speeds.shape[0])
+            return Coupling(rows, columns, (left[:vertices].T @ right).tocsr())
+        felt = self._through_film(state, trial, right.shape[0] - vertices)
         fields = np.concatenate([right[:vertices].toarray(), (right.T @ felt.T).T])
         product = np.asarray(left.T @ fields)
-        start = np.arange(size + 1, dtype=np.int32) * np.int32(size)
-        index = np.tile(np.arange(size, dtype=np.int32), size)
-        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), (size, size))
-        return Coupling(nodes, nodes, matrix)
+        height, width = product.shape
+        start = np.arange(height + 1, dtype=np.int32) * np.int32(width)
+        index = np.tile(np.arange(width, dtype=np.int32), height)
+        matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), product.shape)
+        return Coupling(rows, columns, matrix)
 
     def _through_film(self, state: ContactState, trial: ContactTrial, speeds: int) -> Floats:
         """Change of pressure and filling (v,) and of the pull (f′,), one below the other.
@@ -141,7 +129,7 @@ class LubricatedTangent(PairTangent):
         by_gap = part.gap_slopes(gap, length)
         assert film.step.by_gap is not None
         by_gap.data *= np.repeat(film.step.by_gap, np.diff(by_gap.indptr))
-        number, _, sense = felt_speeds(not np.isfinite(film.step.dt), part, self._areas)
+        number, _, sense = felt_speeds(not np.isfinite(film.step.dt), part, self.rule.whole)
         by_speed = slopes.by_speed(number[part.feels], sense[part.feels], speeds)
         balance = np.concatenate([(slopes.by_film @ by_gap).toarray(), by_speed], axis=1)
         d_unknown = slopes.unknown(balance)
@@ -157,13 +145,6 @@ class LubricatedTangent(PairTangent):
         out[len(gap) : 2 * len(gap)] /= whole[:, None]
         out[2 * len(gap) :, : len(gap)] += (by_film @ by_gap).toarray()
         return out
-
-    @property
-    def _areas(self) -> Floats:
-        """Areas (f,), m², of the facets."""
-        assert isinstance(self.rule, AsperityPressure)
-        summed = np.bincount(self.rule.facet_of, self.surface.slave.weight)
-        return summed.astype(np.float64)
 
     def _field_vectors(
         self, trial: ContactTrial, film: Lubrication, take: Longs
@@ -226,7 +207,7 @@ class LubricatedTangent(PairTangent):
         assert isinstance(self.rule, AsperityPressure)
         if film.step is None or film.solution is None:
             return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        face, total = self.rule.facet_of, self._areas
+        face, total = self.rule.facet_of, self.rule.whole
         inside = film.part.inside
         number, share, _ = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
         facet = (np.cumsum(inside) - 1)[face[take]]
@@ -257,6 +238,15 @@ def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Fl
         return np.arange(len(part.facets)), own, own
     number, own = part.ring[part.ends[: len(part.faces) : part.per_facet, 0]], weight[part.inside]
     return number, part.sense * own / np.bincount(number, own)[number], part.sense
+
+
+def _used(
+    rows: scipy.sparse.csr_matrix, nodes: Longs, dim: int
+) -> tuple[scipy.sparse.csr_matrix, Longs]:
+    """Rows (r, n·i) without the columns of nodes (n,) that have no entry, and the other nodes."""
+    used, number = np.unique(rows.indices // dim, return_inverse=True)
+    given = rows.data, number * dim + rows.indices % dim, rows.indptr
+    return scipy.sparse.csr_matrix(given, (rows.shape[0], len(used) * dim)), nodes[used]
 
 
 def stacked(parts: Sequence[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:

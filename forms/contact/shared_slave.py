@@ -138,6 +138,35 @@ def brought_along(
     return (state, taken) if taken.any() else None
 
 
+@dataclass(frozen=True, slots=True)
+class Left:
+    """What the neighbours of a pair left at the last step.
+
+    Attributes:
+        seen: what it was found from.
+        area: (v,), see :func:`covered_by_others`; brought: see :func:`brought_along`.
+    """
+
+    seen: tuple[object, ...]
+    area: Floats
+    brought: tuple[FrictionState, Bools] | None
+
+
+def left_by_others(term: Pair, known: Left | None) -> Left | None:
+    """What neighbours left; ``known``, if that was found in this step; collective.
+
+    None without neighbours.
+    """
+    if not term.neighbours:
+        return None
+    others = [part for n in term.neighbours for part in (n.term.state, n.term.active)]
+    seen = (term.state, *others)
+    if known is not None and all(a is b for a, b in zip(known.seen, seen, strict=True)):
+        return known
+    area = covered_by_others(term.neighbours, term.surface.vertices.count)
+    return Left(seen, area, brought_along(term))
+
+
 def _chosen(take: Bools, some: Floats, other: Floats) -> Floats:
     shape = (len(take), *(1,) * (other.ndim - 1))
     out: Floats = np.where(take.reshape(shape), some, other)

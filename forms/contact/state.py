@@ -186,7 +186,8 @@ class NormalContact:
         gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
             whether a vertex carries pressure, or touches. None point by point.
         cover: (q,) share of each point's piece of the surface that touches: less than 1 only at the
-            rim (:mod:`tribox.forms.contact.pressure`); cover_slope: (q, k), 1/m, its derivatives
+            rim (:mod:`tribox.forms.contact.pressure`), None as long as nobody has asked
+            ``ContactTerm.cover`` for it; cover_slope: (q, k), 1/m, its derivatives
             for the gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open
             vertices that it depends on.
         area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
@@ -204,7 +205,7 @@ class NormalContact:
     gap: Floats | None = None
     nodal_pressure: Floats | None = None
     active: Bools | None = None
-    cover: Floats | float = 1.0
+    cover: Floats | float | None = 1.0
     cover_slope: Floats | None = None
     rim: Bools | None = None
     area: Floats | None = None

@@ -82,8 +82,23 @@ class PairTangent:
         out -= r.d_traction_d_slip[take] @ v.d_slip
         out -= r.d_traction_d_elastic[take] @ v.d_elastic
         if trial.projection.share_slope is not None:
-            out += _per_share(trial, take)[:, :, None] * _share_variation(trial, take, v)[:, None]
+            out += (
+                self.per_share(trial, take)[:, :, None] * _share_variation(trial, take, v)[:, None]
+            )
         return out, v
+
+    def per_share(self, trial: ContactTrial, take: Longs) -> Floats:
+        """∂t/∂σ (p, i), Pa: change of the traction with the share of a point over the master."""
+        at, normal = trial.projection, trial.normal_contact
+        assert at.share is not None
+        share = at.share[take]
+        per_share = np.where(share > 0.0, 1.0 / np.where(share > 0.0, share, 1.0), 0.0)
+        by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
+        out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
+        if normal.cover is not None:
+            cover = np.broadcast_to(normal.cover, at.share.shape)[take]
+            out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
+        return out
 
     def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
         """Global nodes (p, m) and the blocks −Gᵀ C G (p, m, i, n, j) of closed points.
@@ -370,22 +385,10 @@ def _share_variation(trial: ContactTrial, take: Longs, v: Variations) -> Floats:
     return out
 
 
-def _per_share(trial: ContactTrial, take: Longs) -> Floats:
-    """∂t/∂σ (p, i), Pa: change of the traction with the share of a point over the master."""
-    at, normal = trial.projection, trial.normal_contact
-    assert at.share is not None
-    share = at.share[take]
-    per_share = np.where(share > 0.0, 1.0 / np.where(share > 0.0, share, 1.0), 0.0)
-    by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
-    cover = np.broadcast_to(normal.cover, at.share.shape)[take]
-    out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
-    out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
-    return out
-
-
 def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     """∂T/∂χ (p, i), Pa: the film's part of T is proportional to χ and along the slip."""
     slip = trial.kinematics.slip[take]
+    assert trial.normal_contact.cover is not None
     cover = np.broadcast_to(trial.normal_contact.cover, trial.pressure.shape)[take]
     squared = np.einsum("pi,pi->p", slip, slip) * cover
     # Viscous work per |Δg_T|² and cover: the film's traction per slip for χ = 1.

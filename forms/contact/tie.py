@@ -370,7 +370,7 @@ class TieTerm(ContactTerm):
         response = self.law.update(slip, dt, none, none, self.state.friction, rate_dependent=False)
         return ContactTrial(
             position=points,
-            area_ratio=surface.slave_area_ratio(slave),
+            area_ratio=surface.slave_area_ratio(surface.slave_tangents(slave), points),
             projection=at,
             kinematics=ContactKinematics(at.normal, at.gap, at.on_surface, slip, slip.copy()),
             normal_contact=self._normal_contact(at, traction, jump),
@@ -438,7 +438,7 @@ class TieTerm(ContactTerm):
         out: Floats = force.reshape(-1, self.surface.dim)
         return out
 
-    def roundoff_squared(self, x: PETSc.Vec) -> float:
+    def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square of the force, N per unit thickness, that rounding alone leaves here; collective.
 
         Of points that have moved by u each sum of the jump is rounded by about ε |u|. What has

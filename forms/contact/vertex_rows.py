@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
+from mpi4py import MPI
 
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 from tribox.geometry.surfaces.slave_points import SlaveVertices
@@ -18,15 +19,11 @@ from tribox.geometry.surfaces.slave_points import SlaveVertices
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """A sparse part of the tangent between nodes of the pair.
+    """A sparse part of the tangent between nodes of the pair."""
 
-    Attributes:
-        rows, columns: global nodes; matrix: their unknowns, (rows · i, columns · i).
-    """
-
-    rows: Longs
-    columns: Longs
-    matrix: scipy.sparse.csr_matrix
+    rows: Longs  # global nodes
+    columns: Longs  # likewise
+    matrix: scipy.sparse.csr_matrix  # their unknowns, (rows · i, columns · i)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +53,7 @@ def outside_parts(
     return [
         Coupling(rows[row_out], columns, (left[:, by_row].T @ right).tocsr()),
         Coupling(
-            rows[~row_out],
-            columns[column_out],
-            (left[:, ~by_row].T @ right[:, by_column]).tocsr(),
+            rows[~row_out], columns[column_out], (left[:, ~by_row].T @ right[:, by_column]).tocsr()
         ),
     ]
 
@@ -86,13 +81,26 @@ def completed(
     Returns:
         The matrix (…, columns · i), and the global nodes of its columns.
     """
-    comm = vertices.comm
-    if comm.size == 1:
+    if vertices.comm.size == 1:
         return rows, nodes
     asked = np.zeros(vertices.count, dtype=bool)
     asked[of_point] = True
     each = rows.shape[0] // vertices.count
     shared, here = np.repeat(vertices.shared, each), np.repeat(asked, each)
+    return with_others(rows, (shared, here), nodes, dim, vertices.comm)
+
+
+def with_others(
+    rows: scipy.sparse.csr_matrix,
+    exchanged: tuple[Bools, Bools],
+    nodes: Longs,
+    dim: int,
+    comm: MPI.Comm,
+) -> tuple[scipy.sparse.csr_matrix, Longs]:
+    """The same of any rows (r,): those that others may have, and those that this rank asks for."""
+    if comm.size == 1:
+        return rows, nodes
+    shared, here = exchanged
     part = rows[shared].tocoo()
     at = np.nonzero(shared)[0][part.row], nodes[part.col // dim]
     gathered = comm.allgather((*at, part.col % dim, part.data))
@@ -104,10 +112,7 @@ def completed(
     columns = np.concatenate([nodes, new])
     column = dim * len(nodes) + dim * np.searchsorted(new, node) + axis
     mine, wanted = rows.tocoo(), here[row]
-    place = (
-        np.concatenate([mine.row, row[wanted]]),
-        np.concatenate([mine.col, column[wanted]]),
-    )
+    place = (np.concatenate([mine.row, row[wanted]]), np.concatenate([mine.col, column[wanted]]))
     data = np.concatenate([mine.data, value[wanted]])
     size = (rows.shape[0], dim * len(columns))
     return scipy.sparse.csr_matrix((data, place), shape=size), columns
@@ -144,8 +149,7 @@ class VertexRows:
         self._shape = (len(needs), dim * count)
         first, self._adding = adding_up(key)
         row, column = np.broadcast_arrays(
-            vertex[first][:, :, None, None],
-            dim * nodes[first][:, None, :, None] + np.arange(dim),
+            vertex[first][:, :, None, None], dim * nodes[first][:, None, :, None] + np.arange(dim)
         )
         keep = np.nonzero(needs[row.reshape(-1)])[0]
         # One number per entry of the matrix: sorted by it, entries of one place stand side by side,

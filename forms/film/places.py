@@ -55,20 +55,13 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class FilmCells:
-    """Where the film's places are, and which are neighbours.
+    """Where the film's places are, and which are neighbours."""
 
-    Attributes:
-        ends: (f, 2) places that a face lies between; length: (f,), m, between them; width: (f,),
-            m of rings, or 1 per unit thickness.
-        area: (n,), m² per unit thickness, or of rings.
-        band: of matrices between neighbours.
-    """
-
-    ends: Longs
-    length: Floats
-    width: Floats
-    area: Floats
-    band: Band
+    ends: Longs  # (f, 2) places that a face lies between
+    length: Floats  # (f,), m, between them
+    width: Floats  # (f,), m of rings, or 1 per unit thickness
+    area: Floats  # (n,), m² per unit thickness, or of rings
+    band: Band  # of matrices between neighbours
 
     @classmethod
     def on_line(cls, position: Floats, rings: bool = False) -> FilmCells:
@@ -90,37 +83,26 @@ class FilmCells:
 
 @dataclass(frozen=True, slots=True)
 class FilmPart:
-    """Places that a film has, of those that facets are divided into.
+    """Places that a film has, of those that facets are divided into."""
 
-    Attributes:
-        members: (v,) vertices; inside: (f,) facets between them; here: (m,) of all places (n,).
-        facets: (f', 2) vertices of the facets inside.
-        shared: (v, m), shares of places that vertices get.
-        ends: (e, 2) places, of these, that each face lies between; faces: (e,) numbers among all
-            faces; band: of matrices between neighbours.
-        per_facet: k, cells on each facet.
-        edges: (x, 2) facets f' and their end (0, 1) beyond which the master ends: there the film
-            has a place more, and a face to it, behind the others.
-        ring: (m,) numbers of the parts that hang together, from 0 on.
-        beside: (f', 2) the facet that follows beyond either end, itself where there is none, and
-            turned: whether it runs the same way (1) or not (-1).
-        sense: (f',) 1 or -1, so that times it the facets of a ring all run the same way. A mesh
-            numbers the ends of its facets as it likes.
-    """
-
-    members: Bools
-    inside: Bools
-    here: Bools
-    facets: Longs
-    shared: scipy.sparse.csr_matrix
-    ends: Longs
-    faces: Longs
-    band: Band
-    per_facet: int
+    members: Bools  # (v,) vertices
+    inside: Bools  # (f,) facets between them
+    here: Bools  # (m,) of all places (n,)
+    facets: Longs  # (f', 2) vertices of the facets inside
+    shared: scipy.sparse.csr_matrix  # (v, m), shares of places that vertices get
+    ends: Longs  # (e, 2) places, of these, that each face lies between
+    faces: Longs  # (e,) numbers among all faces
+    band: Band  # of matrices between neighbours
+    per_facet: int  # k, cells on each facet
+    # (x, 2) facets f' and their end (0, 1) beyond which the master ends: there the film has a place
+    # more, and a face to it, behind the others
     edges: Longs
-    ring: Longs
+    ring: Longs  # (m,) numbers of the parts that hang together, from 0 on
+    # (f', 2) the facet that follows beyond either end, itself where there is none
     beside: Longs
-    turned: Floats
+    turned: Floats  # (f', 2) whether it runs the same way (1) or not (-1)
+    # (f',) 1 or -1, so that times it the facets of a ring all run the same way. A mesh numbers the
+    # ends of its facets as it likes
     sense: Floats
 
     @property

@@ -85,62 +85,42 @@ class FilmError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class FilmStep:
-    """What a step asks of the film.
+    """What a step asks of the film."""
 
-    Attributes:
-        film: h (n,), m, at the end of the step.
-        speed: u (f,), m/s, half the velocity of the other surface relative to this one, from the
-            first end of a face to the second.
-        fixed: (n,) places that a reservoir feeds, and content: (n,), m, what it keeps there, θh;
-            infinite where they are flooded.
-        dt: s; infinite: the steady state.
-        before: (n,), m, film at the start of the step; volume: (n,), m² or m³, oil then.
-        by_gap: dh/dg (n,), which only those who gave the film may ask for.
-    """
-
-    film: Floats
+    film: Floats  # h (n,), m, at the end of the step
+    # u (f,), m/s, half the velocity of the other surface relative to this one, from the first end
+    # of a face to the second
     speed: Floats
-    fixed: Bools
-    content: Floats
-    dt: float = np.inf
-    before: Floats | None = None
-    volume: Floats | None = None
-    by_gap: Floats | None = None
+    fixed: Bools  # (n,) places that a reservoir feeds
+    content: Floats  # (n,), m, what it keeps there, θh; infinite where they are flooded
+    dt: float = np.inf  # s; infinite: the steady state
+    before: Floats | None = None  # (n,), m, film at the start of the step
+    volume: Floats | None = None  # (n,), m² or m³, oil then
+    by_gap: Floats | None = None  # dh/dg (n,), which only those who gave the film may ask for
 
 
 @dataclass(frozen=True, slots=True)
 class FilmSolution:
-    """A film that balances.
+    """A film that balances."""
 
-    Attributes:
-        unknown: w (n,); pressure: p (n,), Pa; filled: θ (n,); volume: θ h M (n,).
-        flux: b q (f,), m²/s or m³/s; supply: (n,) the same, from the reservoirs.
-        iterations: of Newton's method.
-    """
-
-    unknown: Floats
-    pressure: Floats
-    filled: Floats
-    volume: Floats
-    flux: Floats
-    supply: Floats
-    iterations: int
+    unknown: Floats  # w (n,)
+    pressure: Floats  # p (n,), Pa
+    filled: Floats  # θ (n,)
+    volume: Floats  # θ h M (n,)
+    flux: Floats  # b q (f,), m²/s or m³/s
+    supply: Floats  # (n,) the same, from the reservoirs
+    iterations: int  # of Newton's method
     _given: _Given
     _loops: _Loops
 
 
 @dataclass(frozen=True, slots=True)
 class FilmSlopes:
-    """How a film that balances changes with thickness and speed.
+    """How a film that balances changes with thickness and speed."""
 
-    Attributes:
-        by_pressure, by_filled: ∂p/∂w (n,), Pa, and ∂θ/∂w (n,).
-        by_film: (n, n), of the balance at the same w.
-    """
-
-    by_pressure: Floats
-    by_filled: Floats
-    by_film: scipy.sparse.csr_matrix
+    by_pressure: Floats  # ∂p/∂w (n,), Pa
+    by_filled: Floats  # ∂θ/∂w (n,)
+    by_film: scipy.sparse.csr_matrix  # (n, n), of the balance at the same w
     _ends: Longs
     _by_speed: Floats
     _loops: _Loops
@@ -165,23 +145,16 @@ class FilmSlopes:
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """What does not change while a step's film is sought.
+    """What does not change while a step's film is sought."""
 
-    Attributes:
-        cube: k (f,), m³, and film: h̄ (f,), m, with their derivatives d_cube and d_film (f, 2) for
-            the h of both ends; rate: (f,), 1/s.
-        held: (n,) w of the reservoirs and d_held: (n,), 1/m, dw/dh̄ of a place's face.
-        limit: (n,) error of the balance that is accepted, m²/s or m³/s; of w, where it is given.
-    """
-
-    cube: Floats
-    d_cube: Floats
-    film: Floats
-    d_film: Floats
-    rate: Floats
-    held: Floats
-    d_held: Floats
-    limit: Floats
+    cube: Floats  # k (f,), m³
+    d_cube: Floats  # (f, 2) its derivatives for the h of both ends
+    film: Floats  # h̄ (f,), m
+    d_film: Floats  # (f, 2) likewise
+    rate: Floats  # (f,), 1/s
+    held: Floats  # (n,) w of the reservoirs
+    d_held: Floats  # (n,), 1/m, dw/dh̄ of a place's face
+    limit: Floats  # (n,) error of the balance that is accepted, m²/s or m³/s; of w, where given
 
 
 class _Film(ctypes.Structure):
@@ -259,18 +232,13 @@ def _code() -> ctypes.CDLL:
 
 @dataclass(frozen=True, slots=True)
 class ReynoldsFilm:
-    """The film on some places.
+    """The film on some places."""
 
-    Attributes:
-        cells: its places; rheology: of the oil; rough: the surfaces' roughness.
-        scale: p_s, Pa, of the order of the pressures; smoothing: ε.
-    """
-
-    cells: FilmCells
-    rheology: FilmRheology
-    rough: RoughGap
-    scale: float
-    smoothing: float = SMOOTHING
+    cells: FilmCells  # its places
+    rheology: FilmRheology  # of the oil
+    rough: RoughGap  # the surfaces' roughness
+    scale: float  # p_s, Pa, of the order of the pressures
+    smoothing: float = SMOOTHING  # ε
 
     def solve(self, step: FilmStep, start: Floats) -> FilmSolution:
         """The film at the end of a step, from ``start`` (n,), a guess of w.

@@ -53,14 +53,10 @@ class Asperities(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Exponential:
-    """p_a = p_0 exp(−g/u_0), linear with the same slope below g = 0 (B. Persson's).
+    """p_a = p_0 exp(−g/u_0), linear with the same slope below g = 0 (B. Persson's)."""
 
-    Attributes:
-        reference: p_0 = c E*, Pa; length: u_0, m.
-    """
-
-    reference: float
-    length: float
+    reference: float  # p_0 = c E*, Pa
+    length: float  # u_0, m
 
     def __post_init__(self) -> None:
         require("reference pressure", self.reference, gt=0.0)
@@ -88,13 +84,10 @@ class GreenwoodTripp:
 
     J. Greenwood, J. Tripp, Proc. Inst. Mech. Eng. 185, 1970, with the fit of F_5/2 by Y. Hu et al.,
     Int. J. Mech. Sci. 36, 1994.
-
-    Attributes:
-        reference: K' E*, Pa, with K' = 16 √2/15 π (σ β n)² √(σ/β); sigma: σ, m.
     """
 
-    reference: float
-    sigma: float
+    reference: float  # K' E*, Pa, with K' = 16 √2/15 π (σ β n)² √(σ/β)
+    sigma: float  # σ, m
 
     def __post_init__(self) -> None:
         require("reference pressure", self.reference, gt=0.0)
@@ -124,13 +117,11 @@ class AsperityTable:
     """A measured or computed pressure over g/σ: linear between rows, 0 above the last.
 
     Below the first row it goes on with the slope of the first two.
-
-    Attributes:
-        rows: (g/σ, Pa): separations that rise, pressures that fall to 0; sigma: σ, m.
     """
 
+    # (g/σ, Pa): separations that rise, pressures that fall to 0
     rows: tuple[tuple[float, float], ...]
-    sigma: float
+    sigma: float  # σ, m
 
     def __post_init__(self) -> None:
         require("sigma", self.sigma, gt=0.0)
@@ -177,15 +168,11 @@ class NoAsperities:
 
 @dataclass(frozen=True, slots=True)
 class RoughGap:
-    """The film between two rough surfaces, and how roughness hinders its flow.
+    """The film between two rough surfaces, and how roughness hinders its flow."""
 
-    Attributes:
-        sigma: σ, m, rms roughness of both surfaces together; 0: smooth.
-        gamma: γ, ratio of the roughness's lengths along and across the flow (1: isotropic);
-            None: no flow factor.
-    """
-
-    sigma: float
+    sigma: float  # σ, m, rms roughness of both surfaces together; 0: smooth
+    # γ, ratio of the roughness's lengths along and across the flow (1: isotropic); None: no flow
+    # factor
     gamma: float | None = 1.0
 
     def __post_init__(self) -> None:

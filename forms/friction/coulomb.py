@@ -18,22 +18,9 @@ from tribox.forms.friction.law import (
 from tribox.forms.friction.return_mapping import Returned, components_first, dot, return_mapping
 from tribox.forms.parameters import Declared, Scales, parameter
 
+Floats = NDArray[np.float64]
+
 # -- One step of friction without a film, for a coefficient that does not depend on the slip path --
-
-
-@dataclass(frozen=True, slots=True)
-class DryStep:
-    """A step and its intermediate results; vectors are (i, q).
-
-    Attributes:
-        response: Its result, with a constant coefficient of friction.
-        returned: The return mapping.
-        slip: (i, q), m, slip increment, zero at open points.
-    """
-
-    response: FrictionResponse
-    returned: Returned
-    slip: Floats
 
 
 def dry_step(
@@ -44,17 +31,13 @@ def dry_step(
     stiffness: float,
     mu: Floats | float,
     rate_dependent: bool,
-) -> DryStep:
+) -> tuple[FrictionResponse, Returned, Floats]:
     """Traction K_T g_e up to mu t_N, with derivatives, trial state and dissipation.
 
-    Args:
-        slip_increment: (q, i), m.
-        dt: s, > 0 where ``rate_dependent``.
-        pressure: (q,), Pa, t_N.
-        state: Last converged state.
-        stiffness: Pa/m, K_T.
-        mu: (q,) or a number, coefficient of friction of this step.
-        rate_dependent: Whether the step has a duration.
+    Returns the response for a constant coefficient, the return mapping, and the slip (i, q), m,
+    zero at open points.
+
+    ``mu`` is (q,) or a number, of this step; the rest as of ``FrictionLaw.update``.
 
     Raises:
         ValueError: dt is not positive in a rate-dependent step.
@@ -66,6 +49,10 @@ def dry_step(
     block = returned.derivative(len(slip)).transpose(2, 0, 1)
     regime = np.where(returned.slipping, Regime.SLIP, Regime.STICK).astype(np.int8)
     regime[~closed] = Regime.OPEN
+    # T·Δg_e = ψ_{n+1} − ψ_n + ½ K_T |Δg_e|²: backward Euler takes T at the end of the step, and the
+    # last term is what that makes.
+    change = returned.elastic_slip - before
+    stored = 0.5 * stiffness * dot(state.elastic_slip.T, state.elastic_slip.T)
     response = FrictionResponse(
         traction=(returned.secant * trial).T,
         d_traction_d_slip=block,
@@ -76,30 +63,15 @@ def dry_step(
             returned.elastic_slip, returned.slip, slip, dt, closed, state, rate_dependent
         ),
         regime=regime,
-        dissipation=_dissipation(returned, before, closed, state, stiffness),
+        dissipation=Dissipation(
+            coulomb=returned.slip * returned.secant * returned.length,
+            viscous=np.zeros_like(stored),
+            switching=np.zeros_like(stored),
+            numerical=0.5 * stiffness * dot(change, change),
+            opening=np.where(closed, 0.0, stored),
+        ),
     )
-    return DryStep(response, returned, slip)
-
-
-def _dissipation(
-    returned: Returned,
-    before: Floats,
-    closed: NDArray[np.bool_],
-    state: FrictionState,
-    stiffness: float,
-) -> Dissipation:
-    # T·Δg_e = ψ_{n+1} − ψ_n + ½ K_T |Δg_e|²: backward Euler takes T at the end of the step, and the
-    # last term is what that makes.
-    change = returned.elastic_slip - before
-    none = np.zeros_like(returned.slip)
-    stored = 0.5 * stiffness * dot(state.elastic_slip.T, state.elastic_slip.T)
-    return Dissipation(
-        coulomb=returned.slip * returned.secant * returned.length,
-        viscous=none,
-        switching=none.copy(),
-        numerical=0.5 * stiffness * dot(change, change),
-        opening=np.where(closed, 0.0, stored),
-    )
+    return response, returned, slip
 
 
 def in_contact(
@@ -135,10 +107,7 @@ def next_state(
     )
 
 
-# -- Plain Coulomb friction with an elastic tangential stiffness, and no friction at all -----------
-
-Floats = NDArray[np.float64]
-
+# -- The laws --------------------------------------------------------------------------------------
 
 # Default stiffness of stick, in units of G/h (shear modulus of the softer body, or hardness if it
 # flows, over the length of a slave facet): stiff against the shear of the elements beside it, yet
@@ -225,7 +194,7 @@ class CoulombLaw(StickingLaw):
     ) -> FrictionResponse:
         """Traction, derivatives and trial state of one step; see ``FrictionLaw.update``."""
         mu, K_T = self.parameters.mu, self.parameters.K_T
-        return dry_step(slip_increment, dt, pressure, state, K_T, mu, rate_dependent).response
+        return dry_step(slip_increment, dt, pressure, state, K_T, mu, rate_dependent)[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +233,7 @@ class FrictionlessLaw:
         require_time_step(dt, rate_dependent)
         slip, _, closed = in_contact(slip_increment, pressure, state)
         n, dim = slip_increment.shape
+        still, moved = np.zeros_like(slip), np.sqrt(dot(slip, slip))
         regime = np.where(closed, Regime.SLIP, Regime.OPEN).astype(np.int8)
         return FrictionResponse(
             traction=np.zeros((n, dim)),
@@ -271,15 +241,7 @@ class FrictionlessLaw:
             d_traction_d_elastic=np.zeros((n, dim, dim)),
             d_traction_d_pressure=np.zeros((n, dim)),
             d_traction_d_film=np.zeros((n, dim)),
-            state=next_state(
-                np.zeros_like(slip),
-                np.sqrt(dot(slip, slip)),
-                slip,
-                dt,
-                closed,
-                state,
-                rate_dependent,
-            ),
+            state=next_state(still, moved, slip, dt, closed, state, rate_dependent),
             regime=regime,
             dissipation=Dissipation(*(np.zeros(n) for _ in range(5))),
         )

@@ -40,16 +40,7 @@ class FactoredLaw:
     """
 
     def __init__(self, law: FrictionLaw, factor: float = 1.0, largest: float | None = None) -> None:
-        """Take a law.
-
-        Args:
-            law: that is multiplied.
-            factor: of the step that is computed.
-            largest: of all steps; None: ``factor``.
-
-        Raises:
-            ValueError: the factor is negative.
-        """
+        """Take a law; ``largest`` of None is the factor; ValueError for a negative factor."""
         require("factor", factor, ge=0.0)
         self.law, self.factor = law, factor
         self.largest = factor if largest is None else max(largest, factor)

@@ -78,9 +78,8 @@ class FilmTable:
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
         """See ``FilmThickness.at``."""
-        p, D = np.array(self.rows).T
-        slopes = np.concatenate([[0.0], np.diff(D) / np.diff(p), [0.0]])
-        return np.interp(pressure, p, D), slopes[np.searchsorted(p, pressure, side="right")]
+        rows = np.array(self.rows)
+        return np.interp(pressure, *rows.T), _slope(pressure, rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +112,7 @@ class FilmField:
 
 
 def film_thickness(value: FilmThickness | ArrayLike) -> FilmThickness:
-    """A film from a thickness, m, an array of them, or a film.
-
-    Raises:
-        ValueError: A thickness is negative or not finite.
-    """
+    """A film from a thickness, m, an array of them, or a film; a ValueError as its class raises."""
     if isinstance(value, FilmThickness):
         return value
     thickness = np.asarray(value, dtype=np.float64)
@@ -125,14 +120,7 @@ def film_thickness(value: FilmThickness | ArrayLike) -> FilmThickness:
 
 
 def require_thickness(value: ArrayLike) -> None:
-    """Check a film thickness.
-
-    Args:
-        value: m, a number or an array.
-
-    Raises:
-        ValueError: A thickness is negative or not finite.
-    """
+    """Raise a ValueError for a thickness, m, or one of an array, that is negative or not finite."""
     thickness = np.atleast_1d(np.asarray(value, dtype=np.float64))
     bad = thickness[~(np.isfinite(thickness) & (thickness >= 0.0))]
     if bad.size:

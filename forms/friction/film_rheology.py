@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from tribox.forms.parameters import Declared, Refused, parameter
@@ -158,17 +159,10 @@ def _saturation(x: Floats) -> tuple[Floats, Floats]:
     small = x < _SERIES_UP_TO
     safe = np.where(small, 1.0, x)
     gone = np.exp(-safe)
-    share = np.where(small, _polynomial(x, _SHARE), -np.expm1(-safe) / safe)
-    slope = np.where(small, _polynomial(x, _SLOPE), (gone * (1.0 + safe) - 1.0) / safe**2)
+    near = np.minimum(x, _SERIES_UP_TO)
+    share = np.where(small, polyval(near, _SHARE), -np.expm1(-safe) / safe)
+    slope = np.where(small, polyval(near, _SLOPE), (gone * (1.0 + safe) - 1.0) / safe**2)
     return share, slope
-
-
-def _polynomial(x: Floats, coefficients: tuple[float, ...]) -> Floats:
-    y = np.minimum(x, _SERIES_UP_TO)
-    total = np.full_like(y, coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        total = total * y + coefficient
-    return total
 
 
 # Taylor coefficients of (1 - exp(-x))/x, and of its derivative.

@@ -25,12 +25,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.friction.film import (
-    FilmPoint,
-    FilmResistance,
-    film_point,
-    film_resistance,
-)
+from tribox.forms.friction.film import film_point, film_resistance
 from tribox.forms.friction.law import (
     SETTLED,
     Dissipation,
@@ -42,7 +37,6 @@ from tribox.forms.friction.law import (
 from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.forms.friction.return_mapping import (
     TINY,
-    Returned,
     SlipWeakening,
     components_first,
     dot,
@@ -51,33 +45,6 @@ from tribox.forms.friction.return_mapping import (
 from tribox.forms.friction.slowing import Motion, Slowing, slowing
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class _Step:
-    """Intermediate quantities of one step of the law; vectors are (i, q)."""
-
-    slip: Floats
-    elastic_before: Floats
-    closed: NDArray[np.bool_]
-    at: FilmPoint
-    kept: Floats | float
-    """r, the part of the elastic slip that is kept."""
-    d_kept: Floats | None
-    """Derivative of r for alpha, None where it is zero at all points."""
-    weight: Floats | float
-    """Omega of the flow rule."""
-    trial: Floats
-    """Trial elastic slip p."""
-    returned: Returned
-    resistance: Floats
-    """(q,), Pa/m, film traction per slip of the step: alpha f."""
-    flow: FilmResistance
-    """f: the same for alpha = 1, with its derivatives."""
-    slowed: Slowing | None = None
-    """Points that slowed down through V*, and whose asperities are held back."""
-    held_back: Floats | None = None
-    """(q,), Pa, by how much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,18 +122,135 @@ class FrictionMap:
         """
         require_time_step(dt, rate_dependent)
         area = area_ratio, film_cover
-        step = self._solve(slip_increment, dt, pressure, film, state, area, rate_dependent)
+        step = _Step(self, slip_increment, dt, pressure, film, state, area, rate_dependent)
         if rate_dependent and look_inside:
-            step = _held_back(step, self._slowing(step, state, dt, pressure, film, area))
-        new = self._new_state(step, state, dt, rate_dependent)
-        traction = step.weight * step.returned.secant * step.trial
-        traction += step.resistance * step.slip
-        d_slip, d_elastic, d_film = self._derivatives(step, dt)
-        d_pressure = step.weight * step.returned.d_pressure * step.returned.direction
-        if step.slowed is not None:
-            self._add_held_back(step, step.slowed, dt, (d_slip, d_elastic, d_pressure, d_film))
-        if step.flow.d_pressure is not None:
-            d_pressure += (step.at.alpha * step.flow.d_pressure) * step.slip
+            step.hold_back(pressure, film, area)
+        return step.response()
+
+
+class _Step:
+    """One step of the law at q points, solved as it is made; vectors are (i, q).
+
+    Attributes:
+        at: film fraction; closed: (q,) whether points are in contact; length: (q,), m, of the slip.
+        kept: r, the part of the elastic slip that is kept; d_kept: its derivative for alpha, None
+            where it is zero at all points.
+        weight: omega of the flow rule; trial: trial elastic slip p, m; returned: of its return.
+        flow: f, film traction per slip of the step for alpha = 1, with its derivatives; resistance:
+            (q,), Pa/m, alpha f.
+        slowed: points that slowed down through V*, and whose asperities are held back; held_back:
+            (q,), Pa, by how much.
+    """
+
+    def __init__(
+        self,
+        law: FrictionMap,
+        slip_increment: Floats,
+        dt: Floats | float,
+        pressure: Floats,
+        film: Floats,
+        state: FrictionState,
+        area: tuple[Floats | float, Floats | float],
+        rates: bool,
+    ) -> None:
+        """Film fraction, re-entry and return mapping; ``area``: area ratio and cover."""
+        p = self.parameters = law.parameters
+        self.dt, self.state, self.rates, film = dt, state, rates, _shortened(film)
+        self.closed = pressure > 0.0
+        self.slip = _where_closed(slip_increment, self.closed)
+        self.before = _where_closed(state.elastic_slip, self.closed)
+        self.length = np.sqrt(dot(self.slip, self.slip))
+        speed = np.zeros_like(self.length)
+        if rates:
+            speed = state.speed if p.switch == "lagged" else self.length / dt
+        self.at = film_point(p, film, speed)
+        self.kept, self.d_kept = self._kept()
+        literal = p.flow_rule == "literal"
+        self.weight: Floats | float = 1.0 if literal else self.at.solid
+        self.trial = self.kept * self.before + self.slip
+        stiffness = p.K_T * self.at.solid if literal else p.K_T
+        self.returned = return_mapping(
+            self.trial, stiffness, pressure, state.slip_path, law._friction
+        )
+        # In an infinite step the film is not sheared at any rate: it carries no stress.
+        felt = dt if rates else math.inf
+        self.flow = film_resistance(p, film, self.length, felt, pressure, *area)
+        self.resistance = self.at.alpha * self.flow.value
+        self.slowed: Slowing | None = None
+        self.held_back: Floats | None = None
+
+    def _kept(self) -> tuple[Floats | float, Floats | None]:
+        """The kept part r of the elastic slip, and its derivative for alpha."""
+        solid_before = 1.0 - self.state.alpha
+        falls = self.at.solid > solid_before
+        if self.parameters.reentry == "literal" or not falls.any():
+            return 1.0, None
+        # Where alpha falls its solid share is above that of before, so never 0.
+        solid = np.where(falls, self.at.solid, 1.0)
+        kept = np.where(falls, solid_before / solid, 1.0)
+        return kept, np.where(falls, kept / solid, 0.0)
+
+    def hold_back(
+        self, pressure: Floats, film: Floats, area: tuple[Floats | float, Floats | float]
+    ) -> None:
+        """Let asperities take over no more than the film gives up, where points slow through V*."""
+        if self.parameters.switch == "lagged" or self.parameters.reentry == "literal":
+            return
+        motion = Motion(
+            *(self.length, self.dt, self.state.speed, 1.0 - self.state.alpha),
+            bend=np.sqrt(dot(self.before, self.before)),
+            pressure=pressure,
+            film=_shortened(film),
+            area_ratio=area[0],
+            cover=area[1],
+        )
+        slowed = slowing(self.parameters, self.at, motion)
+        if slowed is None:
+            return
+        returned = self.returned
+        traction = self.weight * returned.secant * returned.length
+        slowed = slowed.take(slowed.elastic < traction[slowed.points])
+        share = np.ones_like(traction)
+        share[slowed.points] = slowed.elastic / traction[slowed.points]
+        # What a held point carries is decided by the film that slows, not by its trial: its slopes
+        # come from there (`_add_held_back`), and those of the return are none.
+        held = share < 1.0
+        if not held.any():
+            return
+        self.slowed, self.held_back = slowed, (1.0 - share) * traction
+        self.returned = replace(
+            returned,
+            elastic_slip=share * returned.elastic_slip,
+            slip=returned.length - share * (returned.length - returned.slip),
+            slipping=returned.slipping | held,
+            secant=share * returned.secant,
+            **{
+                name: np.where(held, 0.0, getattr(returned, name))
+                for name in ("tangent", "d_pressure", "d_stiffness")
+            },
+        )
+
+    def response(self) -> FrictionResponse:
+        """What the law answers."""
+        returned, state = self.returned, self.state
+        path = state.slip_path + returned.slip
+        if self.parameters.reset_slip_on_opening:
+            path = np.where(self.closed, path, 0.0)
+        new = FrictionState(
+            elastic_slip=np.ascontiguousarray(returned.elastic_slip.T),
+            slip_path=path,
+            alpha=self.at.alpha,
+            speed=self.length / self.dt if self.rates else np.zeros_like(self.length),
+            closed=self.closed,
+        )
+        traction = self.weight * returned.secant * self.trial
+        traction += self.resistance * self.slip
+        d_slip, d_elastic, d_film = self._derivatives()
+        d_pressure = self.weight * returned.d_pressure * returned.direction
+        if self.slowed is not None:
+            self._add_held_back(self.slowed, d_slip, d_elastic, d_pressure, d_film)
+        if self.flow.d_pressure is not None:
+            d_pressure += (self.at.alpha * self.flow.d_pressure) * self.slip
         # Inside components come first, so that numpy's loops run along the points; outside last.
         return FrictionResponse(
             traction=traction.T,
@@ -175,239 +259,102 @@ class FrictionMap:
             d_traction_d_pressure=d_pressure.T,
             d_traction_d_film=d_film.T,
             state=new,
-            regime=_regime(step),
-            dissipation=self._dissipation(step, state),
-            held_back=step.held_back,
+            regime=self._regime(),
+            dissipation=self._dissipation(),
+            held_back=self.held_back,
         )
 
-    def _solve(
-        self,
-        slip_increment: Floats,
-        dt: Floats | float,
-        pressure: Floats,
-        film: Floats,
-        state: FrictionState,
-        area: tuple[Floats | float, Floats | float],
-        rate_dependent: bool,
-    ) -> _Step:
-        """Film fraction, re-entry and return mapping; ``area``: area ratio and cover."""
-        parameters = self.parameters
-        closed = pressure > 0.0
-        slip = _where_closed(slip_increment, closed)
-        before = _where_closed(state.elastic_slip, closed)
-        film = _shortened(film)
-        at = film_point(parameters, film, self._speed(slip, dt, state, rate_dependent))
-        kept, d_kept = self._kept(at, state)
-        literal = parameters.flow_rule == "literal"
-        trial = kept * before + slip
-        returned = return_mapping(
-            trial,
-            parameters.K_T * at.solid if literal else parameters.K_T,
-            pressure,
-            state.slip_path,
-            self._friction,
-        )
-        # In an infinite step the film is not sheared at any rate: it carries no stress.
-        length, felt = np.sqrt(dot(slip, slip)), dt if rate_dependent else math.inf
-        flow = film_resistance(parameters, film, length, felt, pressure, *area)
-        return _Step(
-            slip=slip,
-            elastic_before=before,
-            closed=closed,
-            at=at,
-            kept=kept,
-            d_kept=d_kept,
-            weight=1.0 if literal else at.solid,
-            trial=trial,
-            returned=returned,
-            resistance=at.alpha * flow.value,
-            flow=flow,
-        )
-
-    def _slowing(
-        self,
-        step: _Step,
-        state: FrictionState,
-        dt: Floats | float,
-        pressure: Floats,
-        film: Floats,
-        area: tuple[Floats | float, Floats | float],
-    ) -> Slowing | None:
-        """The points that slow down through V*, where the law looks into the step."""
-        if self.parameters.switch == "lagged" or self.parameters.reentry == "literal":
-            return None
-        motion = Motion(
-            length=np.sqrt(dot(step.slip, step.slip)),
-            dt=dt,
-            speed_before=state.speed,
-            solid_before=1.0 - state.alpha,
-            bend=np.sqrt(dot(step.elastic_before, step.elastic_before)),
-            pressure=pressure,
-            film=_shortened(film),
-            area_ratio=area[0],
-            cover=area[1],
-        )
-        return slowing(self.parameters, step.at, motion)
-
-    def _speed(
-        self, slip: Floats, dt: Floats | float, state: FrictionState, rate_dependent: bool
-    ) -> Floats:
-        """The speed that alpha is taken at, (q,), m/s."""
-        if not rate_dependent:
-            return np.zeros(slip.shape[1])
-        if self.parameters.switch == "lagged":
-            return state.speed
-        return np.sqrt(dot(slip, slip)) / dt
-
-    def _kept(self, at: FilmPoint, state: FrictionState) -> tuple[Floats | float, Floats | None]:
-        """The kept part r of the elastic slip, and its derivative for alpha."""
-        if self.parameters.reentry == "literal":
-            return 1.0, None
-        solid_before = 1.0 - state.alpha
-        falls = at.solid > solid_before
-        if not falls.any():
-            return 1.0, None
-        # Where alpha falls its solid share is above that of before, so never 0.
-        solid = np.where(falls, at.solid, 1.0)
-        kept = np.where(falls, solid_before / solid, 1.0)
-        return kept, np.where(falls, kept / solid, 0.0)
-
-    def _new_state(
-        self, step: _Step, state: FrictionState, dt: Floats | float, rate_dependent: bool
-    ) -> FrictionState:
-        path = state.slip_path + step.returned.slip
-        if self.parameters.reset_slip_on_opening:
-            path = np.where(step.closed, path, 0.0)
-        speed = np.sqrt(dot(step.slip, step.slip))
-        return FrictionState(
-            elastic_slip=np.ascontiguousarray(step.returned.elastic_slip.T),
-            slip_path=path,
-            alpha=step.at.alpha,
-            speed=speed / dt if rate_dependent else np.zeros_like(speed),
-            closed=step.closed,
-        )
-
-    def _derivatives(self, step: _Step, dt: Floats | float) -> tuple[Floats, Floats, Floats]:
+    def _derivatives(self) -> tuple[Floats, Floats, Floats]:
         """Of T for slip (i, j, q), elastic slip (i, j, q) and film thickness (i, q)."""
-        dim = len(step.slip)
-        elastic = step.weight * step.returned.derivative(dim)
-        d_elastic = step.kept * elastic if isinstance(step.kept, np.ndarray) else elastic
+        at, dim = self.at, len(self.slip)
+        elastic = self.weight * self.returned.derivative(dim)
+        d_elastic = self.kept * elastic if isinstance(self.kept, np.ndarray) else elastic
         d_slip = elastic.copy()
         for i in range(dim):
-            d_slip[i, i] += step.resistance
-        d_film = (step.at.alpha * step.flow.d_film) * step.slip
+            d_slip[i, i] += self.resistance
+        d_film = (at.alpha * self.flow.d_film) * self.slip
         # d|slip|/d slip; where it does not exist (no slip) nothing depends on it.
-        length = np.sqrt(dot(step.slip, step.slip))
-        ahead = step.slip / np.where(length > 0.0, length, 1.0)
-        if step.flow.d_length is not None:
-            along = (step.at.alpha * step.flow.d_length) * step.slip
+        ahead = self.slip / np.where(self.length > 0.0, self.length, 1.0)
+        if self.flow.d_length is not None:
+            along = (at.alpha * self.flow.d_length) * self.slip
             d_slip += along[:, None] * ahead[None, :]
-        d_speed = step.at.d_alpha_d_speed
-        if self.parameters.switch == "lagged":
-            d_speed = None
-        if d_speed is not None or step.at.d_alpha_d_film.any():
-            d_alpha = self._d_traction_d_alpha(step)
-            d_film += step.at.d_alpha_d_film * d_alpha
+        d_speed = None if self.parameters.switch == "lagged" else at.d_alpha_d_speed
+        if d_speed is not None or at.d_alpha_d_film.any():
+            d_alpha = self._d_traction_d_alpha()
+            d_film += at.d_alpha_d_film * d_alpha
             if d_speed is not None:
-                d_slip += d_alpha[:, None] * ((d_speed / dt) * ahead)[None, :]
+                d_slip += d_alpha[:, None] * ((d_speed / self.dt) * ahead)[None, :]
         return d_slip, d_elastic, d_film
 
     def _add_held_back(
-        self,
-        step: _Step,
-        slowed: Slowing,
-        dt: Floats | float,
-        into: tuple[Floats, Floats, Floats, Floats],
+        self, slowed: Slowing, d_slip: Floats, d_elastic: Floats, d_pressure: Floats, d_film: Floats
     ) -> None:
         """Add the derivatives of what asperities took over where the film gave it up."""
-        q = slowed.points
-        d_slip, d_elastic, d_pressure, d_film = into
-        slopes, ahead = slowed.slopes.copy(), step.returned.direction[:, q]
+        q, at, returned = slowed.points, self.at, self.returned
+        slopes, ahead = slowed.slopes.copy(), returned.direction[:, q]
         if self.parameters.flow_rule == "weighted":
             # There (1 - alpha) of the traction is varied with the rest of the law.
-            whole = (step.returned.secant * step.returned.length)[q]
-            if step.at.d_alpha_d_speed is not None:
-                slopes[0] += whole * (step.at.d_alpha_d_speed / dt)[q]
-            slopes[2] += whole * np.broadcast_to(step.at.d_alpha_d_film, step.closed.shape)[q]
-        slip, bend = step.slip[:, q], step.elastic_before[:, q]
-        along = slip / np.maximum(np.sqrt(dot(slip, slip)), TINY)
-        bent = bend / np.maximum(np.sqrt(dot(bend, bend)), TINY)
+            whole = (returned.secant * returned.length)[q]
+            if at.d_alpha_d_speed is not None:
+                slopes[0] += whole * (at.d_alpha_d_speed / self.dt)[q]
+            slopes[2] += whole * np.broadcast_to(at.d_alpha_d_film, self.closed.shape)[q]
+        along, bent = (
+            vectors[:, q] / np.maximum(np.sqrt(dot(vectors[:, q], vectors[:, q])), TINY)
+            for vectors in (self.slip, self.before)
+        )
         d_slip[:, :, q] += ahead[:, None] * (slopes[0] * along)[None, :]
         d_elastic[:, :, q] += ahead[:, None] * (slowed.d_bend * bent)[None, :]
         d_pressure[:, q] += slopes[1] * ahead
         d_film[:, q] += slopes[2] * ahead
 
-    def _d_traction_d_alpha(self, step: _Step) -> Floats:
+    def _d_traction_d_alpha(self) -> Floats:
         """dT/dalpha with slip, film thickness and pressure fixed, (i, q), Pa."""
-        returned = step.returned
+        returned = self.returned
         if self.parameters.flow_rule == "weighted":
             # T^e is 1 - alpha times a traction that depends on alpha through r only.
-            d_alpha = -returned.secant * step.trial
+            d_alpha = -returned.secant * self.trial
         else:
             d_alpha = (-self.parameters.K_T * returned.d_stiffness) * returned.direction
         # Through r: p = r g_e + Δg_T, ∂T/∂p · g_e ∂r/∂α.
-        if step.d_kept is not None:
-            d_alpha += step.weight * step.d_kept * returned.derivative_along(step.elastic_before)
-        d_alpha += step.flow.value * step.slip
+        if self.d_kept is not None:
+            d_alpha += self.weight * self.d_kept * returned.derivative_along(self.before)
+        d_alpha += self.flow.value * self.slip
         return d_alpha
 
-    def _dissipation(self, step: _Step, state: FrictionState) -> Dissipation:
+    def _regime(self) -> NDArray[np.int8]:
+        """Codes of ``Regime``, (q,)."""
+        slipping, alpha = self.returned.slipping, self.at.alpha
+        regime = np.full(slipping.shape, int(Regime.STICK), dtype=np.int8)
+        regime[slipping] = Regime.SLIP
+        regime[slipping & (alpha > 0.0)] = Regime.MIXED
+        regime[alpha == 1.0] = Regime.VISCOUS
+        regime[~self.closed] = Regime.OPEN
+        return regime
+
+    def _dissipation(self) -> Dissipation:
         """The work of the step, split; exact by construction of the step."""
-        returned, K_T = step.returned, self.parameters.K_T
-        new, before = returned.elastic_slip, step.elastic_before
-        solid_before = 1.0 - state.alpha
-        length2 = dot(before, before)
-        if isinstance(step.kept, np.ndarray) and self.parameters.reentry == "consistent":
+        returned, K_T, solid = self.returned, self.parameters.K_T, self.at.solid
+        solid_before = 1.0 - self.state.alpha
+        length2 = dot(self.before, self.before)
+        if isinstance(self.kept, np.ndarray):
             # (1 - alpha) r^2 = (1 - alpha_old) r where alpha falls: no difference of near numbers.
-            rising = np.maximum(solid_before - step.at.solid, 0.0)
-            freed = np.where(step.kept < 1.0, solid_before * (1.0 - step.kept), rising)
+            rising = np.maximum(solid_before - solid, 0.0)
+            freed = np.where(self.kept < 1.0, solid_before * (1.0 - self.kept), rising)
         else:
-            freed = solid_before - step.at.solid
+            freed = solid_before - solid
         # Backward Euler's part, as in plain friction, from the elastic slip that re-entry leaves.
-        change = new - step.kept * before
-        opening = np.zeros_like(length2)
-        if not step.closed.all():
-            gone = ~step.closed
-            lost = state.elastic_slip[gone].T
+        change = returned.elastic_slip - self.kept * self.before
+        opening, gone = np.zeros_like(length2), ~self.closed
+        if gone.any():
+            lost = self.state.elastic_slip[gone].T
             opening[gone] = 0.5 * K_T * solid_before[gone] * dot(lost, lost)
         return Dissipation(
-            coulomb=returned.slip * step.weight * returned.secant * returned.length,
-            viscous=step.resistance * dot(step.slip, step.slip),
+            coulomb=returned.slip * self.weight * returned.secant * returned.length,
+            viscous=self.resistance * dot(self.slip, self.slip),
             switching=0.5 * K_T * freed * length2,
-            numerical=0.5 * K_T * step.at.solid * dot(change, change),
+            numerical=0.5 * K_T * solid * dot(change, change),
             opening=opening,
         )
-
-
-def _held_back(step: _Step, slowed: Slowing | None) -> _Step:
-    """The step with asperities that took over no more than the film gave up."""
-    if slowed is None:
-        return step
-    returned = step.returned
-    traction = step.weight * returned.secant * returned.length
-    slowed = slowed.take(slowed.elastic < traction[slowed.points])
-    points, share = slowed.points, np.ones_like(traction)
-    share[points] = slowed.elastic / traction[points]
-    # What a held point carries is decided by the film that slows, not by its trial: its slopes come
-    # from there (`_add_held_back`), and those of the return are none.
-    held = share < 1.0
-    if not held.any():
-        return step
-    return replace(
-        step,
-        slowed=slowed,
-        held_back=(1.0 - share) * traction,
-        returned=replace(
-            returned,
-            elastic_slip=share * returned.elastic_slip,
-            slip=returned.length - share * (returned.length - returned.slip),
-            slipping=returned.slipping | held,
-            secant=share * returned.secant,
-            tangent=np.where(held, 0.0, returned.tangent),
-            d_pressure=np.where(held, 0.0, returned.d_pressure),
-            d_stiffness=np.where(held, 0.0, returned.d_stiffness),
-        ),
-    )
 
 
 def _where_closed(vectors: Floats, closed: NDArray[np.bool_]) -> Floats:
@@ -423,14 +370,3 @@ def _shortened(film: Floats) -> Floats:
     if film.size > 1 and bool((film == film[0]).all()):
         return film[:1]
     return film
-
-
-def _regime(step: _Step) -> NDArray[np.int8]:
-    """Codes of ``Regime``, (q,)."""
-    slipping = step.returned.slipping
-    regime = np.full(slipping.shape, int(Regime.STICK), dtype=np.int8)
-    regime[slipping] = Regime.SLIP
-    regime[slipping & (step.at.alpha > 0.0)] = Regime.MIXED
-    regime[step.at.alpha == 1.0] = Regime.VISCOUS
-    regime[~step.closed] = Regime.OPEN
-    return regime

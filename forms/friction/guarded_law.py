@@ -129,17 +129,13 @@ class GuardedLaw:
         # Whatever the law does. sys.exit would end this rank alone.
         except (Exception, SystemExit) as error:
             wrong = user_line(error, self.file)
-        self._return()
+        with suppress(OSError):  # where it has been deleted there is nothing to go back to
+            if os.getcwd() != self._directory:
+                os.chdir(self._directory)
         if wrong is None:
             return answer
         self.fault = f"the friction law {self.name} fails: {wrong}"
         return None
-
-    def _return(self) -> None:
-        """Go back to the working directory that the law may have left."""
-        with suppress(OSError):  # where it has been deleted there is nothing to go back to
-            if os.getcwd() != self._directory:
-                os.chdir(self._directory)
 
     def _values(self, member: str, state: FrictionState, *more: Floats) -> Floats:
         """What a method answers for each point, (q,)."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any, Protocol, Self, cast
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,16 +232,6 @@ SETTLED = 1e-3
 """Distance of friction from where it tends, relative, at which it counts as being there."""
 
 
-class _Settling(Protocol):
-    """All that a law may say."""
-
-    settling_slip: float
-
-    def unsettled(self, state: FrictionState, pressure: Floats) -> Floats: ...
-
-    def presliding_length(self, state: FrictionState, pressure: Floats) -> Floats: ...
-
-
 def knows_its_end(law: FrictionLaw) -> bool:
     """Whether it is known, at every point, how far friction is from where it tends."""
     return hasattr(law, "unsettled") or settling_slip(law) == 0.0
@@ -259,9 +249,8 @@ def unsettled(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Float
         state: after the step, of q points.
         pressure: (q,), Pa, t_N.
     """
-    if not hasattr(law, "unsettled"):
-        return np.zeros_like(pressure)
-    left = cast(_Settling, law).unsettled(state, pressure)
+    own: Any = law
+    left = own.unsettled(state, pressure) if hasattr(law, "unsettled") else 0.0
     return np.where(pressure > 0.0, left, 0.0)
 
 
@@ -272,8 +261,9 @@ def presliding_length(law: FrictionLaw, state: FrictionState, pressure: Floats) 
         state: after the step, of q points.
         pressure: (q,), Pa, t_N.
     """
+    own: Any = law
     if hasattr(law, "presliding_length"):
-        length = cast(_Settling, law).presliding_length(state, pressure)
+        length = own.presliding_length(state, pressure)
     else:
         length = np.linalg.norm(state.elastic_slip, axis=1)
     return np.where(pressure > 0.0, length, 0.0)

@@ -40,35 +40,23 @@ SIZES = np.geomspace(1e-16, 1.0, 97)  # m, slips at which the scale is looked fo
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a law is asked at.
+    """What a law is asked at."""
 
-    Attributes:
-        pressure: Pa, of which points have from a hundredth to three times.
-        film: m, thickness, of which points have from half to twice; 0 without a film.
-        steps: s, lengths of steps.
-    """
-
-    pressure: float
-    film: float = 0.0
-    steps: Sequence[float] = (1e-3, 1.0, 1e3)
+    pressure: float  # Pa, of which points have from a hundredth to three times
+    film: float = 0.0  # m, thickness, of which points have from half to twice; 0 without a film
+    steps: Sequence[float] = (1e-3, 1.0, 1e3)  # s, lengths of steps
 
 
 @dataclass(slots=True)
 class Finding:
-    """What came of one comparison.
+    """What came of one comparison."""
 
-    Attributes:
-        quantity: that was compared; allowed: the largest error that passes.
-        asked, compared: points; those near kinks are not compared.
-        worst: largest error, relative; where: it is, in words.
-    """
-
-    quantity: str
-    allowed: float
-    asked: int = 0
-    compared: int = 0
-    worst: float = 0.0
-    where: str = ""
+    quantity: str  # that was compared
+    allowed: float  # the largest error that passes
+    asked: int = 0  # points
+    compared: int = 0  # those near kinks are not compared
+    worst: float = 0.0  # largest error, relative
+    where: str = ""  # it is, in words
 
     @property
     def good(self) -> bool:
@@ -288,11 +276,7 @@ def _compare_alone(law: FrictionLaw, sample: _Sample, findings: _Findings) -> No
 
 
 def _compare_dissipation(
-    law: FrictionLaw,
-    sample: _Sample,
-    at: Conditions,
-    rng: np.random.Generator,
-    findings: _Findings,
+    law: FrictionLaw, sample: _Sample, at: Conditions, rng: np.random.Generator, findings: _Findings
 ) -> None:
     """What is lost in the steps of a random history, and what the law says is lost."""
     least = findings.of("dissipation, below 0", ROUNDING)

@@ -25,19 +25,13 @@ from tribox.forms.parameters import Declared
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A friction law: the class of its parameters, and what makes the law of them.
+    """A friction law: the class of its parameters, and what makes the law of them."""
 
-    Attributes:
-        parameters: dataclass that declares and checks them, and says what defaults they want.
-        law: makes the law.
-        takes_film: whether it has a use for the thickness of a film.
-        needs_film: whether it cannot do without.
-    """
-
+    # dataclass that declares and checks them, and says what defaults they want
     parameters: type[Declared]
-    law: Callable[[Any], FrictionLaw]
-    takes_film: bool = False
-    needs_film: bool = False
+    law: Callable[[Any], FrictionLaw]  # makes the law
+    takes_film: bool = False  # whether it has a use for the thickness of a film
+    needs_film: bool = False  # whether it cannot do without
 
 
 LAWS: Mapping[str, Kind] = MappingProxyType(

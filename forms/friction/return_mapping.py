@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,25 +107,26 @@ def return_mapping(
     """
     if isinstance(friction, SlipWeakening) and friction.constant:
         friction = friction.mu_s
+    mu = friction.coefficient(slip_path) if isinstance(friction, SlipWeakening) else friction
     s = np.sqrt(dot(trial, trial))
-    closed = pressure > 0.0
     # Open points take part without stiffness: to pick rows out and put them back would cost more
     # than to compute what they do not need.
-    if not closed.all():
+    if not (closed := pressure > 0.0).all():
         stiffness = np.where(closed, stiffness, 0.0)
-    mu = friction.coefficient(slip_path) if isinstance(friction, SlipWeakening) else friction
-    threshold = mu * pressure
-    elastic = stiffness * s
+    threshold, elastic = mu * pressure, stiffness * s
     slipping = elastic > ROUND_OFF * threshold
-    # Where μ falls with the path, the threshold at the end of the step depends on the slip itself.
-    if isinstance(friction, SlipWeakening):
-        path = _path_after(s, stiffness, pressure, slip_path, slipping, friction)
-        threshold = friction.coefficient(path) * pressure
-        slopes = _weakening_slopes(s, stiffness, pressure, path, slipping, friction)
-    else:
-        slopes = _slopes(s, stiffness, mu, slipping)
-    # The return is radial: one factor shortens trial slip and traction, and none turns.
-    ratio = _ratio(threshold, elastic, slipping)
+    tangent, d_stiffness = np.where(slipping, 0.0, stiffness), np.where(slipping, 0.0, s)
+    d_pressure = np.where(slipping, mu, 0.0)
+    if isinstance(friction, SlipWeakening) and slipping.any():
+        q = np.flatnonzero(slipping)
+        kappa = np.broadcast_to(stiffness, s.shape)[q]
+        threshold[q], tangent[q], d_pressure[q], d_stiffness[q] = _weakened(
+            friction, s[q], kappa, pressure[q], slip_path[q]
+        )
+    # The return is radial: one factor shortens trial slip and traction, and none turns. Clipped, as
+    # the new threshold may exceed the trial by a rounding error at the very onset.
+    ratio = np.divide(threshold, elastic, out=np.ones_like(elastic), where=slipping)
+    np.minimum(ratio, 1.0, out=ratio)
     return Returned(
         elastic_slip=ratio * trial,
         direction=trial / np.maximum(s, TINY),
@@ -134,94 +134,24 @@ def return_mapping(
         slip=s - ratio * s,
         slipping=slipping,
         secant=ratio * stiffness,
-        tangent=slopes.tangent,
-        d_pressure=slopes.d_pressure,
-        d_stiffness=slopes.d_stiffness,
-    )
-
-
-class _Slopes(NamedTuple):
-    """The derivatives of |T| that `Returned` has, (q,), by the same names."""
-
-    tangent: Floats
-    d_pressure: Floats
-    d_stiffness: Floats
-
-
-def _slopes(
-    s: Floats, stiffness: Floats | float, mu: Floats | float, slipping: NDArray[np.bool_]
-) -> _Slopes:
-    """Derivatives of the length of the traction where μ does not depend on the slip path."""
-    return _Slopes(
-        tangent=_where_stuck(slipping, stiffness),
-        d_pressure=np.where(slipping, mu, 0.0),
-        d_stiffness=_where_stuck(slipping, s),
-    )
-
-
-def _weakening_slopes(
-    s: Floats,
-    stiffness: Floats | float,
-    pressure: Floats,
-    path: Floats,
-    slipping: NDArray[np.bool_],
-    friction: SlipWeakening,
-) -> _Slopes:
-    """Derivatives where the coefficient falls with the slip path, here that after the step."""
-    mu = friction.coefficient(path)
-    softening = np.where(slipping, friction.slope(path) * pressure, 0.0)
-    share = _share(stiffness, softening, slipping)
-    d_stiffness = _where_stuck(slipping, s)
-    where = np.flatnonzero(softening)
-    kappa = np.broadcast_to(stiffness, s.shape)[where]
-    threshold = (mu * pressure)[where]
-    # Implicit function of κ (s − λ) = μ(d + λ) t_N: ∂λ/∂κ = (s − λ)/(κ + μ' t_N), and |T| changes
-    # by μ' t_N ∂λ/∂κ; likewise ∂|T|/∂s = μ' t_N κ/(κ + μ' t_N).
-    d_stiffness[where] = softening[where] * share[where] * threshold / kappa**2
-    return _Slopes(
-        tangent=_where_stuck(slipping, stiffness) + softening * share,
-        d_pressure=mu * share,
+        tangent=tangent,
+        d_pressure=d_pressure,
         d_stiffness=d_stiffness,
     )
 
 
-def _where_stuck(slipping: NDArray[np.bool_], values: Floats | float) -> Floats:
-    """The values (q,) where the point sticks, else zero."""
-    return np.where(slipping, 0.0, values)
+def _weakened(
+    friction: SlipWeakening, s: Floats, kappa: Floats, pressure: Floats, slip_path: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Threshold at the end of the step, which depends on the slip itself, and slopes of |T|, (q,).
 
-
-def _ratio(threshold: Floats, elastic: Floats, slipping: NDArray[np.bool_]) -> Floats:
-    """Traction over that of the trial (q,): 1 where the point sticks."""
-    ratio = np.ones_like(elastic)
-    np.divide(threshold, elastic, out=ratio, where=slipping)
-    # Clipped: the new threshold may exceed the trial by a rounding error at the very onset.
-    np.minimum(ratio, 1.0, out=ratio)
-    return ratio
-
-
-def _share(stiffness: Floats | float, softening: Floats, slipping: NDArray[np.bool_]) -> Floats:
-    r""":math:`\kappa/(\kappa + \mu' t_N)` where the point slips, else zero."""
-    share = np.zeros_like(softening)
-    np.divide(stiffness, stiffness + softening, out=share, where=slipping)
-    return share
-
-
-def _path_after(
-    s: Floats,
-    stiffness: Floats | float,
-    pressure: Floats,
-    slip_path: Floats,
-    slipping: NDArray[np.bool_],
-    friction: SlipWeakening,
-) -> Floats:
-    """Slip path after the step: solved where the point slips, unchanged elsewhere."""
-    if slipping.all():
-        return friction.slipped_path(s, stiffness, pressure, slip_path)
-    path = slip_path.copy()
-    where = np.flatnonzero(slipping)
-    kappa = np.broadcast_to(stiffness, s.shape)[where]
-    path[where] = friction.slipped_path(s[where], kappa, pressure[where], slip_path[where])
-    return path
+    From the implicit function κ (s − λ) = μ(d + λ) t_N: ∂λ/∂κ = (s − λ)/(κ + μ' t_N), and |T|
+    changes by μ' t_N ∂λ/∂κ; likewise ∂|T|/∂s = μ' t_N κ/(κ + μ' t_N).
+    """
+    path = friction.slipped_path(s, kappa, pressure, slip_path)
+    mu, softening = friction.coefficient(path), friction.slope(path) * pressure
+    threshold, share = mu * pressure, kappa / (kappa + softening)
+    return threshold, softening * share, mu * share, softening * share * threshold / kappa**2
 
 
 # -- Coefficient of friction that falls with the permanent slip, and its implicit slip equation ----

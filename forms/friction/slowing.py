@@ -132,35 +132,38 @@ def slowing(parameters: FrictionMapParameters, at: FilmPoint, motion: Motion) ->
         length=np.maximum(here.length, NO_SLIP * here.speed_before * here.dt),
         cover=np.maximum(here.cover, NO_COVER),
     )
-    zero = np.zeros((3, points.size))
-    fraction = _fraction(at.alpha[points], zero)
-    fraction.slopes[2] = np.broadcast_to(at.d_alpha_d_film, at.alpha.shape)[points]
+    d_slip: Floats | float = 0.0
     if at.d_alpha_d_speed is not None:
-        fraction.slopes[0] = at.d_alpha_d_speed[points] / here.dt
-    return _taken_over(parameters, points, here, fraction)
+        d_slip = np.asarray(at.d_alpha_d_speed[points] / here.dt)
+    d_film = np.broadcast_to(at.d_alpha_d_film, at.alpha.shape)[points]
+    return _taken_over(parameters, points, here, _varied(at.alpha[points], d_slip, 0.0, d_film))
 
 
-def _fraction(alpha: Floats, slopes: Floats) -> _Value:
-    return _Value(alpha, slopes.copy())
+def _varied(
+    value: Floats,
+    d_slip: Floats | float = 0.0,
+    d_pressure: Floats | float = 0.0,
+    d_film: Floats | float = 0.0,
+) -> _Value:
+    """A quantity (c,) by its derivatives, each (c,) or a number."""
+    slopes = np.zeros((3, len(value)))
+    slopes[0], slopes[1], slopes[2] = d_slip, d_pressure, d_film
+    return _Value(value, slopes)
 
 
 def _taken_over(
     parameters: FrictionMapParameters, points: Longs, here: Motion, alpha: _Value
 ) -> Slowing:
     """What the asperities of some points have taken over; ``alpha`` at the end of the step."""
-    zero = np.zeros((3, points.size))
     width = parameters.transition_width
     v_star = threshold_speed(parameters, here.film)
     speed = np.asarray(here.length / here.dt, dtype=np.float64)
     before = here.speed_before
     start = film_point(parameters, here.film, before)
-    alpha_n = _fraction(start.alpha, zero)
-    alpha_n.slopes[2] = start.d_alpha_d_film
+    alpha_n = _varied(start.alpha, d_film=start.d_alpha_d_film)
     rest = at_rest(parameters, here.film)
-    alpha_0 = _fraction(1.0 - rest.solid, zero)
-    alpha_0.slopes[2] = rest.d_alpha_d_film
-    one = _fraction(np.ones(points.size), zero)
-
+    alpha_0 = _varied(1.0 - rest.solid, d_film=rest.d_alpha_d_film)
+    one = _varied(np.ones(points.size))
     end = alpha * _stress(parameters, here, speed, moving=True)
     f_n = alpha_n * _stress(parameters, here, before)
     # V* goes with D^(−1/2): speeds that follow it change with the film too.
@@ -196,24 +199,16 @@ def _stress(
     """Traction of a film that carries all, Pa."""
     length = speed * here.dt
     flow = film_resistance(
-        parameters,
-        here.film,
-        length,
-        here.dt,
-        here.pressure,
-        here.area_ratio,
-        here.cover,
+        parameters, here.film, length, here.dt, here.pressure, here.area_ratio, here.cover
     )
-    per_length = flow.value if flow.d_length is None else flow.value + flow.d_length * length
-    slopes = np.zeros((3, length.size))
-    if moving:
-        slopes[0] = per_length
-    if flow.d_pressure is not None:
-        slopes[1] = flow.d_pressure * length
-    slopes[2] = flow.d_film * length
+    per_length: Floats = (
+        flow.value if flow.d_length is None else flow.value + flow.d_length * length
+    )
+    d_film: Floats = flow.d_film * length
     if follows:
-        slopes[2] -= per_length * length / (2.0 * here.film)
-    return _Value(flow.value * length, slopes)
+        d_film -= per_length * length / (2.0 * here.film)
+    d_pressure = 0.0 if flow.d_pressure is None else flow.d_pressure * length
+    return _varied(flow.value * length, per_length if moving else 0.0, d_pressure, d_film)
 
 
 def _taken(

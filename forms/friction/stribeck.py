@@ -102,11 +102,10 @@ class StribeckLaw(StickingLaw):
         """
         p = self.parameters
         if not rate_dependent:
-            return dry_step(slip_increment, dt, pressure, state, p.K_T, p.mu_s, False).response
+            return dry_step(slip_increment, dt, pressure, state, p.K_T, p.mu_s, False)[0]
         length = np.sqrt(dot(slip_increment.T, slip_increment.T))
         mu, slope = p.coefficient(length / dt if dt > 0.0 else length)
-        step = dry_step(slip_increment, dt, pressure, state, p.K_T, mu, True)
-        response, returned, slip = step.response, step.returned, step.slip
+        response, returned, slip = dry_step(slip_increment, dt, pressure, state, p.K_T, mu, True)
         # At open points the pressure is zero, and so is the slip.
         resistance = np.where(pressure > 0.0, p.viscous / dt * area_ratio * film_cover, 0.0)
         # μ'(V) t_N ∂V/∂Δg_T with V = |Δg_T|/Δt, where the threshold is reached.

@@ -16,6 +16,7 @@ SOURCES = (
     "plane_contact.c",
     "space_contact.c",
     "contact_tangent.c",
+    "plane_pair.c",
     "plastic_points.c",
     "viscous_points.c",
     "point_cells.c",

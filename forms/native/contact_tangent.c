@@ -14,9 +14,9 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "lanes.h"
-
 #define DIM 3
+#include "matrix_entries.h"
+
 #define SHAPES 16 /* shape functions of a master facet, at most */
 #define MOVERS 64 /* nodes that move a master facet, at most */
 #define CORNERS 9 /* nodes of a slave facet, at most */
@@ -49,14 +49,6 @@ typedef struct {
     const int32_t *facet_before;
     const double *xi_before, *ahead, *components, *anchor, *image, *slip_length;
 } Pair;
-
-/* A sparse matrix of unknowns, rows in ascending order of columns; first unknown of each of the
- * pair's nodes in it, -1 where a node is not in it as a whole. */
-typedef struct {
-    const int32_t *indptr, *indices;
-    double *values;
-    const int32_t *row_first, *column_first;
-} Entries;
 
 int64_t tribox_tangent_pair_size(void)
 {
@@ -384,51 +376,6 @@ static EXPORT void add_point(const Pair *p, int64_t q, int64_t width, double *bl
         add_point_of(p, q, a, m, width == a + m, block);
 }
 
-/* Place of a column in a row from the place `low` on, -1 where there is none: in steps that double,
- * for columns asked for one after the other are not far apart. */
-INLINE int32_t place_from(const Entries *e, int32_t low, int32_t end, int32_t column)
-{
-    int32_t size = 1;
-    while (low + size < end && e->indices[low + size] <= column)
-        low += size, size *= 2;
-    if (size > end - low)
-        size = end - low;
-    while (size > 1) {
-        int32_t half = size / 2;
-        low += e->indices[low + half] <= column ? half : 0;
-        size -= half;
-    }
-    return size == 1 && e->indices[low] == column ? low : -1;
-}
-
-/* Add the numbers (i, j) of a row node and a column node, whose place in the first row is known;
- * `step` from row to row. Returns 0 where the matrix has no room for them. */
-INLINE int add_at(const Entries *e, int32_t row, int32_t column, int32_t first, const double *x,
-                  int64_t step)
-{
-    for (int i = 0; i < DIM; ++i) {
-        int32_t place = first, end = e->indptr[row + i + 1];
-        if (i) { /* most rows of a node have the same columns */
-            place = e->indptr[row + i] + first - e->indptr[row];
-            if (place + 2 >= end || e->indices[place] != column)
-                place = place_from(e, e->indptr[row + i], end, column);
-        }
-        if (place < 0 || place + 2 >= end || e->indices[place + 2] != column + 2)
-            return 0;
-        for (int j = 0; j < DIM; ++j)
-            e->values[place + j] += x[i * step + j];
-    }
-    return 1;
-}
-
-/* The same, looked for from the place `from` on. Returns the place, -1 where there is no room. */
-INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_t from,
-                           const double *x, int64_t step)
-{
-    const int32_t first = place_from(e, from, e->indptr[row + 1], column);
-    return first >= 0 && add_at(e, row, column, first, x, step) ? first : -1;
-}
-
 /* Add rows [low, high) of a block, columns of the nodes in `sorted` (count), with their signs. */
 INLINE int add_rows(const Entries *e, const double *signs, const int64_t *nodes, int64_t low,
                     int64_t high, const int64_t *sorted, int64_t count, const double *block,
@@ -454,19 +401,6 @@ INLINE int add_rows(const Entries *e, const double *signs, const int64_t *nodes,
         }
     }
     return 0;
-}
-
-/* Numbers low, low + 1, ... below high, by the columns of their nodes. */
-INLINE void sort_columns(const Entries *e, const int64_t *nodes, int64_t low, int64_t high,
-                         int64_t *sorted)
-{
-    for (int64_t n = low; n < high; ++n) {
-        int64_t at = n - low;
-        const int32_t column = e->column_first[nodes[n]];
-        for (; at > 0 && e->column_first[nodes[sorted[at - 1]]] > column; --at)
-            sorted[at] = sorted[at - 1];
-        sorted[at] = n;
-    }
 }
 
 /* The blocks of groups of points: group g has the points order[start[g]] ..., of one slave facet,

@@ -11,16 +11,23 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 
 #define EXPORT /* seen from outside */
 
+/* A point of a loop: the columns G and g (a, i) of the derivatives of the reference and the current
+ * position by its coordinates, 1/det G, J = det g/det G, and w |det G|. In the half section of a body
+ * of revolution these are the reference position (G null, 1/det G is one), and there is a stretch `hoop`. */
+typedef struct {
+    const vec *G, *g;
+    vec inverse, J, hoop, weight;
+} Place;
+
 /* Points that remember of the same cells as a loop's own, `points` of each cell. `moduli` adds those
- * of a point to the second derivatives (a, i, b, j) by the columns g (a, i) of the derivatives of the
- * current position by parent coordinates, which are `scale` times as long as the unit cell's; it is
+ * of a point to its second derivatives (a, i, b, j) by g, in rings by the hoop stretch last, of which
+ * it has the upper half; it is
  * what costs least where the loop has moduli of its own at that point. `add` adds the matrices of a
  * block's cells: blocks (a, b) of the nodes, where `symmetric` those with a <= b, those of b = 0 first,
  * each (i, j) row by row. The way to the matrix's places takes as long as computing them. */
 typedef struct {
     void (*add)(const void *cells, int64_t block, vec *matrix);
-    void (*moduli)(const void *cells, int64_t block, int64_t point, double scale, const vec *g,
-                   vec *out);
+    void (*moduli)(const void *cells, int64_t block, int64_t point, const Place *at, vec *out);
     const void *cells;
     int64_t points, symmetric;
 } Beside;
@@ -37,6 +44,9 @@ INLINE vec choose(ivec mask, vec a, vec b)
 
 INLINE int any(ivec mask)
 {
+#ifdef __AVX512DQ__
+    return __builtin_ia32_cvtq2mask512((long long __attribute__((vector_size(64))))mask) != 0;
+#endif
     int64_t found = 0;
     for (int l = 0; l < LANES; ++l)
         found |= mask[l];
@@ -114,6 +124,17 @@ INLINE vec inverse_cube_root(vec x)
     y += (y * e) * ((1.0 / 3 + e * (2.0 / 9)) + ee * far);
     e = 1.0 - (x * y) * (y * y); /* within 2e-6 */
     return y + (y * e) * (1.0 / 3 + e * (2.0 / 9)); /* exactly 1 for x = 1 */
+}
+
+/* The same where x is usually near 1: there from three terms of the series in x - 1, e within 1.3e-4. */
+INLINE vec inverse_cube_root_of_ratio(vec x)
+{
+    vec d = x - 1.0;
+    if (__builtin_expect(any(~(ivec)(absolute(d) < 0.125)), 0))
+        return inverse_cube_root(x);
+    vec y = 1.0 - d * (1.0 / 3 - d * (2.0 / 9 - d * (14.0 / 81)));
+    vec e = 1.0 - (x * y) * (y * y);
+    return y + (y * e) * (1.0 / 3 + e * (2.0 / 9 + e * (14.0 / 81)));
 }
 
 INLINE vec square_root(vec x)

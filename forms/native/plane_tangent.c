@@ -48,11 +48,12 @@ INLINE void derive_twice(enum material material, enum part part, const double *c
     }
 }
 
-/* H (alpha, i, beta, j) of a point; `excess` is added to the pressure q. Not a number where J <= 0
- * and the stress takes a logarithm or a root of it. */
+/* H (alpha, i, beta, j) of a point, upper half; `excess` is added to the pressure q. Not a number where
+ * J <= 0 and the stress takes a logarithm or a root of it. Of `beside`, where there is one, the moduli
+ * of a `point` of its own join these. */
 INLINE void second_derivatives(enum material material, enum part part, const double *c,
                                double full, const vec G[2][2], const vec g[2][2], vec excess,
-                               vec H[2][2][2][2])
+                               const Beside *beside, int64_t block, int64_t point, vec H[2][2][2][2])
 {
     vec D = G[0][0] * G[1][1] - G[0][1] * G[1][0];
     vec d = g[0][0] * g[1][1] - g[0][1] * g[1][0];
@@ -94,8 +95,12 @@ INLINE void second_derivatives(enum material material, enum part part, const dou
                 h += p * A[x][y];
             if (x != y && i != j)
                 h = i < j ? h + q : h - q;
-            H[x][i][y][j] = H[y][j][x][i] = h;
+            H[x][i][y][j] = h;
         }
+    }
+    if (beside) {
+        const Place here = {G[0], g[0], inverse * d, J, all(1.0), weight * D};
+        beside->moduli(beside->cells, block, point, &here, &H[0][0][0][0]);
     }
 }
 
@@ -103,10 +108,12 @@ INLINE void second_derivatives(enum material material, enum part part, const dou
  * mixed one: K (3, i, 3, j), its upper half. */
 INLINE void add_point(double xi, double eta, vec H[2][2][2][2], vec K[3][2][3][2])
 {
+    for (int x = 0; x < 2; ++x) /* only the upper half is there */
+        H[x][1][x][0] = H[x][0][x][1];
     for (int i = 0; i < 2; ++i)
         for (int j = 0; j < 2; ++j) {
             vec first = eta * H[0][i][0][j] + xi * H[0][i][1][j];
-            vec second = eta * H[1][i][0][j] + xi * H[1][i][1][j];
+            vec second = eta * H[0][j][1][i] + xi * H[1][i][1][j];
             K[0][i][0][j] += H[0][i][0][j];
             K[0][i][1][j] += H[0][i][1][j];
             K[1][i][1][j] += H[1][i][1][j];
@@ -135,15 +142,15 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);
-        second_derivatives(material, reduced ? DISTORTION : WHOLE, c, 0.25, G, g, all(0.0), H);
-        if (beside) /* whose last coordinate runs first */
-            beside->moduli(beside->cells, block, (point & 1) << 1 | point >> 1, 1.0, g[0], &H[0][0][0][0]);
+        /* the last coordinate of the points beside runs first */
+        second_derivatives(material, reduced ? DISTORTION : WHOLE, c, 0.25, G, g, all(0.0), beside, block,
+                           (point & 1) << 1 | point >> 1, H);
         add_point(xi, eta, H, K);
     }
     if (reduced) {
         columns(E, 0.5, 0.5, G);
         columns(e, 0.5, 0.5, g);
-        second_derivatives(material, VOLUME, c, 1.0, G, g, excess, H);
+        second_derivatives(material, VOLUME, c, 1.0, G, g, excess, 0, 0, 0, H);
         add_point(0.5, 0.5, H, K);
     }
     for (int i = 0; i < 2; ++i)
@@ -170,7 +177,10 @@ INLINE void triangle(enum material material, const double *c, const vec E[3][2],
                      vec matrix[4][2][4][2])
 {
     vec H[2][2][2][2];
-    second_derivatives(material, WHOLE, c, 0.5, E, e, all(0.0), H);
+    second_derivatives(material, WHOLE, c, 0.5, E, e, all(0.0), 0, 0, 0, H);
+    for (int k = 0; k < 4; ++k)
+        for (int l = 0; l < k; ++l)
+            H[k >> 1][k & 1][l >> 1][l & 1] = H[l >> 1][l & 1][k >> 1][k & 1];
     for (int i = 0; i < 2; ++i)
         for (int j = 0; j < 2; ++j) {
             vec first = H[0][i][0][j] + H[1][i][0][j], second = H[0][i][1][j] + H[1][i][1][j];

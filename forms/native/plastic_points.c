@@ -553,8 +553,8 @@ INLINE void axes(int space, const vec *F, const vec *C, Axes *at)
 }
 
 /* See Update of point_lanes.h. */
-INLINE void update(int space, const Material *m, const vec *F, const vec *frame, const vec *state,
-                   vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update(int space, const Material *m, const vec *F, const vec *state, vec *P, vec *end,
+                   vec *moduli, vec *energies, ivec *good)
 {
     const int count = space ? 9 : 5, alpha = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
@@ -1218,8 +1218,8 @@ INLINE void return_turning(int space, const Material *m, const vec *F, const vec
 }
 
 /* `update` where the material hardens kinematically. */
-INLINE void update_turning(int space, const Material *m, const vec *F, const vec *frame,
-                           const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update_turning(int space, const Material *m, const vec *F, const vec *state, vec *P,
+                           vec *end, vec *moduli, vec *energies, ivec *good)
 {
     vec found[6 * (1 + MOST) + 1], unused[ENERGIES];
     const int known = end && !energies;

@@ -113,7 +113,7 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
         load(row, 0, values, f);
         find_rows(state, width, number, row);
         load(row, 0, (int)width, s);
-        update(material, f, 0, s, stress, next, A ? moduli : 0, energy, &good);
+        update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
         spoil(values, good, stress);
         spoil(ENERGIES, good, energy);
         find_rows(P, count, number, row);
@@ -143,13 +143,14 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
  * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to,
  * with `start` (cells, a, i, b) as in compiled_cells.py; F (k, p) is written. `symmetric`: whether A
- * is. */
+ * is. `add`, where there is one, needs `begin` values of a state. */
 typedef struct {
-    int64_t blocks, lanes_of_last, points, nodes, width, symmetric;
+    int64_t blocks, lanes_of_last, points, nodes, width, symmetric, begin;
     const double *shape, *table;
     const int32_t *node, *cell;
     const double *u;
     Update *update;
+    AddModuli *add;
     const void *material;
     const double *state;
     const double *P, *A;
@@ -313,7 +314,7 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
             load(of_state, q * width, width, s);
             if (known)
                 load(of_end, q * width, width, next);
-            w->update(w->material, F, 0, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
+            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
                       &good);
             bad |= ~good;
             weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
@@ -341,32 +342,18 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
 }
 
 /* See `moduli` of Beside. */
-INLINE void add_moduli(enum section section, const Work *w, int64_t n, int64_t q, double scale,
-                       const vec *g, vec *out)
+EXPORT void tribox_point_moduli(const void *cells, int64_t block, int64_t point, const Place *at, vec *out)
 {
-    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5, all_of = dim * dim;
-    const int width = (int)w->width, size = all_of + 2;
-    const double *table = w->table + (n * w->points + q) * size * LANES;
-    vec T[11], F[9], P[9], A[81], s[width + 1];
+    const Work *w = cells;
+    vec s[w->begin + 1];
     double *row[LANES];
     int64_t number[LANES];
-    ivec good;
-    fetch_next(w, 0, n, q);
-    __builtin_memcpy(T, table, size * sizeof(vec));
-    F[4] = all(1.0);
-    for (int p = 0; p < all_of; ++p)
-        F[p] = scale * g[dim * (p % dim) + p / dim];
+    fetch_next(w, 0, block, point);
     for (int l = 0; l < LANES; ++l)
-        number[l] = w->cell[n * LANES + l] * w->points + q;
-    find_rows(w->state, width, number, row);
-    load(row, 0, width, s);
-    w->update(w->material, F, T, s, P, 0, A, 0, &good);
-    vec weight = (vec)((ivec)(scale * scale * T[all_of]) | ~good); /* all bits set: not a number */
-#pragma GCC unroll 1
-    for (int p = 0; p < all_of; ++p)
-#pragma GCC unroll 9
-        for (int r = 0; r < all_of; ++r)
-            out[all_of * (dim * (p % dim) + p / dim) + dim * (r % dim) + r / dim] += weight * A[count * p + r];
+        number[l] = w->cell[block * LANES + l] * w->points + point;
+    find_rows(w->state, w->width, number, row);
+    load(row, 0, (int)w->begin, s);
+    w->add(w->material, at, s, out);
 }
 
 /* All cells of one body; returns whether a point could not be evaluated. */
@@ -412,14 +399,6 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     {                                                                                              \
         at_block(section, cells, block, 0, matrix, 0, 0);                                          \
     }
-#define MODULI(name, section)                                                                      \
-    EXPORT void tribox_point_moduli_##name(const void *cells, int64_t block, int64_t point,        \
-                                           double scale, const vec *g, vec *out)                   \
-    {                                                                                              \
-        add_moduli(section, cells, block, point, scale, g, out);                                   \
-    }
 LOOPS(strain, STRAIN)
 LOOPS(ring, RING)
 LOOPS(space, SPACE)
-MODULI(strain, STRAIN)
-MODULI(space, SPACE)

@@ -9,12 +9,14 @@
  * `energies` may be null together, `moduli` alone: nothing of what is not asked for is computed.
  * `energies` may be null alone where there are moduli: `end` is then read, what an update without
  * moduli has led to, so that these need not be found anew.
- * `frame`, of kernels that stand beside a strain energy, for moduli alone: T = d xi/dX of parent
- * coordinates, (dim, dim); F and the moduli are then by these, F T^-1 and A_iJkL T_aJ T_bL. Else null.
  * `good` marks the points that could be evaluated; of the others the state is that of the begin,
  * and the rest is anything. */
-typedef void Update(const void *material, const vec *F, const vec *frame, const vec *state, vec *P,
-                    vec *end, vec *moduli, vec *energies, ivec *good);
+typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end, vec *moduli,
+                    vec *energies, ivec *good);
+
+/* What kernels that stand beside a strain energy do for `moduli` of Beside, from the state's first
+ * values; where a point cannot be evaluated it adds what is no number. */
+typedef void AddModuli(const void *material, const Place *at, const vec *state, vec *out);
 
 enum { ENERGIES = 3 }; /* stored; dissipated in the step; the part of it that is due to its length */
 enum section { STRAIN, RING, SPACE };
@@ -129,9 +131,8 @@ INLINE void probe(const vec *values, int count, vec *sum)
 
 /* A kernel: an update of points, see Update, in a kind of section. */
 #define KERNEL(name, section, update)                                                              \
-    EXPORT void tribox_##name(const void *material, const vec *F, const vec *frame,                \
-                              const vec *state, vec *P, vec *end, vec *moduli, vec *energies,      \
-                              ivec *good)                                                          \
+    EXPORT void tribox_##name(const void *material, const vec *F, const vec *state, vec *P,        \
+                              vec *end, vec *moduli, vec *energies, ivec *good)                    \
     {                                                                                              \
-        update(section, material, F, frame, state, P, end, moduli, energies, good);                \
+        update(section, material, F, state, P, end, moduli, energies, good);                       \
     }

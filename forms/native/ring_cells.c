@@ -129,12 +129,20 @@ INLINE void add_forces(int nodes, const vec *table, const struct point *at,
         force[a][0] += w->s * weight * table[2 * nodes + a];
 }
 
-/* Adds w (d^2 W) of a point, (i, j, k, l) of F and the hoop stretch, carried over to the nodes. */
-INLINE void add_matrix(int nodes, const vec *table, const struct point *at,
-                       const struct derivatives *w, vec matrix[4][2][4][2])
+/* Adds w (d^2 W) of a point, (i, j, k, l) of F and the hoop stretch, carried over to the nodes; and
+ * those that a `point` beside has of its own. */
+INLINE void add_matrix(int nodes, const vec *table, const struct point *at, const struct derivatives *w,
+                       const Beside *beside, int64_t block, int64_t point, vec matrix[4][2][4][2])
 {
     const vec weight = table[3 * nodes];
-    vec M[2][2][2][2], S[2][2];
+    vec M[2][2][2][2], S[2][2], ss = w->ss * weight, more[5][5];
+    if (beside) {
+        const vec g[4] = {at->F[0][0], at->F[1][0], at->F[0][1], at->F[1][1]};
+        const Place here = {0, g, all(1.0), at->J, at->s, weight};
+        __builtin_memset(more, 0, sizeof more);
+        beside->moduli(beside->cells, block, point, &here, more[0]);
+        ss += more[4][4];
+    }
     for (int i = 0; i < 2; ++i)
         for (int j = 0; j < 2; ++j) {
             vec by_F = w->II * at->F[i][j] + w->IJ * at->cof[i][j];
@@ -148,7 +156,13 @@ INLINE void add_matrix(int nodes, const vec *table, const struct point *at,
                     if (i != k && j != l)
                         m = i == j ? m + w->q : m - w->q;
                     M[i][j][k][l] = m * weight;
+                    if (beside && 2 * j + i <= 2 * l + k)
+                        M[i][j][k][l] += more[2 * j + i][2 * l + k];
+                    else if (beside)
+                        M[i][j][k][l] += more[2 * l + k][2 * j + i];
                 }
+            if (beside)
+                S[i][j] += more[2 * j + i][4];
         }
     for (int b = 0; b < nodes; ++b)
         for (int k = 0; k < 2; ++k) {
@@ -161,7 +175,7 @@ INLINE void add_matrix(int nodes, const vec *table, const struct point *at,
                 for (int i = 0; i < 2; ++i)
                     for (int j = 0; j < 2; ++j)
                         t[i][j] += S[i][j] * table[2 * nodes + b];
-                hoop += w->ss * weight * table[2 * nodes + b];
+                hoop += ss * table[2 * nodes + b];
             }
             for (int a = 0; a < nodes; ++a) {
                 for (int i = 0; i < 2; ++i)
@@ -192,6 +206,7 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
                       const Beside *beside, const int32_t *start, double *values)
 {
     const int nodes = triangles ? 3 : 4, full = nodes, size = 3 * nodes + 1;
+    const int shared = values && beside && material != VOLUMETRIC && beside->points == full;
     ivec bad = {};
     double sum = 0.0;
     for (int64_t b = 0; b < blocks; ++b, node += CORNERS * LANES) {
@@ -221,7 +236,7 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
             if (f)
                 add_forces(nodes, tabled, &here, &w, force);
             if (values)
-                add_matrix(nodes, tabled, &here, &w, matrix);
+                add_matrix(nodes, tabled, &here, &w, shared && part != VOLUME ? beside : 0, b, point, matrix);
             if (total)
                 energy += tabled[3 * nodes] * w.energy;
         }
@@ -231,7 +246,7 @@ INLINE int over_cells(enum material material, int triangles, int reduced, const 
                     f[2 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
         for (int l = 0; total && l < lanes; ++l)
             sum += energy[l];
-        if (values && beside)
+        if (values && beside && !shared)
             add_beside(beside, b, nodes, matrix);
         if (values)
             start = scatter_matrix(start, nodes, lanes, matrix, values);

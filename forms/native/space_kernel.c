@@ -223,7 +223,7 @@ typedef struct {
  * another; cells with J <= 0 are marked in `bad`. What takes a logarithm or a root of J is not a
  * number there. */
 typedef struct {
-    vec h[3][3], moduli[9][9];
+    vec h[3][3], moduli[9][9], inverse, J, weight; /* 1/det G, and the weight w |det G| */
     ivec bad;
 } Point;
 
@@ -345,6 +345,9 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int s
         s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
     }
     vec weight = law->weight * absolute(D);
+    out->inverse = of_D;
+    out->J = J;
+    out->weight = weight;
     for (vec *value = &s.J; value <= &s.I22; ++value)
         *value *= weight;
     for (int a = 0; a < 3; ++a)
@@ -517,6 +520,12 @@ INLINE void gradients(enum shape shape, const double *x, double dN[8][3])
         }
 }
 
+/* An entry of moduli, of which only the upper half is there. */
+INLINE const vec *of(const vec moduli[9][9], int p, int q)
+{
+    return p <= q ? &moduli[p][q] : &moduli[q][p];
+}
+
 /* Adds a point's part to the upper blocks (a <= b) of the cell's matrix. */
 INLINE void stiffen(int nodes, const vec moduli[9][9], const double dN[8][3], vec (*block)[3][3])
 {
@@ -525,8 +534,8 @@ INLINE void stiffen(int nodes, const vec moduli[9][9], const double dN[8][3], ve
         vec M[3][3][3];
         for (int p = 0; p < 9; ++p)
             for (int j = 0; j < 3; ++j)
-                M[p / 3][p % 3][j] = moduli[p][j] * dN[b][0] + moduli[p][3 + j] * dN[b][1] +
-                                     moduli[p][6 + j] * dN[b][2];
+                M[p / 3][p % 3][j] = *of(moduli, p, j) * dN[b][0] + *of(moduli, p, 3 + j) * dN[b][1] +
+                                     *of(moduli, p, 6 + j) * dN[b][2];
 #pragma GCC unroll 1
         for (int a = 0; a <= b; ++a, ++block)
             for (int i = 0; i < 3; ++i)
@@ -607,9 +616,10 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
             at_point(&law, G, g, second, &at);
             if (second) {
-                if (shared && law.part != VOLUME)
-                    shared->moduli(shared->cells, n, reversed(shape, point),
-                                   shape == HEXAHEDRON ? 2.0 : 1.0, g[0], at.moduli[0]);
+                if (shared && law.part != VOLUME) {
+                    const Place here = {G[0], g[0], at.inverse, at.J, all(1.0), at.weight};
+                    shared->moduli(shared->cells, n, reversed(shape, point), &here, at.moduli[0]);
+                }
                 gradients(shape, x, dN);
                 stiffen(nodes, at.moduli, dN, block);
             } else {

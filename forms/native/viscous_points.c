@@ -34,49 +34,43 @@ INLINE vec distance(int space, const tensor B, const tensor K)
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
-/* What a point has of F alone: H = F^-T, C, j = J^(-2/3). Of a frame F is only F T^-1, and `turn` is
- * T^-1 in space, for all that stands by its columns. */
+/* What a point has of its deformation alone, by the columns of g: F = g, H = g^-T, C = g^T g; J^(-2/3)
+ * and its inverse; 1/det(G)^2. */
 typedef struct {
-    tensor F, H, C, turn;
-    vec j, inverse, turned; /* j, 1/j and det T squared */
+    tensor F, H, C;
+    vec j, turned;
     ivec good;
 } Deformation;
 
-INLINE void deformation(int space, const vec *F, const vec *frame, Deformation *at)
+/* The root of the volume's ratio. */
+INLINE vec root_of(vec J, ivec *good)
 {
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    vec J, det = all(1.0);
-    if (frame && !space)
-        det = frame[0] * frame[3] - frame[1] * frame[2];
-    if (frame && space) {
-        tensor cofactor;
-        for (int i = 0; i < 3; ++i)
-            cross(frame + 3 * ((i + 1) % 3), frame + 3 * ((i + 2) % 3), cofactor[i]);
-        det = dot(frame, cofactor[0]);
-        vec inverse = 1.0 / det;
-        EACH(1, i, j) at->turn[j][i] = cofactor[i][j] * inverse;
-    }
-    for (int p = 0; p < (space ? 9 : 5); ++p)
-        at->F[place[p][0]][place[p][1]] = F[p];
+    *good = (ivec)(J > 0.0) & is_finite(J);
+    return inverse_cube_root_of_ratio(choose(*good, J, all(1.0)));
+}
+
+INLINE void deformation(int space, const Place *place, Deformation *at)
+{
+    const int dim = space ? 3 : 2;
+    const vec *g = place->g;
+    for (int x = 0; x < dim; ++x)
+        for (int i = 0; i < dim; ++i)
+            at->F[i][x] = g[dim * x + i];
     if (space) {
         for (int i = 0; i < 3; ++i)
             cross(at->F[(i + 1) % 3], at->F[(i + 2) % 3], at->H[i]);
-        J = dot(at->F[0], at->H[0]);
     } else {
-        at->H[0][0] = F[3] * F[4];
-        at->H[0][1] = -F[2] * F[4];
-        at->H[1][0] = -F[1] * F[4];
-        at->H[1][1] = F[0] * F[4];
-        at->H[2][2] = F[0] * F[3] - F[1] * F[2];
-        J = at->H[2][2] * F[4];
+        at->F[2][2] = place->hoop;
+        at->H[0][0] = g[3] * place->hoop;
+        at->H[0][1] = -g[1] * place->hoop;
+        at->H[1][0] = -g[2] * place->hoop;
+        at->H[1][1] = g[0] * place->hoop;
+        at->H[2][2] = place->J;
     }
-    J *= det;
-    at->good = (ivec)(J > 0.0) & is_finite(J);
-    vec root = inverse_cube_root(choose(at->good, J, all(1.0)));
+    vec root = root_of(space ? place->J : place->J * place->hoop, &at->good);
     at->j = root * root;
-    at->inverse = J * root;
-    at->turned = det * det;
-    vec scale = at->j * root * det;
+    at->turned = place->inverse * place->inverse;
+    vec scale = at->j * root * place->inverse;
     EACH(space, i, j) at->H[i][j] *= scale;
     UPPER(space, i, j)
     {
@@ -94,7 +88,13 @@ typedef struct {
     vec pressure, c;
 } Sum;
 
-/* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL in space, upper half; W = g I - y V. */
+INLINE void start(int space, Sum *sum)
+{
+    sum->pressure = sum->c = all(0.0);
+    EACH(space, i, j) sum->N[i][j] = sum->Z[i][j] = all(0.0);
+}
+
+/* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL in space, (J, i, L, k), upper half; W = g I - y V. */
 INLINE void add_branch(vec g, vec y, const tensor U, const tensor V, const tensor N, vec *A)
 {
     tensor W, yU;
@@ -105,12 +105,14 @@ INLINE void add_branch(vec g, vec y, const tensor U, const tensor V, const tenso
     }
 #pragma GCC unroll 9
     for (int p = 0; p < 9; ++p) {
-        const int i = p / 3, J = p % 3;
+        const int J = p / 3, i = p % 3;
         vec twice = (2.0 / 3.0) * yU[i][J];
 #pragma GCC unroll 9
         for (int q = p; q < 9; ++q) {
-            const int k = q / 3, L = q % 3;
-            A[p * 9 + q] += twice * U[k][L] + W[i][k] * N[J][L] - yU[i][L] * U[k][J];
+            const int L = q / 3, k = q % 3;
+            A[p * 9 + q] += twice * U[k][L]; /* one by one, three instructions for four */
+            A[p * 9 + q] += W[i][k] * N[J][L];
+            A[p * 9 + q] -= yU[i][L] * U[k][J];
         }
     }
 }
@@ -131,25 +133,27 @@ INLINE void branch_moduli(const Deformation *at, vec g, vec y, vec n, const tens
 }
 
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them; moduli in space only. */
-INLINE void branch(enum section section, double G, double t, double s, double ratio,
-                   const Deformation *at, const vec *frame, const vec *from, vec *to, vec *energies,
-                   vec *moduli, Sum *sum)
+ * the rate at the end, where there is a place for them; moduli in space only. Of a place with G
+ * all is by the columns of g, and times its weight. */
+INLINE void branch(enum section section, double G, double t, double s, double ratio, const Place *place,
+                   const Deformation *at, const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
 {
     const int space = section == SPACE;
     tensor old, M, K;
     vec share = t * at->j;
     symmetric_of(space, from, old);
-    if (frame) {
-        tensor half, transposed;
-        EACH(space, i, j) transposed[j][i] = at->turn[i][j];
-        multiply(space, old, at->turn, half);
-        multiply(space, transposed, half, old);
+    if (place->G) {
+        vec half[3][3];
+        for (int x = 0; x < 3; ++x)
+            for (int i = 0; i < 3; ++i)
+                half[x][i] = dot(old[i], place->G + 3 * x);
+        UPPER(1, x, y) M[x][y] = s * dot(half[x], place->G + 3 * y) + share * at->C[x][y];
+    } else {
+        UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
     }
-    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
     mirror(space, M);
-    vec m = cofactors(space, M, K), size = frame ? m * at->turned : m;
-    vec root = inverse_cube_root(size), square = root * root, part = square * at->j;
+    vec m = cofactors(space, M, K), size = place->G ? m * at->turned : m;
+    vec root = inverse_cube_root_of_ratio(size), square = root * root, part = square * at->j;
     vec along[3], apart = all(0.0);
     UPPER(space, i, j)
     {
@@ -160,7 +164,9 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     }
     /* a third of K:C, exactly K where both are isotropic */
     vec mean = along[0] + (1.0 / 3.0) * ((along[1] - along[0]) + (along[2] - along[0]) + apart);
-    vec g = frame ? G * part * at->turned : G * part; /* of K as m^(-2/3), so that N = K/m is not needed */
+    vec g = G * part; /* of K as m^(-2/3), so that N = K/m is not needed */
+    if (place->G)
+        g *= at->turned * place->weight;
     UPPER(space, i, j) sum->N[i][j] += g * K[i][j];
     sum->pressure += g * mean;
     if (energies) {
@@ -173,7 +179,7 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     }
     if (moduli) {
         vec inverse = square * root;
-        if (frame)
+        if (place->G)
             inverse *= at->turned;
         EACH(space, i, j) K[i][j] *= inverse;
         g *= m;
@@ -181,7 +187,7 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     }
 }
 
-/* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ in space, upper half and then the lower one. */
+/* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ in space, upper half. */
 INLINE void add_shared(const tensor H, const Sum *of, vec *A)
 {
     tensor Y, dH;
@@ -192,48 +198,56 @@ INLINE void add_shared(const tensor H, const Sum *of, vec *A)
     }
 #pragma GCC unroll 9
     for (int p = 0; p < 9; ++p) {
-        const int i = p / 3, J = p % 3;
+        const int J = p / 3, i = p % 3;
 #pragma GCC unroll 9
         for (int q = p; q < 9; ++q) {
-            const int k = q / 3, L = q % 3;
-            A[p * 9 + q] += H[i][J] * Y[k][L] + of->Z[i][J] * H[k][L] + dH[i][L] * H[k][J];
-            A[q * 9 + p] = A[p * 9 + q];
+            const int L = q / 3, k = q % 3;
+            A[p * 9 + q] += H[i][J] * Y[k][L];
+            A[p * 9 + q] += of->Z[i][J] * H[k][L];
+            A[p * 9 + q] += dH[i][L] * H[k][J];
         }
     }
 }
 
-/* P and A in the plane, see viscous_points.py: a L, b L, T_3 and T_4 summed up over the branches. */
-INLINE void in_plane(enum section section, const Branches *w, const Deformation *at, const vec *F,
-                     const vec *frame, const vec *state, vec *P, vec *A)
+/* P in the plane, and A, (J, i, L, k) and 33 last, upper half, see viscous_points.py: a L, b L, T_3 and
+ * T_4 summed up over the branches. Returns which points can be evaluated. */
+INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, const vec *state, vec *P,
+                     vec A[5][5])
 {
-    const int rows = section == STRAIN ? 4 : 5;
-    const vec j = at->j, jj = j * j, across = section == STRAIN ? all(1.0) : F[4] * F[4];
-    const vec H[4] = {at->H[0][0], at->H[0][1], at->H[1][0], at->H[1][1]}, hoop = at->H[2][2];
-    const vec jA = jj * across, jV = at->inverse * hoop * hoop; /* j^2 J^2/F33^2 */
+    const int rows = section == STRAIN ? 4 : 5, ring = section == RING;
+    const vec *g = at->g, *G = at->G, J = at->J;
+    ivec good;
+    const vec root = root_of(ring ? J * at->hoop : J, &good), j = root * root, jj = j * j;
+    const vec scale = ring ? at->inverse * j * root * at->hoop : at->inverse * j * root;
+    const vec H[4] = {g[3] * scale, -g[2] * scale, -g[1] * scale, g[0] * scale}, hoop = J * j * root;
+    const vec across = ring ? at->hoop * at->hoop : all(1.0), turned = at->inverse * at->inverse;
+    const vec jT = G ? j * turned : j, jA = (ring ? jj * across : jj) * (G ? turned : all(1.0)), jV = jj * J * J;
     vec first[3] = {}, second[3] = {}, third = all(0.0), fourth = all(0.0);
-    for (int k = 0; k < 25; ++k)
-        A[k] = all(0.0);
+#pragma GCC unroll 5
+    for (int k = 0; k < 5; ++k)
+#pragma GCC unroll 5
+        for (int l = k; l < 5; ++l)
+            A[k][l] = all(0.0);
 #pragma GCC unroll 1
     for (int b = 0; b < w->branches; ++b) {
-        const double G = w->modulus[b], t = w->share[b], s = w->rest[b];
+        const double modulus = w->modulus[b], t = w->share[b], s = w->rest[b];
         const vec *C = state + 4 * b;
         vec L[3] = {C[1], C[0], -C[3]}, d = C[0] * C[1] - C[3] * C[3], p[5], u[4];
-        if (frame) {
-            vec a = frame[0] * L[0] + frame[1] * L[2], c = frame[0] * L[2] + frame[1] * L[1];
-            vec e = frame[2] * L[0] + frame[3] * L[2], f = frame[2] * L[2] + frame[3] * L[1];
-            L[0] = a * frame[0] + c * frame[1];
-            L[1] = e * frame[2] + f * frame[3];
-            L[2] = a * frame[2] + c * frame[3];
+        if (G) { /* cofactors of G^T C G, which `turned` makes those of a tensor */
+            vec a = C[0] * G[0] + C[3] * G[1], c = C[3] * G[0] + C[1] * G[1];
+            L[1] = G[0] * a + G[1] * c;
+            L[2] = -(G[2] * a + G[3] * c);
+            L[0] = G[2] * (C[0] * G[2] + C[3] * G[3]) + G[3] * (C[3] * G[2] + C[1] * G[3]);
         }
-        for (int k = 0; k < 4; k += 2) {
-            u[k] = F[k] * L[0] + F[k + 1] * L[2];
-            u[k + 1] = F[k] * L[2] + F[k + 1] * L[1];
+        for (int i = 0; i < 2; ++i) {
+            u[i] = g[i] * L[0] + g[2 + i] * L[2];
+            u[2 + i] = g[i] * L[2] + g[2 + i] * L[1];
         }
-        vec I = F[0] * u[0] + F[1] * u[1] + F[2] * u[2] + F[3] * u[3];
-        vec one = (s * s) * j, two = (s * t) * jA, three = one * across * d, four = (s * t) * jV * C[2];
-        one *= C[2];
+        vec I = (g[0] * u[0] + g[1] * u[1]) + (g[2] * u[2] + g[3] * u[3]);
+        vec one = (s * s) * jT * C[2], two = (s * t) * jA, four = (s * t) * jV * C[2];
+        vec three = ring ? (s * s) * j * across * d : (s * s) * j * d;
         vec sum = one + two, m = (s * s * s) * (C[2] * d) + t * (sum * I + three + four) + t * t * t;
-        vec root = inverse_cube_root(m), by = (0.5 * G) * (root * root);
+        vec root = inverse_cube_root_of_ratio(m), by = (0.5 * modulus) * (root * root);
         one *= by, two *= by, three *= by, four *= by, sum *= 2.0 * by;
         for (int k = 0; k < 3; ++k) {
             first[k] += one * L[k];
@@ -242,7 +256,7 @@ INLINE void in_plane(enum section section, const Branches *w, const Deformation 
         third += three;
         fourth += four;
         vec slope = (2.0 / 3.0) * (four - three - (one + 2.0 * two) * I);
-        vec bent = (-4.0 / 3.0 * t / G) * root;
+        vec bent = (-4.0 / 3.0 * t / modulus) * root;
         for (int k = 0; k < 4; ++k)
             p[k] = sum * u[k] + slope * H[k];
         p[4] = (2.0 / 3.0) * ((two - one) * I + 2.0 * (three - four)) * hoop;
@@ -251,67 +265,122 @@ INLINE void in_plane(enum section section, const Branches *w, const Deformation 
             vec row = bent * p[k];
 #pragma GCC unroll 5
             for (int l = k; l < rows; ++l)
-                A[5 * k + l] += row * p[l];
+                A[k][l] += row * p[l];
         }
     }
     vec U[4], V[4], T = all(0.0), S = all(0.0), Z[4];
     for (int k = 0; k < 4; ++k) {
-        const int row = k & 2, to = k & 1;
-        U[k] = F[row] * first[to ? 2 : 0] + F[row + 1] * first[to ? 1 : 2];
-        V[k] = F[row] * second[to ? 2 : 0] + F[row + 1] * second[to ? 1 : 2];
-        T += F[k] * U[k];
-        S += F[k] * V[k];
+        const int i = k & 1, x = k & 2;
+        U[k] = g[i] * first[x ? 2 : 0] + g[2 + i] * first[x ? 1 : 2];
+        V[k] = g[i] * second[x ? 2 : 0] + g[2 + i] * second[x ? 1 : 2];
+        T += g[k] * U[k];
+        S += g[k] * V[k];
     }
     vec slope = (2.0 / 3.0) * (fourth - third - T - 2.0 * S);
     vec turn = (5.0 / 9.0) * (T + third) + (14.0 / 9.0) * S - (1.0 / 9.0) * fourth;
     vec mixed = (4.0 / 9.0) * T - (8.0 / 9.0) * (S + third + fourth);
-    vec area = slope * (H[0] * H[3] - H[1] * H[2]);
+    vec area = slope * scale;
     for (int k = 0; k < 4; ++k) {
-        P[k] = 2.0 * (U[k] + V[k]) + slope * H[k];
+        if (P)
+            P[2 * (k & 1) + (k >> 1)] = 2.0 * (U[k] + V[k]) + slope * H[k];
         Z[k] = turn * H[k] - (4.0 / 3.0) * (U[k] + 2.0 * V[k]);
-        A[5 * k + 4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
+        A[k][4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
     }
-    P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
-    A[24] += ((10.0 / 9.0) * T - (2.0 / 9.0) * S + (4.0 / 9.0) * third + (28.0 / 9.0) * fourth) * (hoop * hoop);
+    if (P)
+        P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
+    A[4][4] += ((10.0 / 9.0) * T - (2.0 / 9.0) * S + (4.0 / 9.0) * third + (28.0 / 9.0) * fourth) * (hoop * hoop);
     for (int k = 0; k < 3; ++k)
         first[k] = 2.0 * (first[k] + second[k]);
-    for (int k = 0; k < 4; k += 2) {
-        A[6 * k] += first[0];
-        A[6 * k + 1] += first[2];
-        A[6 * k + 6] += first[1];
+    for (int i = 0; i < 2; ++i) {
+        A[i][i] += first[0];
+        A[i][2 + i] += first[2];
+        A[2 + i][2 + i] += first[1];
     }
-    A[3] += area;
-    A[7] -= area;
+    A[0][3] += area;
+    A[1][2] -= area;
 #pragma GCC unroll 4
     for (int k = 0; k < 4; ++k)
 #pragma GCC unroll 4
         for (int l = k; l < 4; ++l)
-            A[5 * k + l] += H[k] * Z[l] + Z[k] * H[l];
-    for (int k = 0; k < 5; ++k)
-        for (int l = 0; l < k; ++l)
-            A[5 * k + l] = A[5 * l + k];
+            A[k][l] = (A[k][l] + H[k] * Z[l]) + Z[k] * H[l];
+    return good;
+}
+
+/* See AddModuli of point_lanes.h. */
+INLINE void add_moduli(enum section section, const void *material, const Place *at, const vec *state,
+                       vec *out)
+{
+    const Branches *w = material;
+    Place here = *at;
+    if (section == RING)
+        here.G = 0;
+    else if (!here.G)
+        __builtin_unreachable();
+    if (section != SPACE) {
+        const int count = section == STRAIN ? 4 : 5;
+        vec A[5][5];
+        ivec good = in_plane(section, w, &here, state, 0, A);
+        vec weight = (vec)((ivec)here.weight | ~good); /* all bits set: not a number */
+        for (int k = 0; k < count; ++k)
+            for (int l = k; l < count; ++l)
+                out[count * k + l] += weight * A[k][l];
+        return;
+    }
+    Deformation of;
+    Sum sum;
+    start(1, &sum);
+    deformation(1, &here, &of);
+    here.weight = (vec)((ivec)here.weight | ~of.good);
+#pragma GCC unroll 1
+    for (int b = 0; b < w->branches; ++b)
+        branch(SPACE, w->modulus[b], w->share[b], w->rest[b], 0.0, &here, &of, state + 6 * b, 0, 0, out, &sum);
+    mirror(1, sum.N);
+    add_shared(of.H, &sum, out);
+}
+
+/* Moduli of a point by itself. */
+INLINE void whole(int space, const vec *upper, vec *moduli)
+{
+    const int dim = space ? 3 : 2, count = space ? 9 : 5, all_of = dim * dim;
+    for (int p = 0; p < count; ++p)
+        for (int q = 0; q < count; ++q) {
+            const int a = p < all_of ? dim * (p % dim) + p / dim : p;
+            const int b = q < all_of ? dim * (q % dim) + q / dim : q;
+            moduli[count * p + q] = a < b ? upper[count * a + b] : upper[count * b + a];
+        }
 }
 
 /* See Update of point_lanes.h; the state is the C of all branches, what each has dissipated, and
  * what each stores. */
-INLINE void update(enum section section, const Branches *w, const vec *F, const vec *frame,
-                   const vec *state, vec *P, vec *end, vec *moduli, vec *energies, ivec *good)
+INLINE void update(enum section section, const Branches *w, const vec *F, const vec *state, vec *P,
+                   vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4;
+    const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4, dim = space ? 3 : 2;
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
     const int width = kept + branches;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     Sum sum;
     Deformation at;
     tensor FN;
-    vec ok = all(0.0);
-    sum.pressure = sum.c = all(0.0);
-    EACH(space, i, j) sum.N[i][j] = sum.Z[i][j] = all(0.0);
-    deformation(space, F, frame, &at);
-    if (moduli && !space)
-        in_plane(section, w, &at, F, frame, state, P, moduli);
+    vec ok = all(0.0), g[9], upper[81];
+    for (int p = 0; p < dim * dim; ++p)
+        g[dim * (p % dim) + p / dim] = F[p];
+    Place here = {0, g, all(1.0), space ? all(0.0) : g[0] * g[3] - g[1] * g[2], F[4], all(1.0)};
+    if (space) {
+        vec normal[3];
+        cross(g + 3, g + 6, normal);
+        here.J = dot(g, normal);
+    }
+    start(space, &sum);
+    if (space || !moduli || energies)
+        deformation(space, &here, &at);
+    if (moduli && !space) {
+        vec A[5][5];
+        at.good = in_plane(section, w, &here, state, P, A);
+        whole(0, A[0], moduli);
+    }
     for (int k = 0; moduli && space && k < 81; ++k)
-        moduli[k] = all(0.0);
+        upper[k] = all(0.0);
     for (int k = 0; energies && k < ENERGIES; ++k)
         energies[k] = all(0.0);
 #pragma GCC unroll 1
@@ -319,8 +388,8 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         const double ratio = w->ratio[b];
         const int late = w->share[b] < 0.5;
         vec energy[2];
-        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &at, frame, state + size * b,
-               end ? end + size * b : 0, energies ? energy : 0, space ? moduli : 0, &sum);
+        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &here, &at, state + size * b,
+               end ? end + size * b : 0, energies ? energy : 0, space && moduli ? upper : 0, &sum);
         if (!energies)
             continue;
         vec by = late ? 0.5 * ratio * energy[1] : all(1.0);
@@ -341,8 +410,10 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         const int i = place[p][0], J = place[p][1];
         P[p] = FN[i][J] - sum.pressure * at.H[i][J];
     }
-    if (moduli && space)
-        add_shared(at.H, &sum, moduli);
+    if (moduli && space) {
+        add_shared(at.H, &sum, upper);
+        whole(1, upper, moduli);
+    }
     for (int p = 0; p < count; ++p)
         ok += P[p] - P[p];
     if (energies) /* with these and P all of a branch is finite */
@@ -356,3 +427,13 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
 KERNEL(viscous_strain, STRAIN, update)
 KERNEL(viscous_ring, RING, update)
 KERNEL(viscous_space, SPACE, update)
+
+#define MODULI(name, section)                                                                      \
+    EXPORT void tribox_viscous_moduli_##name(const void *material, const Place *at,                \
+                                             const vec *state, vec *out)                           \
+    {                                                                                              \
+        add_moduli(section, material, at, state, out);                                             \
+    }
+MODULI(strain, STRAIN)
+MODULI(ring, RING)
+MODULI(space, SPACE)

@@ -18,14 +18,11 @@ import numpy.typing as npt
 MAX_CELLS = 10_000_000
 """More cells than this in one body are taken for a mistake in the element size."""
 
-SHORTEST, LONGEST = 1e-15, 1e15
-"""Lengths in m: powers of them are still numbers."""
+SHORTEST, LONGEST = 1e-15, 1e15  # lengths in m: powers of them are still numbers
 
-MAX_GRADING = 1000.0
-"""Largest ratio of element extents within a block, either way."""
+MAX_GRADING = 1000.0  # largest ratio of element extents within a block, either way
 
-ROUND_OFF = 1.0 + 1e-9
-"""1 mm in steps of 0.1 mm is 10 steps, not 11."""
+ROUND_OFF = 1.0 + 1e-9  # 1 mm in steps of 0.1 mm is 10 steps, not 11
 
 CELLS = {"quadrilateral": 2, "triangle": 2, "hexahedron": 3, "tetrahedron": 3}
 """Shapes of cells, and their dimension."""
@@ -42,22 +39,16 @@ class PlacedBlock:
 
     Either ``elements`` or ``size`` is given.
 
-    Attributes:
-        name: of the body; its sides are surfaces NAME_left, NAME_right and so on (:data:`SIDES`).
-        low: (i,), m, its corner of least coordinates; high: (i,), m, the opposite one.
-        elements: (i,) their number along each axis.
-        size: m, largest extent of an element at the finest end of each axis.
-        grading: (i,) extent of the last element over that of the first, along each axis.
-
     Raises:
         ValueError: If a value is out of its range; the message names block, field and value.
     """
 
-    name: str
-    low: Sequence[float]
-    high: Sequence[float]
-    elements: Sequence[int] | None = None
-    size: float | None = None
+    name: str  # of the body; its sides are surfaces NAME_left, NAME_right, ... (:data:`SIDES`)
+    low: Sequence[float]  # (i,), m, its corner of least coordinates
+    high: Sequence[float]  # (i,), m, the opposite one
+    elements: Sequence[int] | None = None  # (i,) their number along each axis
+    size: float | None = None  # m, largest extent of an element at the finest end of each axis
+    # (i,) extent of the last element over that of the first, along each axis
     grading: Sequence[float] = ()
 
     def __post_init__(self) -> None:
@@ -152,23 +143,18 @@ def _sum(count: int, ratio: float) -> float:
     return math.expm1(count * log_q) / math.expm1(log_q)
 
 
-FIT = 0.05
-"""Share of their extent by which blocks may overlap, as those of a press fit do."""
+FIT = 0.05  # share of their extent by which blocks may overlap, as those of a press fit do
 
 
 @dataclass(frozen=True, slots=True)
 class RegularMesh:
-    """A mesh of quadrilaterals, or of hexahedra.
+    """A mesh of quadrilaterals, or of hexahedra."""
 
-    Attributes:
-        cell: shape of the cells.
-        position: (n, 3), m; bodies: tag and nodes (c, 4) or (c, 8) of the cells of each.
-        surfaces: tag and nodes (f, 2) or (f, 4) of the facets of each.
-    """
-
-    cell: str
-    position: npt.NDArray[np.float64]
+    cell: str  # shape of the cells
+    position: npt.NDArray[np.float64]  # (n, 3), m
+    # tag and nodes (c, 4) or (c, 8) of the cells of each
     bodies: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
+    # tag and nodes (f, 2) or (f, 4) of the facets of each
     surfaces: Mapping[str, tuple[int, npt.NDArray[np.int64]]]
 
 
@@ -176,18 +162,15 @@ class RegularMesh:
 class Blocks:
     """Rectangles or boxes that do not overlap by more than a press fit does.
 
-    Attributes:
-        blocks: with different names; cell: shape of all cells, see :data:`CELLS`.
-        groups: names of points and edges, each with the names of the sides that meet there.
-        renamed: other names of sides, by those that they would have.
-
     Raises:
         ValueError: If blocks overlap so, or do not go with the cells; if sides do not meet.
     """
 
-    blocks: tuple[PlacedBlock, ...]
-    cell: str = "quadrilateral"
+    blocks: tuple[PlacedBlock, ...]  # with different names
+    cell: str = "quadrilateral"  # shape of all cells, see :data:`CELLS`
+    # names of points and edges, each with the names of the sides that meet there
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    # other names of sides, by those that they would have
     renamed: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

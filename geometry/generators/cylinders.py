@@ -26,13 +26,7 @@ from tribox.geometry.generators.sphere_on_block import (
     boxed_section,
     round_section,
 )
-from tribox.geometry.generators.two_blocks import (
-    CELLS,
-    check_growth,
-    check_pair,
-    layers,
-    mesh_pair,
-)
+from tribox.geometry.generators.two_blocks import CELLS, check_growth, check_pair, layers, mesh_pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +59,14 @@ class HalfCylinder:
 class FlatBlock:
     """A rectangular block, touched in the middle of one side.
 
-    Attributes:
-        width: Extent in x, m.
-        height: Extent in y, m.
-        contact_width: Extent in x of the contact zone, m; the surface outside it never touches.
-        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    width: float
-    height: float
-    contact_width: float
-    contact_size: float
+    width: float  # extent in x, m
+    height: float  # extent in y, m
+    contact_width: float  # extent in x of the contact zone, m; outside it never touches
+    contact_size: float  # largest width of a cell there, and height on its surface, m
 
     def __post_init__(self) -> None:
         check_length("width", self.width)

@@ -42,19 +42,13 @@ ENDS = {4: "left", 0: "right"}
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """Where the points of one name lie; those on the axis have no radius.
+    """Where the points of one name lie; those on the axis have no radius."""
 
-    Attributes:
-        radius: Distance from the axis in the half planes x and z, m.
-        y: Height there, m.
-        diagonal: x and z half way between them, m.
-        on: The surface or curve that the point lies on: "sphere", "circle" (about the axis, in its
-            own plane) or "".
-    """
-
-    radius: float
-    y: float
-    diagonal: float = 0.0
+    radius: float  # distance from the axis in the half planes x and z, m
+    y: float  # height there, m
+    diagonal: float = 0.0  # x and z half way between them, m
+    # the surface or curve that the point lies on: "sphere", "circle" (about the axis, in its own
+    # plane) or ""
     on: str = ""
 
 
@@ -68,24 +62,17 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """One body's section.
+    """One body's section."""
 
-    Attributes:
-        rings: Its points by name.
-        parts: Quadrilaterals (four names each) of the section, first those next to the axis, which
-            name it first and last.
-        edges: Between points of two names.
-        across: Number of cells across half the contact zone, and round an eighth of a turn.
-        faces: Edges of the section by the surface they belong to.
-        centre: Height of the sphere's centre, m.
-    """
-
-    rings: dict[str, Ring]
+    rings: dict[str, Ring]  # its points by name
+    # quadrilaterals (four names each) of the section, first those next to the axis, which name it
+    # first and last
     parts: tuple[tuple[str, str, str, str], ...]
-    edges: dict[tuple[str, str], Edge]
-    across: int
+    edges: dict[tuple[str, str], Edge]  # between points of two names
+    across: int  # number of cells across half the contact zone, and round an eighth of a turn
+    # edges of the section by the surface they belong to
     faces: dict[str, tuple[tuple[str, str], ...]]
-    centre: float = math.nan
+    centre: float = math.nan  # height of the sphere's centre, m
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,22 +271,15 @@ Corner = tuple[str, int]
 
 @dataclass(slots=True)
 class Drawing:
-    """One body in the current gmsh model; points, curves and faces are made once each.
+    """One body in the current gmsh model; points, curves and faces are made once each."""
 
-    Attributes:
-        body: The body that is drawn.
-        part: How much of it; "line": its section and the mirror image of that.
-        cell: Shape of the cells.
-        upwards: 1 or -1: which way from the contact it lies.
-        cells: Tags of the faces (of the section) or volumes made.
-        named: Tags of the curves or faces of each side.
-    """
-
-    body: Body
-    part: Part | Literal["line"]
-    cell: str
-    upwards: float = 1.0
+    body: Body  # the body that is drawn
+    part: Part | Literal["line"]  # how much of it; "line": its section and the mirror image of that
+    cell: str  # shape of the cells
+    upwards: float = 1.0  # 1 or -1: which way from the contact it lies
+    # tags of the faces (of the section) or volumes made
     cells: list[int] = field(default_factory=list)
+    # tags of the curves or faces of each side
     named: dict[str, list[int]] = field(default_factory=dict)
     _points: dict[Corner, int] = field(default_factory=dict)
     _curves: dict[tuple[Corner, Corner], int] = field(default_factory=dict)

@@ -207,8 +207,7 @@ def layers(length: float, size: float, growth: float) -> int:
     return max(1, math.ceil(cells))
 
 
-MAX_GROWTH = 2.0
-"""Largest size of a cell over that of its neighbour on the contact side."""
+MAX_GROWTH = 2.0  # largest size of a cell over that of its neighbour on the contact side
 
 
 def check_growth(growth: float) -> None:

@@ -16,12 +16,10 @@ import numpy as np
 
 from tribox.geometry.meshes.gmsh_model import MeshError, ask, gmsh_session, named_groups
 
-LONGEST = 3600.0
-"""Processor time of a drawing, s."""
+LONGEST = 3600.0  # processor time of a drawing, s
 
 GEO, STEP = (".geo",), (".step", ".stp")
-DRAWINGS = (*GEO, *STEP)
-"""Endings of the names of drawings."""
+DRAWINGS = (*GEO, *STEP)  # endings of the names of drawings
 
 Spot = int | Sequence[float]
 """A part of a drawing: its number, or a point (3,) on it, in the drawing's units."""
@@ -29,26 +27,18 @@ Spot = int | Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class Meshing:
-    """How a drawing is meshed; lengths in its own units, those of STEP files in m.
+    """How a drawing is meshed; lengths in its own units, those of STEP files in m."""
 
-    Attributes:
-        size: largest element size; None: the drawing's own.
-        sizes: element sizes on surfaces and in bodies, by name.
-        order: of the cells; None: the drawing's own.
-        cell: their shape; None: the drawing's own, or simplices.
-        bodies, surfaces: parts of the drawing by the name they are to have.
-        every: whether each body and surface gets a name of its own, from its number.
-        most: largest number of cells; None: any.
-    """
-
-    size: float | None = None
+    size: float | None = None  # largest element size; None: the drawing's own
+    # element sizes on surfaces and in bodies, by name
     sizes: Mapping[str, float] = field(default_factory=dict)
-    order: int | None = None
-    cell: str | None = None
+    order: int | None = None  # of the cells; None: the drawing's own
+    cell: str | None = None  # their shape; None: the drawing's own, or simplices
+    # parts of the drawing by the name they are to have
     bodies: Mapping[str, Sequence[Spot]] = field(default_factory=dict)
-    surfaces: Mapping[str, Sequence[Spot]] = field(default_factory=dict)
-    every: bool = False
-    most: int | None = None
+    surfaces: Mapping[str, Sequence[Spot]] = field(default_factory=dict)  # likewise
+    every: bool = False  # whether each body and surface gets a name of its own, from its number
+    most: int | None = None  # largest number of cells; None: any
 
 
 AS_DRAWN = Meshing()
@@ -190,8 +180,7 @@ def _count(gmsh: ModuleType, dim: int, tag: int) -> int:
 # Parts are chosen by gmsh's numbers of them, which `tribox mesh` shows, or by points on them, which
 # stay the same where the drawing is made anew.
 
-OFF = 1e-3
-"""Distance over the extent of the drawing up to which a point counts as on a part."""
+OFF = 1e-3  # distance over the extent of the drawing up to which a point counts as on a part
 
 _KIND = {1: "curve", 2: "face", 3: "volume"}
 

@@ -158,10 +158,8 @@ def _by_shape(parts: _Named) -> Parts:
 
 Longs = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
-Blocks = Mapping[str, Longs]
-"""Elements (c, a) of each shape."""
-Parts = Mapping[str, tuple[int, Blocks]]
-"""Tag and elements of each body or surface."""
+Blocks = Mapping[str, Longs]  # elements (c, a) of each shape
+Parts = Mapping[str, tuple[int, Blocks]]  # tag and elements of each body or surface
 
 _PLURAL = {
     "triangle": "triangles",

@@ -142,8 +142,7 @@ def main(arguments: list[str]) -> int:
 
 Longs = npt.NDArray[np.int64]
 
-FLAT = 1e-14
-"""Smallest extent of a cell: its determinant over the power of its longest side."""
+FLAT = 1e-14  # smallest extent of a cell: its determinant over the power of its longest side
 
 # Corners joined to the first one.
 _AROUND = {

@@ -23,17 +23,13 @@ import numpy.typing as npt
 
 import tribox
 
-PLANE_TOLERANCE = 1e-9
-"""Largest |z| of a plane mesh, relative to its size in the plane."""
+PLANE_TOLERANCE = 1e-9  # largest |z| of a plane mesh, relative to its size in the plane
 
-SAME_PLACE = 1e-8
-"""Distance of two nodes that are one place, relative to the extent of all."""
+SAME_PLACE = 1e-8  # distance of two nodes that are one place, relative to the extent of all
 
-LONGEST_NAME = 100
-"""Letters of the name of a body or surface."""
+LONGEST_NAME = 100  # letters of the name of a body or surface
 
-FARTHEST = 1e30
-"""Largest coordinate, m: the fourth power of a length is still a number."""
+FARTHEST = 1e30  # largest coordinate, m: the fourth power of a length is still a number
 
 _ENTITY = {0: "point", 1: "curve", 2: "face", 3: "volume"}
 
@@ -44,18 +40,12 @@ class MeshError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class NamedGroups:
-    """The named parts of a gmsh model.
+    """The named parts of a gmsh model."""
 
-    Attributes:
-        dim: Dimension of the cells, 2 or 3.
-        bodies: Physical tag of each named group of cells.
-        surfaces: Physical tag of each named group of facets.
-        groups: Dimension and entities of each named group of points, and in 3D of curves.
-    """
-
-    dim: int
-    bodies: dict[str, int]
-    surfaces: dict[str, int]
+    dim: int  # dimension of the cells, 2 or 3
+    bodies: dict[str, int]  # physical tag of each named group of cells
+    surfaces: dict[str, int]  # physical tag of each named group of facets
+    # dimension and entities of each named group of points, and in 3D of curves
     groups: dict[str, tuple[int, list[int]]]
 
 
@@ -461,17 +451,11 @@ PLACES: dict[str, tuple[tuple[float, ...], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of elements that can be read.
+    """A kind of elements that can be read."""
 
-    Attributes:
-        shape: of it, for instance "triangle".
-        order: 1 or 2; of order 2 with all nodes that a product of quadratic functions has.
-        nodes: number of its nodes; the corners come first.
-    """
-
-    shape: str
-    order: int
-    nodes: int
+    shape: str  # of it, for instance "triangle"
+    order: int  # 1 or 2; of order 2 with all nodes that a product of quadratic functions has
+    nodes: int  # number of its nodes; the corners come first
 
 
 KINDS = {
@@ -501,8 +485,7 @@ def nodes_of(shape: str, order: int) -> int:
 # -- Starts the process that gmsh reads foreign files in, and tells what became of it --------------
 
 
-REFUSED = 9
-"""Exit code of the process where it knows what is wrong: the line is on standard output."""
+REFUSED = 9  # exit code of the process where it knows what is wrong: the line is on standard output
 
 MODULE = "tribox.geometry.meshes.foreign"
 

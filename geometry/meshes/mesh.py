@@ -26,20 +26,13 @@ from tribox.geometry.generators.blocks import Blocks
 from tribox.geometry.generators.two_blocks import TwoBlocks
 from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
 from tribox.geometry.meshes.extraction import arrays_of
-from tribox.geometry.meshes.gmsh_model import (
-    CORNERS,
-    MeshError,
-    Shape,
-    ask,
-    gmsh_session,
-)
+from tribox.geometry.meshes.gmsh_model import CORNERS, MeshError, Shape, ask, gmsh_session
 from tribox.geometry.meshes.mesh_arrays import MeshArrays, Part, unpacked
 from tribox.geometry.meshes.partition import metis_is_available, share_out
 
 __all__ = ["MeshError", "NamedMesh", "generate", "read"]
 
-MOST_CELLS = 5_000_000
-"""Cells of a file that are read unless more are asked for."""
+MOST_CELLS = 5_000_000  # cells of a file that are read unless more are asked for
 
 MOST_BYTES = 4000  # of a file, for each cell: ten times what gmsh writes
 # For reading a file, ten times what gmsh takes and its start: processor time, and bytes of memory.
@@ -383,17 +376,11 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Points, or in space edges, of a mesh.
+    """Points, or in space edges, of a mesh."""
 
-    Attributes:
-        dim: 0 for points, 1 for edges.
-        entities: (e,) local points or edges, ghosts included.
-        vertices: (n,) local points of the group, ghosts included.
-    """
-
-    dim: int
-    entities: Ints
-    vertices: Ints
+    dim: int  # 0 for points, 1 for edges
+    entities: Ints  # (e,) local points or edges, ghosts included
+    vertices: Ints  # (n,) local points of the group, ghosts included
 
     def shares(self, space: dolfinx.fem.FunctionSpace) -> Floats:
         """Shares (n,) of the owned nodes in a load spread evenly over the group; collective.

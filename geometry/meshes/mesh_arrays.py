@@ -27,38 +27,25 @@ from tribox.geometry.meshes.gmsh_model import (
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A body or a surface.
+    """A body or a surface."""
 
-    Attributes:
-        tag: its number.
-        nodes: (c, a) or (f, a) nodes of its cells or facets, in gmsh's order: corners come first.
-    """
-
-    tag: int
+    tag: int  # its number
+    # (c, a) or (f, a) nodes of its cells or facets, in gmsh's order: corners come first
     nodes: npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class MeshArrays:
-    """A mesh on one process.
+    """A mesh on one process."""
 
-    Attributes:
-        cell: shape of its cells, for instance "triangle".
-        position: (n, 3), m, of the nodes.
-        bodies: cells by name.
-        surfaces: facets by name.
-        groups: nodes (e, 1) of points, or in space (e, 2) of edges, by name.
-        order: 1: cells are straight; 2: they are curved.
-        notes: what the reader did to it, one line each.
-    """
-
-    cell: str
-    position: npt.NDArray[np.float64]
-    bodies: dict[str, Part]
-    surfaces: dict[str, Part]
+    cell: str  # shape of its cells, for instance "triangle"
+    position: npt.NDArray[np.float64]  # (n, 3), m, of the nodes
+    bodies: dict[str, Part]  # cells by name
+    surfaces: dict[str, Part]  # facets by name
+    # nodes (e, 1) of points, or in space (e, 2) of edges, by name
     groups: dict[str, npt.NDArray[np.int64]] = field(default_factory=dict)
-    order: int = 1
-    notes: tuple[str, ...] = ()
+    order: int = 1  # 1: cells are straight; 2: they are curved
+    notes: tuple[str, ...] = ()  # what the reader did to it, one line each
 
     @property
     def dim(self) -> int:

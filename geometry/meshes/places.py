@@ -23,17 +23,11 @@ _SIMPLICES = ("triangle", "tetrahedron")
 
 @dataclass(frozen=True, slots=True)
 class CellPlaces:
-    """Points in the cells around them; one on a side between cells is in each of these.
+    """Points in the cells around them; one on a side between cells is in each of these."""
 
-    Attributes:
-        point: (k,) number of the point.
-        cell: (k,) local number of the cell.
-        xi: (k, α) reference coordinates of the point in the cell.
-    """
-
-    point: Longs
-    cell: Ints
-    xi: Floats
+    point: Longs  # (k,) number of the point
+    cell: Ints  # (k,) local number of the cell
+    xi: Floats  # (k, α) reference coordinates of the point in the cell
 
 
 def shape_functions(cell: str, degree: int, order: int, xi: Floats) -> Floats:

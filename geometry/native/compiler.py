@@ -148,7 +148,7 @@ def _made(source: Path, target: Path) -> ctypes.CDLL:
 
 # -- The libraries of this directory's C sources ---------------------------------------------------
 
-SOURCES = ("closest_points.c",)
+SOURCES = ("closest_points.c", "polyline.c")
 
 
 @functools.cache

@@ -48,10 +48,7 @@ class _Shape(ctypes.Structure):
 
 
 class _Surface(ctypes.Structure):
-    _fields_ = (
-        ("shape", ctypes.c_void_p),
-        *_fields("facets stamp", "controls made"),
-    )
+    _fields_ = (("shape", ctypes.c_void_p), *_fields("facets stamp", "controls made"))
 
 
 class _Task(ctypes.Structure):
@@ -69,19 +66,15 @@ class _Geometry(ctypes.Structure):
 
 @dataclass(slots=True)
 class Candidates:
-    """Facets among which the closest of each point is.
+    """Facets among which the closest of each point is."""
 
-    Attributes:
-        start: (q + 1,) where the facets of each point begin in ``facet`` (p,) and ``beyond`` (p,),
-            m: what their distance exceeded the least one by when they were found.
-        limit: m; facets beyond it need not be looked at.
-        alone: (q,) the only facet of points far away, −1 for all others; None: there are none.
-    """
-
+    # (q + 1,) where the facets of each point begin in ``facet`` (p,) and ``beyond`` (p,), m: what
+    # their distance exceeded the least one by when they were found
     start: Longs
     facet: Ints
     beyond: Floats
-    limit: float
+    limit: float  # m; facets beyond it need not be looked at
+    # (q,) the only facet of points far away, −1 for all others; None: there are none
     alone: Ints | None = None
 
 

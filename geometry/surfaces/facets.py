@@ -44,39 +44,25 @@ _LEBESGUE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
-    """One side of a facet: an edge of a face, or an end of a segment.
+    """One side of a facet: an edge of a face, or an end of a segment."""
 
-    Attributes:
-        shape: of the edge; None for a point.
-        nodes: the facet's nodes on it, in the order of ``shape``.
-        origin: (α,) where the side begins in the facet's reference domain.
-        direction: (α,) from there to its end; zero for a point.
-    """
-
-    shape: FacetShape | None
-    nodes: tuple[int, ...]
-    origin: Floats
-    direction: Floats
+    shape: FacetShape | None  # of the edge; None for a point
+    nodes: tuple[int, ...]  # the facet's nodes on it, in the order of ``shape``
+    origin: Floats  # (α,) where the side begins in the facet's reference domain
+    direction: Floats  # (α,) from there to its end; zero for a point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FacetShape:
-    """A Lagrange facet.
+    """A Lagrange facet."""
 
-    Attributes:
-        cell: "interval", "triangle" or "quadrilateral"; degree: 1, 2 or 3.
-        points: (a, α) reference coordinates of the nodes.
-        corners: number of corner nodes; they come first.
-        sides: of the facet.
-        corner_directions: (corners, α, α) from each corner along its sides in the reference domain,
-            the first along the side that begins there.
-    """
-
-    cell: str
-    degree: int
-    points: Floats
-    corners: int
-    sides: tuple[Side, ...]
+    cell: str  # "interval", "triangle" or "quadrilateral"
+    degree: int  # 1, 2 or 3
+    points: Floats  # (a, α) reference coordinates of the nodes
+    corners: int  # number of corner nodes; they come first
+    sides: tuple[Side, ...]  # of the facet
+    # (corners, α, α) from each corner along its sides in the reference domain, the first along the
+    # side that begins there
     corner_directions: Floats
     _powers: Ints = field(repr=False)
     _coefficients: Floats = field(repr=False)

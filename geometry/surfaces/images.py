@@ -14,14 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tribox.geometry.surfaces.facets import (
-    Bools,
-    FacetShape,
-    Floats,
-    Ints,
-    Longs,
-    unit_normals,
-)
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs, unit_normals
 
 ACROSS = 0.7  # of the normal along that of a plane, up to which a facet may go on beyond it
 ON_PLANE = 1e-9  # of a surface's extent, within which nodes are on one plane
@@ -30,15 +23,11 @@ ALONG = 1.0 - 1e-6  # the same as ACROSS, from which a facet lies in the plane i
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """Nodes that stay where they are along axes, and so may be on planes of symmetry.
+    """Nodes that stay where they are along axes, and so may be on planes of symmetry."""
 
-    Attributes:
-        nodes: by axis, global nodes (n,) of all ranks that stay where they are along it.
-        levels: by axis, m, where those are that the other surface of a pair has.
-    """
-
+    # by axis, global nodes (n,) of all ranks that stay where they are along it
     nodes: Sequence[Longs]
-    levels: Sequence[Floats]
+    levels: Sequence[Floats]  # by axis, m, where those are that the other surface of a pair has
 
     def shared(
         self, planes: Sequence[tuple[int, Bools]], position: Floats, extent: float
@@ -65,22 +54,14 @@ def held_along(held: Sequence[Longs], nodes: Longs) -> Bools:
 
 @dataclass(frozen=True, slots=True)
 class Images:
-    """What continues a surface beyond planes of symmetry, across the axes of coordinates.
+    """What continues a surface beyond planes of symmetry, across the axes of coordinates."""
 
-    Attributes:
-        facets: (b, a) beyond them; rows of nodes, and behind these of the images.
-        of: (g,) the nodes that there are images of; across: (g, i) nodes in the planes across the
-            axes along which they are turned round.
-        signs: (g, i) of the images' displacements over those of these nodes.
-        position: (g, i), m, reference; shift: (g, i), m, of it over the nodes' times the signs.
-    """
-
-    facets: Ints
-    of: Longs
-    across: Longs
-    signs: Floats
-    position: Floats
-    shift: Floats
+    facets: Ints  # (b, a) beyond them; rows of nodes, and behind these of the images
+    of: Longs  # (g,) the nodes that there are images of
+    across: Longs  # (g, i) nodes in the planes across the axes along which they are turned round
+    signs: Floats  # (g, i) of the images' displacements over those of these nodes
+    position: Floats  # (g, i), m, reference
+    shift: Floats  # (g, i), m, of it over the nodes' times the signs
 
     def behind(self, nodes: Floats) -> Floats:
         """Positions (n, i), m, of the surface's own nodes, and behind them of the images."""

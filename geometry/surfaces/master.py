@@ -33,14 +33,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.geometry.surfaces.body_facets import outward_facets, owned_facets, require_facets
-from tribox.geometry.surfaces.facets import (
-    Bools,
-    FacetShape,
-    Floats,
-    Ints,
-    Longs,
-    order_by_place,
-)
+from tribox.geometry.surfaces.facets import Bools, FacetShape, Floats, Ints, Longs, order_by_place
 from tribox.geometry.surfaces.images import (
     Held,
     Images,
@@ -58,27 +51,19 @@ BULGE = 2.0  # of a smooth patch over that of its facet, and of its nodes' share
 
 @dataclass(slots=True)
 class MasterFacets:
-    """Master facets that this rank knows.
+    """Master facets that this rank knows."""
 
-    Attributes:
-        nodes: (n,) global node (displacement block) numbers.
-        facets: (f, a) rows into ``nodes``, ordered so that the normal points out of the body.
-        position: (n, i), m, reference.
-        shape: of all facets.
-        extent: m, the largest of the whole surface along an axis.
-        part: what else is known of facets that are not all of them; None: they are.
-        images: what continues a smooth surface beyond planes of symmetry: theirs are the last of
-            the nodes, each with the number of the node that it is the image of.
-        planes: of symmetry that the slave ends at too, each with the nodes (n,) on it.
-    """
-
-    nodes: Longs
-    facets: Ints
-    position: Floats
-    shape: FacetShape
-    extent: float
+    nodes: Longs  # (n,) global node (displacement block) numbers
+    facets: Ints  # (f, a) rows into ``nodes``, ordered so that the normal points out of the body
+    position: Floats  # (n, i), m, reference
+    shape: FacetShape  # of all facets
+    extent: float  # m, the largest of the whole surface along an axis
+    # what else is known of facets that are not all of them; None: they are
     part: SurfacePart | None = None
+    # what continues a smooth surface beyond planes of symmetry: theirs are the last of the nodes,
+    # each with the number of the node that it is the image of
     images: Images | None = None
+    # of symmetry that the slave ends at too, each with the nodes (n,) on it
     planes: Sequence[tuple[int, Bools]] = ()
 
     @property
@@ -114,15 +99,11 @@ class MasterFacets:
 
 @dataclass(frozen=True, slots=True)
 class FacetRows:
-    """Facets as ranks send them.
+    """Facets as ranks send them."""
 
-    Attributes:
-        nodes: (f, a) global; position: (f, a, i), m, reference; part: what else is known of them.
-    """
-
-    nodes: Longs
-    position: Floats
-    part: SurfacePart
+    nodes: Longs  # (f, a) global
+    position: Floats  # (f, a, i), m, reference
+    part: SurfacePart  # what else is known of them
 
     def of(self, take: Longs) -> FacetRows:
         """The same of the facets ``take``."""
@@ -147,10 +128,7 @@ def own_facets(
 
 
 def continued(
-    master: MasterFacets,
-    held: Held | None,
-    smoothing_angle: float | None,
-    rings: bool = False,
+    master: MasterFacets, held: Held | None, smoothing_angle: float | None, rings: bool = False
 ) -> MasterFacets:
     """A surface with its planes of symmetry, and its images beyond them if it is to be smooth.
 

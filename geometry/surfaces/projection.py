@@ -40,18 +40,12 @@ OVERRUN = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class SurfacePart:
-    """What some facets in space are on a whole surface that is not at hand.
+    """What some facets in space are on a whole surface that is not at hand."""
 
-    Attributes:
-        number: (f,) of each on the whole surface.
-        is_open: (f, s) whether a side is at an end of the whole surface.
-        slack: m, of the search; ends: (f, v), m, of the corners from the open end, or None.
-    """
-
-    number: Longs
-    is_open: Bools
-    slack: float
-    ends: Floats | None
+    number: Longs  # (f,) of each on the whole surface
+    is_open: Bools  # (f, s) whether a side is at an end of the whole surface
+    slack: float  # m, of the search
+    ends: Floats | None  # (f, v), m, of the corners from the open end, or None
 
     def of(self, take: Longs) -> SurfacePart:
         """The same of the facets ``take``."""

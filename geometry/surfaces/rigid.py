@@ -36,46 +36,33 @@ CHORD = np.radians(10.0)  # angle up to which straight pieces are taken for a ro
 
 @dataclass(slots=True)
 class Places:
-    """A surface at some of its places, undeformed.
+    """A surface at some of its places, undeformed."""
 
-    Attributes:
-        place: (q, i), m; tangents: (q, α, i), m; curvature: (q, α, β, i), m, or None if flat.
-    """
-
-    place: Floats
-    tangents: Floats
-    curvature: Floats | None = None
+    place: Floats  # (q, i), m
+    tangents: Floats  # (q, α, i), m
+    curvature: Floats | None = None  # (q, α, β, i), m, or None if flat
 
 
 @dataclass(slots=True)
 class Feet:
-    """Closest points, undeformed.
+    """Closest points, undeformed."""
 
-    Attributes:
-        facet: (q,); xi: (q, α).
-        outward: (q, i) at points that are clamped to a corner, edge or end, a direction out of the
-            material there; NaN at others. None: none is clamped.
-        along: (q, α) direction of the edge that a clamped point can move along; None in the plane.
-        on_surface: (q,) False past an open end; None: True everywhere.
-    """
-
-    facet: Ints
-    xi: Floats
+    facet: Ints  # (q,)
+    xi: Floats  # (q, α)
+    # (q, i) at points that are clamped to a corner, edge or end, a direction out of the material
+    # there; NaN at others. None: none is clamped
     outward: Floats | None = None
+    # (q, α) direction of the edge that a clamped point can move along; None in the plane
     along: Floats | None = None
-    on_surface: Bools | None = None
+    on_surface: Bools | None = None  # (q,) False past an open end; None: True everywhere
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """A surface to be drawn.
+    """A surface to be drawn."""
 
-    Attributes:
-        points: (n, i), m, undeformed; cells: (c, 2) lines in the plane or (c, 3) triangles.
-    """
-
-    points: Floats
-    cells: Ints
+    points: Floats  # (n, i), m, undeformed
+    cells: Ints  # (c, 2) lines in the plane or (c, 3) triangles
 
 
 class Unsearched:
@@ -362,19 +349,12 @@ def _simplex(dim: int) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion:
-    """How control points follow the displacement c and the angle θ of a tool.
+    """How control points follow the displacement c and the angle θ of a tool."""
 
-    Attributes:
-        centre: (i,), m, reference: C, about which the tool turns; it moves with c.
-        points: (a, i), m, reference: Y_a.
-        length: m: L, that the angle is multiplied by as an unknown.
-        axis: (3,) of the rotation in space, of any length; None in the plane.
-    """
-
-    centre: Floats
-    points: Floats
-    length: float
-    axis: Floats | None = None
+    centre: Floats  # (i,), m, reference: C, about which the tool turns; it moves with c
+    points: Floats  # (a, i), m, reference: Y_a
+    length: float  # m: L, that the angle is multiplied by as an unknown
+    axis: Floats | None = None  # (3,) of the rotation in space, of any length; None in the plane
     _spin: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -7,8 +7,9 @@ M + R(ξ ω)(P − M) on an arc. The normal is the direction of travel turned le
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -185,6 +186,80 @@ class Pieces:
             if on:
                 out[0, way < -STRAIGHT], out[1, way > STRAIGHT] = -np.inf, np.inf
         return out
+
+
+class _Line(ctypes.Structure):
+    """``Line`` of the C source, field by field in the same order."""
+
+    _fields_ = (
+        ("pieces", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in "start end centre sweep middle".split()),
+        *((name, ctypes.c_void_p) for name in "limits sphere radius".split()),
+    )
+
+
+class CompiledPieces:
+    """The loops over the points of a line, by the source ``polyline.c``."""
+
+    def __init__(self, pieces: Pieces) -> None:
+        """Lay the pieces out."""
+        middle = turned(pieces.start - pieces.centre, 0.5 * pieces.sweep)
+        arrays = pieces.start, pieces.end, pieces.centre, pieces.sweep, middle
+        every = (*arrays, pieces.limits(), *pieces.spheres())
+        self._arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in every]
+        self._line = _Line(len(pieces.sweep), *map(_at, self._arrays))
+        self._room = np.empty((len(pieces.sweep), 2))
+
+    def at(self, piece: Ints, xi: Floats) -> tuple[Floats, Floats, Floats]:
+        """As :meth:`Pieces.at`."""
+        out = tuple(np.empty((len(xi), 2)) for _ in range(3))
+        piece, xi = _ints(piece), np.ascontiguousarray(xi)
+        self._call("places", len(xi), *map(_at, (piece, xi, *out)))
+        return out[0], out[1], out[2]
+
+    def places(self, piece: Ints, xi: Floats) -> Floats:
+        """As :meth:`Pieces.places`."""
+        out, piece, xi = np.empty((len(xi), 2)), _ints(piece), np.ascontiguousarray(xi)
+        self._call("places", len(xi), *map(_at, (piece, xi, out)), None, None)
+        return out
+
+    def nearest(self, points: Floats, piece: Ints) -> Floats:
+        """As :meth:`Pieces.nearest`."""
+        out, points, piece = np.empty(len(points)), np.ascontiguousarray(points), _ints(piece)
+        self._call("nearest", len(points), *map(_at, (points, piece, out)))
+        return out
+
+    def closest(self, points: Floats, tie: float) -> tuple[Ints, Floats, Ints]:
+        """Pieces (q,) and ξ (q,) of the closest points, and whether ends hold them (q,).
+
+        Of pieces equally close the first is taken, one that holds the point inside before one that
+        holds it at its end: 0, or 1 and 2 at its first and second end.
+
+        Args:
+            points: (q, i), m.
+            tie: m, distances closer than this are equal.
+        """
+        count, points = len(points), np.ascontiguousarray(points)
+        piece, xi = np.zeros(count, dtype=np.int32), np.zeros(count)
+        held = np.zeros(count, dtype=np.uint8)
+        found = map(_at, (piece, xi, held, self._room))
+        self._call("closest", count, _at(points), ctypes.c_double(tie), *found)
+        return piece, xi, held.astype(np.int32)
+
+    def _call(self, name: str, count: int, *arguments: Any) -> None:
+        from tribox.geometry.native.compiler import library  # `check` compiles nothing
+
+        function = getattr(library("polyline.c"), f"tribox_line_{name}")
+        function.restype = None
+        function(ctypes.byref(self._line), ctypes.c_int64(count), *arguments)
+
+
+def _at(array: Any) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _ints(array: Ints) -> Ints:
+    return np.ascontiguousarray(array, dtype=np.int32)
 
 
 def left_of(vectors: Floats) -> Floats:

@@ -20,7 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tribox.geometry.surfaces.rigid import CHORD, Feet, Outline, Places, RigidShape
-from tribox.geometry.surfaces.rigid_pieces import GRAZING, STRAIGHT, Pieces, left_of
+from tribox.geometry.surfaces.rigid_pieces import (
+    GRAZING,
+    STRAIGHT,
+    CompiledPieces,
+    Pieces,
+    left_of,
+)
 from tribox.geometry.surfaces.target import fade_at_ends
 
 if TYPE_CHECKING:
@@ -90,7 +96,7 @@ class Polyline(RigidShape):
         self._cut = self._open & ((pieces.sweep != 0.0) | chord)[:, None]
         self.has_kinks = bool(np.any(np.abs(turns) > KINK))
         self._limits, self._ends = pieces.limits(), LineEnds(pieces)
-        self._spheres = pieces.spheres()
+        self._spheres, self._code = pieces.spheres(), CompiledPieces(pieces)
         self.least_radius = float(np.min(pieces.radius, where=pieces.sweep != 0.0, initial=np.inf))
         # At a corner between the normals of both pieces.
         out = left_of(pieces.directions())
@@ -105,12 +111,12 @@ class Polyline(RigidShape):
 
     def at(self, facet: Ints, xi: Floats) -> Places:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
-        place, tangent, bend = self.pieces.at(facet, xi[:, 0])
+        place, tangent, bend = self._code.at(facet, xi[:, 0])
         return Places(place, tangent[:, None], bend[:, None, None])
 
     def place(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
-        return self.pieces.places(facet, xi[:, 0])
+        return self._code.places(facet, xi[:, 0])
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
@@ -127,27 +133,11 @@ class Polyline(RigidShape):
     # -- closest points ---------------------------------------------------------------------------
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`.
-
-        Of pieces equally close the first is taken, one that holds the point inside before one that
-        holds it at its end.
-        """
-        if not len(points):
-            return Feet(np.empty(0, dtype=np.int32), np.empty((0, 1)))
-        point, piece = self._candidates(points, _near)
-        free = self.pieces.nearest(points[point], piece)
-        xi = np.clip(free, *self._limits[piece].T)
-        distance = np.linalg.norm(points[point] - self.pieces.places(piece, xi), axis=1)
-        start, count = np.searchsorted(point, np.arange(len(points))), len(self._limits)
-        tie = distance <= np.minimum.reduceat(distance, start)[point] + _TIE * self.size
-        # One number decides: ties before all others (2 n), points inside their piece before those
-        # held at its end (n), then the piece that comes first.
-        rank = piece + np.where(tie, np.where(xi != free, count, 0), 2 * count)
-        best = np.nonzero(rank == np.minimum.reduceat(rank, start)[point])[0]
-        facet, found, held = piece[best], xi[best], (xi != free)[best]
-        end = (free > xi)[best].astype(np.int32)
+        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
+        facet, found, at_end = self._code.closest(points, _TIE * self.size)
+        held, end = at_end > 0, np.maximum(at_end - 1, 0)
         if frozen_facets is not None and self._sharp.any():
-            there = self.pieces.nearest(points, frozen_facets)
+            there = self._code.nearest(points, frozen_facets)
             low, high = self._limits[frozen_facets].T
             stays = np.maximum(low - there, there - high) <= OVERRUN
             facet = np.where(stays, frozen_facets, facet)
@@ -229,14 +219,6 @@ class Polyline(RigidShape):
         cells = np.stack([number, np.roll(number, -1)], axis=1)
         places = pieces.places(facet, xi)
         return Outline(places, cells if pieces.closed else cells[:-1])
-
-
-def _near(apart: Floats, radius: Floats, here: slice) -> Bools:
-    """Pieces (k, p) whose spheres begin before the nearest one has ended."""
-    distance = np.linalg.norm(apart, axis=2)
-    reach = (distance + radius).min(axis=1, keepdims=True)
-    near: Bools = distance - radius <= (1.0 + _TIE) * reach
-    return near
 
 
 # -- The corners of a polyline in the plane, rounded by fillets that fit ---------------------------

@@ -28,35 +28,25 @@ from tribox.geometry.surfaces.facets import (
 
 @dataclass(slots=True)
 class SlavePoints:
-    """Quadrature points of the slave facets owned by this rank.
+    """Quadrature points of the slave facets owned by this rank."""
 
-    Attributes:
-        nodes: (q, a) global node (displacement block) numbers that move each point.
-        shape: (q, a) shape functions there.
-        shape_derivative: (q, α, a) their derivatives along ``tangents``, per reference length, 1/m.
-        weight: (q,) quadrature weight times reference facet measure: m (per unit thickness) in the
-            plane, m² in space and with axial symmetry (the whole ring 2πR).
-        position: (q, i), m, reference.
-        tangents: (q, α, i) orthonormal tangents of the facets, reference.
-        facet: (q,) number of the slave facet, for counting pairs of facets; mesh_facet: (q,) its
-            local number in the mesh.
-        xi: (q, α) reference coordinates on it; facet_length: (q,), m, its length, in space the side
-            of a square or of half a square of its area; facet_share: (q,) share of it that the
-            point stands for; reach: (q,), m, in the plane half the way from the point to the end of
-            that piece, so that no point fades while slave and master end at the same place.
-    """
-
-    nodes: Longs
-    shape: Floats
+    nodes: Longs  # (q, a) global node (displacement block) numbers that move each point
+    shape: Floats  # (q, a) shape functions there
+    # (q, α, a) their derivatives along ``tangents``, per reference length, 1/m
     shape_derivative: Floats
+    # (q,) quadrature weight times reference facet measure: m (per unit thickness) in the plane, m²
+    # in space and with axial symmetry (the whole ring 2πR)
     weight: Floats
-    position: Floats
-    tangents: Floats
-    facet: Ints
-    mesh_facet: Ints
-    xi: Floats
+    position: Floats  # (q, i), m, reference
+    tangents: Floats  # (q, α, i) orthonormal tangents of the facets, reference
+    facet: Ints  # (q,) number of the slave facet, for counting pairs of facets
+    mesh_facet: Ints  # (q,) its local number in the mesh
+    xi: Floats  # (q, α) reference coordinates on it
+    # (q,), m, its length, in space the side of a square or of half a square of its area
     facet_length: Floats
-    facet_share: Floats
+    facet_share: Floats  # (q,) share of it that the point stands for
+    # (q,), m, in the plane half the way from the point to the end of that piece, so that no point
+    # fades while slave and master end at the same place
     reach: Floats
 
 
@@ -148,14 +138,10 @@ CHORDS = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
 
 @dataclass(slots=True)
 class PointNormals:
-    """Normals at the points, and how they change.
+    """Normals at the points, and how they change."""
 
-    Attributes:
-        normal: (q, i), unit, towards the slave; change: (q, e, i, j): ∂n/∂e of both chords, 1/m.
-    """
-
-    normal: Floats
-    change: Floats
+    normal: Floats  # (q, i), unit, towards the slave
+    change: Floats  # (q, e, i, j): ∂n/∂e of both chords, 1/m
 
     def of(self, take: Longs) -> PointNormals:
         """The same of the points ``take`` (p,)."""
@@ -218,27 +204,16 @@ class SlaveNormals:
 
 @dataclass(frozen=True, slots=True)
 class SlaveVertices:
-    """The vertices of all slave facets, in an order that does not depend on the ranks.
+    """The vertices of all slave facets, in an order that does not depend on the ranks."""
 
-    Attributes:
-        nodes: (v,) global nodes (displacement blocks).
-        position: (v, i), m, reference.
-        of_point: (q, k) vertices of the facet of each point of this rank.
-        shape: (q, k) their linear shape functions there.
-        area: (v,) m_A = Σ_q w N_A: m, m² or, of rings, m².
-        length: (v,) m: h_A, mean length of the slave facets around.
-        shared: (v,) whether points of more than one rank have this vertex.
-        comm: of the mesh.
-    """
-
-    nodes: Longs
-    position: Floats
-    of_point: Longs
-    shape: Floats
-    area: Floats
-    length: Floats
-    shared: Bools
-    comm: MPI.Comm
+    nodes: Longs  # (v,) global nodes (displacement blocks)
+    position: Floats  # (v, i), m, reference
+    of_point: Longs  # (q, k) vertices of the facet of each point of this rank
+    shape: Floats  # (q, k) their linear shape functions there
+    area: Floats  # (v,) m_A = Σ_q w N_A: m, m² or, of rings, m²
+    length: Floats  # (v,) m: h_A, mean length of the slave facets around
+    shared: Bools  # (v,) whether points of more than one rank have this vertex
+    comm: MPI.Comm  # of the mesh
 
     @property
     def count(self) -> int:

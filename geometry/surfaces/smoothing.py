@@ -43,43 +43,26 @@ Sparse: TypeAlias = scipy.sparse.csr_matrix
 
 @dataclass(slots=True)
 class Patches:
-    """Smooth patches, one for each facet.
+    """Smooth patches, one for each facet."""
 
-    Attributes:
-        shape: of the patches, of degree 3.
-        stencil: (f, m) nodes that move each patch.
-        extraction: (f, c, m) control points from the positions of these nodes.
-        one_sided: (f,) whether tangents at an end of the surface are one-sided.
-        images: of nodes, which are the last ones in ``stencil``; None: there are none.
-    """
-
-    shape: FacetShape
-    stencil: Ints
-    extraction: Floats
-    one_sided: Bools
-    images: Images | None
+    shape: FacetShape  # of the patches, of degree 3
+    stencil: Ints  # (f, m) nodes that move each patch
+    extraction: Floats  # (f, c, m) control points from the positions of these nodes
+    one_sided: Bools  # (f,) whether tangents at an end of the surface are one-sided
+    images: Images | None  # of nodes, which are the last ones in ``stencil``; None: there are none
 
 
 @dataclass(slots=True)
 class _Edges:
-    """Directed edges and their order round the nodes.
+    """Directed edges and their order round the nodes."""
 
-    Attributes:
-        ends: (e, 2) from, to; reverse: (e,) the same edge the other way.
-        length: (e,), m, reference.
-        along: (f, a, α) edges from each corner of each facet, the first along ξ.
-        opposite: (e,) edge that continues this one backwards beyond the first node; −1: none.
-        turn: (e,) next edge counter-clockwise at the first node, −1 past the last.
-        valence: (e,) number of edges round the first node if it is inside the surface, else 0.
-    """
-
-    ends: Ints
-    reverse: Longs
-    length: Floats
-    along: Longs
-    opposite: Longs
-    turn: Longs
-    valence: Longs
+    ends: Ints  # (e, 2) from, to
+    reverse: Longs  # (e,) the same edge the other way
+    length: Floats  # (e,), m, reference
+    along: Longs  # (f, a, α) edges from each corner of each facet, the first along ξ
+    opposite: Longs  # (e,) edge that continues this one backwards beyond the first node; −1: none
+    turn: Longs  # (e,) next edge counter-clockwise at the first node, −1 past the last
+    valence: Longs  # (e,) number of edges round the first node if it is inside the surface, else 0
 
 
 def smooth_patches(
@@ -232,16 +215,12 @@ def _sharp_nodes(shape: FacetShape, facets: Ints, nodes: Floats, smoothing_angle
 
 @dataclass(frozen=True, slots=True)
 class SharedSides:
-    """Sides (in the plane: ends) that two facets share.
+    """Sides (in the plane: ends) that two facets share."""
 
-    Attributes:
-        facets: (s, 2) the facets; ends: (s, k) nodes of the side.
-        angle: (s,), rad, between the normals in the middles of the facets; of those of higher
-            degree, which are curved, in the middle of the side.
-    """
-
-    facets: Longs
-    ends: Ints
+    facets: Longs  # (s, 2) the facets
+    ends: Ints  # (s, k) nodes of the side
+    # (s,), rad, between the normals in the middles of the facets; of those of higher degree, which
+    # are curved, in the middle of the side
     angle: Floats
 
 

@@ -398,16 +398,16 @@ class ContactSurface:
         master = self.target.smooth_normals(at.facet, at.xi, nodes)
         return _unless_kinked(slave, own), _unless_kinked(master, other)
 
-    def slave_area_ratio(self, displacement: Floats) -> Floats:
-        """Area ratio da/dA (q,) of the slave surface from nodal displacements (q, a, i).
+    def slave_area_ratio(self, tangents: Floats, points: Floats) -> Floats:
+        """Area ratio da/dA (q,) of the slave surface from current tangents and points (q, i), m.
 
-        The current tangents t_α = T_α + ∂u/∂T_α span the area |t_1| or |t_1 × t_2|; a ring also
+        The tangents t_α = T_α + ∂u/∂T_α (q, α, i) span the area |t_1| or |t_1 × t_2|; a ring also
         grows by r/R.
         """
-        ratio: Floats = measure(self.slave_tangents(displacement))
+        ratio: Floats = measure(tangents)
         if self.axisymmetric:
             # The hoop stretch r/R.
-            ratio *= self.slave_positions(displacement)[:, 0] / self.slave.position[:, 0]
+            ratio *= points[:, 0] / self.slave.position[:, 0]
         return ratio
 
 

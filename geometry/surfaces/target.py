@@ -44,40 +44,28 @@ def fade_at_ends(
 
 @dataclass(slots=True)
 class Projection:
-    """The closest master point of every slave point.
+    """The closest master point of every slave point."""
 
-    Attributes:
-        facet: (q,) master facet that carries the closest point.
-        xi: (q, α) its reference coordinates.
-        foot: (q, i), m, current: the closest point ȳ.
-        normal: (q, i) unit outward normal of the master at ȳ; along x − ȳ where clamped.
-        tangents: (q, α, i), m, current: τ_α = ∂ȳ/∂ξ^α.
-        gap: (q,), m: g = (x − ȳ)·n, negative in penetration.
-        clamped: (q,) the closest point is on an edge or a corner and cannot leave it.
-        on_surface: (q,) False past the end of the master, where there is no contact.
-        curvature: (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat.
-        along: (q, α) reference direction of the edge that a clamped point can move along, zero at a
-            corner; None in the plane, where there are corners only.
-        share: (q,) how much of each point counts: less than 1 only beside the open end of a master,
-            or where rays hardly face it; share_slope: (q, α) its derivatives for ξ. None: 1
-            everywhere. share_turn: (q, i) that for the ray's normal over a master that does not
-            turn; None: zero.
-        rays: the slave's normals, where ȳ lies along them; None where it is the closest point.
-    """
-
-    facet: Ints
-    xi: Floats
-    foot: Floats
-    normal: Floats
-    tangents: Floats
-    gap: Floats
-    clamped: Bools
-    on_surface: Bools
+    facet: Ints  # (q,) master facet that carries the closest point
+    xi: Floats  # (q, α) its reference coordinates
+    foot: Floats  # (q, i), m, current: the closest point ȳ
+    normal: Floats  # (q, i) unit outward normal of the master at ȳ; along x − ȳ where clamped
+    tangents: Floats  # (q, α, i), m, current: τ_α = ∂ȳ/∂ξ^α
+    gap: Floats  # (q,), m: g = (x − ȳ)·n, negative in penetration
+    clamped: Bools  # (q,) the closest point is on an edge or a corner and cannot leave it
+    on_surface: Bools  # (q,) False past the end of the master, where there is no contact
+    # (q, α, β, i), m, current: ∂²ȳ/∂ξ^α∂ξ^β; None where all facets are flat
     curvature: Floats | None = None
+    # (q, α) reference direction of the edge that a clamped point can move along, zero at a corner;
+    # None in the plane, where there are corners only
     along: Floats | None = None
+    # (q,) how much of each point counts: less than 1 only beside the open end of a master, or where
+    # rays hardly face it
     share: Floats | None = None
-    share_slope: Floats | None = None
+    share_slope: Floats | None = None  # (q, α) its derivatives for ξ. None: 1 everywhere
+    # (q, i) that for the ray's normal over a master that does not turn; None: zero
     share_turn: Floats | None = None
+    # the slave's normals, where ȳ lies along them; None where it is the closest point
     rays: PointNormals | None = None
     offset: Floats | None = None
 

@@ -17,7 +17,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
-from tribox.app.friction_map.run import run_map
+from tribox.app.friction_map import run_map
 from tribox.app.results import Results, read
 from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import check_free
@@ -181,7 +181,7 @@ def _read_all(directory: Path) -> None:
         for step in _steps(one, errors):
             for kind in ("fields", "contact", "contact_points"):
                 _try(lambda: getattr(one, kind)(step), errors)
-    from tribox.app.report.page import write_report
+    from tribox.app.report import write_report
 
     _try(lambda: write_report(directory, directory.parent / "report.html"), errors)
     _try(lambda: check_free(directory, True, sweep_labels(directory)), errors)

@@ -19,7 +19,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, as_line
 from tribox.app.fit.data import read_data
 from tribox.app.fit.run import run_fit
-from tribox.app.report.page import write_report
+from tribox.app.report import write_report
 from tribox.app.results import read
 
 DEEP, LONG = 10_000, "9" * 5000

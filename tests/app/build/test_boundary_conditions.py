@@ -13,7 +13,7 @@ from tribox.app.build.boundary_conditions import Loads
 from tribox.app.case.boundary import Boundary
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid

@@ -20,6 +20,11 @@ BLOCK = (Path(__file__).parents[3] / "cases" / "block-slide.toml").read_text()
 ROUND = circle(displacement={"y": [["0 s", "0 m"], ["1 s", "-50 um"]]})
 LINE = {"shape": "polyline", "points": [[0, 1], [1, 1], [1, 2]]}
 
+HOLLOW = {
+    "shape": "polyline",
+    "points": [[-1, 1], [-1, 1e-3], [1e-3, 1e-3], [1e-3, 1]],
+    "fillet_radius": 5e-5,
+}
 ABOVE = {"shape": "polyline", "points": [[-1, 1e-3], [1, 1e-3]]}  # from left to right
 
 
@@ -239,6 +244,7 @@ def test_the_resolved_case_reads_back_to_the_same(tmp_path):
         (on_punch(inside=True), "inside = true is for a body inside it"),
         (on_punch(centre=[2e-3, -3e-3], inside=True), "contact.0: top starts 0.0"),
         ({"punch": ABOVE}, "going along it, the body is on the left"),
+        ({"punch": HOLLOW}, "is punch the wrong way round? going along it, the body is on the"),
         (
             {"punch": {"shape": "mesh", "file": "", "surface": "top", "turned_over": True}},
             "turned_over = true turns it over",

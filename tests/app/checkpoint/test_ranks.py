@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, run
 from tests.app.checkpoint.small_cases import EXPLICIT, IMPLICIT
+from tests.app.simulation.film_runs import OIL, data_of
 from tests.app.simulation.test_ranks import SAME, largest
 from tribox.app.case.case import Case
 from tribox.app.results.reading import read_table
@@ -18,6 +19,36 @@ from tribox.app.simulation.history import PHYSICAL, RESULTANTS
 
 TIGHT = {"tolerance": 1e-11}
 KRYLOV = TIGHT | {"linear": "krylov", "petsc": {"ksp_rtol": 1e-12, "ksp_max_it": 2000}}
+
+
+def found_film(root: Path) -> dict[str, Any]:
+    """A roll on oiled rubber, whose contact the ranks share."""
+    data = data_of(**OIL)
+    data["geometry"]["blocks"]["rubber"]["elements"] = [30, 2]
+    return data
+
+
+def found_over_facets(root: Path) -> dict[str, Any]:
+    """A rubber block that slides through a flooded film on a block that reaches beyond it."""
+    data = data_of(cells=2)
+    del data["tools"]
+    data["geometry"]["blocks"] = {
+        "rubber": {"x": ["-4 mm", "4 mm"], "y": ["0 mm", "3 mm"], "elements": [16, 3]},
+        "plate": {"x": ["-9 mm", "9 mm"], "y": ["-1 mm", "0 mm"], "elements": [20, 1]},
+    }
+    data["bodies"]["plate"] = {"material": "hencky", "E": "1 GPa", "nu": 0.3}
+    data["contact"][0] |= {"slave": "rubber_bottom", "master": "plate_top"}
+    data["boundary"] = [
+        {"surface": "plate_bottom", "displacement": {"x": 0, "y": 0}},
+        {
+            "surface": "rubber_top",
+            "displacement": {"x": [["1 s", "0 mm"], ["3 s", "2 mm"]]},
+            "platen": {"direction": "y", "pressure": [["0 s", "0 MPa"], ["1 s", "0.2 MPa"]]},
+        },
+    ]
+    return data
+
+
 CASES = {
     "coulomb": (IMPLICIT["coulomb"], TIGHT),
     "boundaries by stage": (IMPLICIT["boundaries by stage"], TIGHT),
@@ -25,12 +56,14 @@ CASES = {
     "film": (IMPLICIT["film"], TIGHT),
     "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
     "pairs": (IMPLICIT["pairs"], TIGHT),
+    "film that is found": (found_film, TIGHT),
+    "film over facets": (found_over_facets, TIGHT),
     "thrown": (EXPLICIT["thrown"], {"kind": "explicit"}),
 }
 
 WAVERING = 20  # iterations of a step that rounding may change the number of
 
-FEW = ("coulomb", "thrown")
+FEW = ("coulomb", "film that is found", "thrown")
 
 
 def switched(

@@ -106,7 +106,7 @@ def test_rows_hold_mean_vectors(shape):
         normals.append((weight * (trial.pressure > 0.0)) @ trial.kinematics.normal)
     force, friction, moment, centre, load = np.mean(sums, axis=0)
     end = measure_contact(scene.term, problem.committed[0], MPI.COMM_SELF, WAY)
-    [found], _, _ = averages.close([end], WAY)
+    [found], *_ = averages.close([end], WAY)
     np.testing.assert_allclose(found.force, force, rtol=1e-10)
     np.testing.assert_allclose(found.friction, friction, rtol=1e-10)
     assert np.linalg.norm(np.subtract(end.force, force)) > 0.01 * np.linalg.norm(force)

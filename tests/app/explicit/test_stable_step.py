@@ -8,7 +8,7 @@ from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.friction.coulomb import FrictionlessLaw
 

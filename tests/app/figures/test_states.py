@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.app.figures.made_results import write_strip
-from tribox.app.figures.states import states_to_draw
+from tribox.app.figures.deformed import states_to_draw
 from tribox.app.figures.style import fitting
 from tribox.app.results import read
 

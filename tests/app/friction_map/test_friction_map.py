@@ -12,7 +12,7 @@ import pytest
 from tribox import load_case
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
-from tribox.app.friction_map import line_contact
+from tribox.app.friction_map import line_contact, run_map
 from tribox.app.friction_map.line_contact import (
     Curve,
     LineContact,
@@ -22,7 +22,6 @@ from tribox.app.friction_map.line_contact import (
     reached,
 )
 from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_at_speeds
-from tribox.app.friction_map.run import run_map
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.directory import check_free
 from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed

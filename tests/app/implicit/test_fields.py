@@ -28,7 +28,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm

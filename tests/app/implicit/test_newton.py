@@ -1,5 +1,7 @@
 """Newton's method on the whole problem: its order, a platen, bodies without contact."""
 
+import gc
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +13,13 @@ from tests.laws import FILM, coulomb, film_map
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
-from tribox.app.implicit.newton import ENOUGH, Inside, Newton, length_to_least_energy
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import (
+    ENOUGH,
+    ImplicitOptions,
+    Inside,
+    Newton,
+    length_to_least_energy,
+)
 from tribox.app.implicit.predictor import Predictor
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.friction.law import Regime
@@ -142,7 +149,7 @@ def test_platen_moves_as_one_under_the_force_given(pair):
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, FloatingPointError])
 @pytest.mark.parametrize("within", ["residual", "jacobian"])
-def test_what_comes_up_within_petsc_is_raised_as_it_is(pair, monkeypatch, kind, within):
+def test_what_comes_up_within_petsc_is_raised_as_it_is(pair, monkeypatch, request, kind, within):
     def rises(*args, **options):
         raise kind("in the middle")
 
@@ -151,6 +158,8 @@ def test_what_comes_up_within_petsc_is_raised_as_it_is(pair, monkeypatch, kind, 
     problem.prescribed[0].value = 0.1
     newton = ImplicitStepper(problem).newton
     monkeypatch.setattr(problem, within, rises)
+    request.addfinalizer(partial(gc.set_threshold, *gc.get_threshold()))
+    gc.set_threshold(20)  # garbage collected under way once cost the interpreter its life
     with pytest.raises(kind, match="in the middle"):
         newton.solve(StepMode())
 

@@ -16,7 +16,7 @@ from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit import stepper as stepper_module
 from tribox.app.implicit.globalisation import SOFT, PredictedStart
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.failure_diagnosis import reason_of
 from tribox.app.simulation.run_state import Observer

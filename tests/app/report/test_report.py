@@ -21,7 +21,7 @@ from tribox.app.case.case import given_keys
 from tribox.app.case.quantities import COMMON_UNITS, format_quantity, parse_quantity
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.app.report.page import input_tables, pictures_of, readable, write_report
+from tribox.app.report import input_tables, pictures_of, readable, write_report
 from tribox.app.report.tables import frame_table
 from tribox.app.results import read
 from tribox.app.simulation.history import COLUMNS
@@ -305,7 +305,7 @@ def test_pictures_that_are_links_or_pipes_are_left_out(tmp_path):
 
 def test_the_command_loads_no_solver_and_keeps_what_is_there(run, tmp_path, tribox):
     done = subprocess.run(
-        [sys.executable, "-c", "import sys; from tribox.app.report.page import write_report; "
+        [sys.executable, "-c", "import sys; from tribox.app.report import write_report; "
          "from pathlib import Path; write_report(Path(sys.argv[1])); "
          "print([m for m in ('dolfinx', 'petsc4py', 'mpi4py', 'pint') if m in sys.modules])",
          str(run)],

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tribox.app.results.point_probes import ShapeTable
+from tribox.app.results.point_probes import ShapeTable, shape_of
 from tribox.app.results.probes import final_shapes, shape_line
 
 
@@ -43,10 +43,8 @@ def bent_line(degrees, straight=()):
         probe=SimpleNamespace(name="line"), place=flat, way=way, straight=pieces,
         bend=np.ones(9, dtype=bool),
     )  # fmt: skip
-    rank = SimpleNamespace(problem=SimpleNamespace(comm=SimpleNamespace(rank=0)))
-    lines = SimpleNamespace(lines=[line], model=rank, places=lambda: [(places[0], flat[:0])])
-    table = ShapeTable(lines)
-    shape = dict(zip(table.columns, table.rows()[0], strict=True))
+    numbers = shape_of(line, places[0], flat[:0])
+    shape = dict(zip(ShapeTable.columns, ("line", *numbers), strict=True))
     return {key: None if value != value else value for key, value in shape.items()}
 
 

@@ -17,7 +17,7 @@ from tests.solved import built
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.errors import InputError
-from tribox.app.report.page import write_report
+from tribox.app.report import write_report
 from tribox.app.results.directory import check_free
 from tribox.app.results.point_probes import PointProbes, arc_length
 from tribox.app.results.probes import BodyProbes, ProbeRecorder

@@ -15,7 +15,7 @@ from tests.tool_cases import block_case, block_mesh, case_of, circle, plane
 from tribox.app.case.reading import load_case
 from tribox.app.case.stage import load_steps_of
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.report.page import contents
+from tribox.app.report import contents
 from tribox.app.results import read
 from tribox.app.results.saving import Saving
 from tribox.app.run.progress import Reporter

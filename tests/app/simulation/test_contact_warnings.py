@@ -137,31 +137,18 @@ def test_the_share_of_the_approach_is_the_error_of_the_force(block, tmp_path):
 
 
 STRIP = """
+bodies = { strip = { material = "neo-hookean", G = "0.5 MPa", K = "1.5 GPa" } }
+tools.plate.shape = "plane"
+tools.plate.point = ["0 mm", "2 mm"]
+tools.plate.normal = [0, -1]
+tools.plate.displacement = { y = [["0 s", "0 mm"], ["1 s", "-2 um"]] }
+contact = [{ slave = "strip_top", master = "plate", friction = { law = "coulomb", mu = 5.0 } }]
+boundary = [{ surface = "strip_bottom", displacement = { x = 0, y = 0 } }]
+stage = [{ name = "press", duration = "1 s", steps = 1 }]
+output = { figures = false }
 [geometry]
 kind = "blocks"
 blocks = { strip = { x = ["-6 mm", "6 mm"], y = ["0 mm", "2 mm"], elements = [24, 8] } }
-[bodies.strip]
-material = "neo-hookean"
-G = "0.5 MPa"
-K = "1.5 GPa"
-[tools.plate]
-shape = "plane"
-point = ["0 mm", "2 mm"]
-normal = [0, -1]
-displacement = { y = [["0 s", "0 mm"], ["1 s", "-2 um"]] }
-[[contact]]
-slave = "strip_top"
-master = "plate"
-friction = { law = "coulomb", mu = 5.0 }
-[[boundary]]
-surface = "strip_bottom"
-displacement = { x = 0, y = 0 }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 1
-[output]
-figures = false
 """
 
 

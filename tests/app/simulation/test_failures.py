@@ -98,6 +98,24 @@ def pushed(block: str, film: str) -> dict:
     return data
 
 
+def tilted(block: str, film: str) -> dict:
+    """A block on an incline of 17.2 degrees, where friction holds it up to 16.7."""
+    floor = {"shape": "plane", "point": [0, 0], "normal": [0, 1]}
+    blocks = {"b": {"x": [0, 0.02], "y": [0, 0.005], "elements": [10, 3]}}
+    body = {"material": "neo-hookean", "E": 1e6, "nu": 0.45, "density": 1000}
+    coulomb = {"law": "coulomb", "mu": 0.3}
+    stage = {"duration": 1, "steps": 4}
+    return {
+        "geometry": {"kind": "blocks", "blocks": blocks},
+        "bodies": {"b": body},
+        "tools": {"floor": floor},
+        "contact": [{"slave": "b_bottom", "master": "floor", "friction": coulomb}],
+        "gravity": {"x": [[1, 0], [2, 3.1]], "y": [[0, 0], [1, -10]]},
+        "stage": [{"name": "settle"} | stage, {"name": "tilt"} | stage],
+        "solver": dict(SOON),
+    }
+
+
 def pushed_on_a_film(block: str, film: str) -> dict:
     """The same where velocities do not count: the film takes half of the asperities' friction."""
     data = plain(film)
@@ -146,6 +164,9 @@ HOPELESS = {
      "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.18 N in x drives "
      "body elastomer now",
      "try a prescribed displacement in x instead of the force, or a spring that holds it"),
+    tilted: ("tilt",
+     "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.31 N in x drives "
+     "body b now", "or a smaller force, or more normal force or friction"),
     pushed_on_a_film: ("slide", "contact.0: no equilibrium: T has reached mu N everywhere",
      "or rate_dependent = true: a film holds any force, at some speed"),
     overrun: ("slide",
@@ -157,7 +178,7 @@ HOPELESS = {
 }  # fmt: skip
 
 
-AFTER_A_STEP = (lifted, collapsing, wedged, firm, pushed_on_a_film, torn_loose)
+AFTER_A_STEP = (lifted, collapsing, wedged, firm, tilted, pushed_on_a_film, torn_loose)
 
 
 def rows_of(directory: Path) -> list[dict[str, str]]:

@@ -11,7 +11,7 @@ from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.energy_balance import EnergyBalance
 from tribox.forms.bodies.elastoplastic import ElastoPlastic

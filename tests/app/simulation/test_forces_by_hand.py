@@ -20,36 +20,33 @@ METAL = '{ material = "hencky", E = "70 GPa", nu = 0.33 }'
 OUTPUT = "\n[output]\nfigures = false\nfields_every = 0\n"
 
 TUBE = f"""
-[geometry]
-mesh = "mesh.msh"
-section = "axisymmetric"
-[bodies]
-plug = {RUBBER}
-tube = {METAL}
+boundary = [
+ {{ surface = "plug_bottom", displacement = {{ x = 0, y = 0 }} }},
+ {{ surface = "plug_top", displacement = {{ y = [["0 s", 0], ["1 s", "-1 mm"]] }} }},
+ {{ surface = "tube_bottom", displacement = {{ y = 0 }} }},
+]
+stage = [{{ name = "press", duration = "1 s", steps = 5 }}]
+geometry = {{ mesh = "mesh.msh", section = "axisymmetric" }}
+bodies = {{ plug = {RUBBER}, tube = {METAL} }}
 [[contact]]
 name = "wall"
 slave = "plug_right"
 master = "tube_left"
 friction = {{ law = "coulomb", mu = 0.1 }}
-[[boundary]]
-surface = "plug_bottom"
-displacement = {{ x = 0, y = 0 }}
-[[boundary]]
-surface = "plug_top"
-displacement = {{ y = [["0 s", 0], ["1 s", "-1 mm"]] }}
-[[boundary]]
-surface = "tube_bottom"
-displacement = {{ y = 0 }}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 5
 """
 
 STRIP = f"""
-[geometry]
-mesh = "mesh.msh"
-thickness = "10 mm"
+boundary = [
+ {{ surface = "upper_top", displacement = {{ x = 0 }}, platen = {{ direction = "y", force = [
+   ["0 s", 0], ["1 s", "20 N"]] }} }},
+ {{ surface = "lower_bottom", displacement = {{ x = 0, y = 0 }} }},
+ {{ surface = "strip_right", displacement = {{ x = [["1 s", 0], ["2 s", "2 mm"]] }} }},
+]
+stage = [
+ {{ name = "press", duration = "1 s", steps = 3 }},
+ {{ name = "draw", duration = "1 s", steps = 6 }},
+]
+geometry = {{ mesh = "mesh.msh", thickness = "10 mm" }}
 [bodies]
 upper = {PAD}
 strip = {METAL}
@@ -64,27 +61,19 @@ name = "below"
 slave = "lower_top"
 master = "strip_bottom"
 friction = {{ law = "coulomb", mu = 0.3 }}
-[[boundary]]
-surface = "upper_top"
-displacement = {{ x = 0 }}
-platen = {{ direction = "y", force = [["0 s", 0], ["1 s", "20 N"]] }}
-[[boundary]]
-surface = "lower_bottom"
-displacement = {{ x = 0, y = 0 }}
-[[boundary]]
-surface = "strip_right"
-displacement = {{ x = [["1 s", 0], ["2 s", "2 mm"]] }}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 3
-[[stage]]
-name = "draw"
-duration = "1 s"
-steps = 6
 """
 
 ROLLER = f"""
+boundary = [
+ {{ surface = "bottom", displacement = {{ x = 0, y = [["0 s", 0], ["1 s", "0.05 mm"]] }} }},
+ {{ surface = "top", rotation = {{ centre = ["0 mm", "5 mm"], angle = [
+   ["1 s", "0 deg"], ["2 s", "4 deg"]] }} }},
+]
+stage = [
+ {{ name = "press", duration = "1 s", steps = 3 }},
+ {{ name = "turn", duration = "1 s", steps = 8 }},
+]
+bodies = {{ elastomer = {METAL}, aluminium = {RUBBER} }}
 [geometry]
 kind = "cylinder-on-block"
 thickness = "2 mm"
@@ -93,29 +82,12 @@ contact_size = "60 um"
 growth = 1.4
 cylinder = {{ radius = "5 mm" }}
 block = {{ width = "12 mm", height = "4 mm", contact_size = "50 um" }}
-[bodies]
-elastomer = {METAL}
-aluminium = {RUBBER}
 [[contact]]
 name = "nip"
 slave = "aluminium_contact"
 master = "elastomer_contact"
 smoothing_angle = "30 deg"
 friction = {{ law = "coulomb", mu = 0.3 }}
-[[boundary]]
-surface = "bottom"
-displacement = {{ x = 0, y = [["0 s", 0], ["1 s", "0.05 mm"]] }}
-[[boundary]]
-surface = "top"
-rotation = {{ centre = ["0 mm", "5 mm"], angle = [["1 s", "0 deg"], ["2 s", "4 deg"]] }}
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 3
-[[stage]]
-name = "turn"
-duration = "1 s"
-steps = 8
 """
 
 

@@ -11,7 +11,7 @@ from tests.laws import FILM, coulomb, film_map
 from tests.solved import built, solved
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.contact_resultants import (
     ContactResultants,

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -75,38 +76,30 @@ lower = { width = "2 mm", height = "0.8 mm", elements = [8, 4] }
 """
 # Pressed by a platen, dragged over a film in two regimes, and let go but for a hundredth.
 PLATEN = """
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0, z = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = "driven", z = 0 }
-[boundary.platen]
-direction = "y"
-pressure = [["0 s", 0], ["1 s", "0.5 MPa"], ["2.1 s", "0.5 MPa"], ["2.2 s", "5 kPa"]]
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 2
-rate_dependent = false
-[[stage]]
-name = "slide"
-duration = "1 s"
-steps = 3
-velocity = "1e-2 mm/s"
-[[stage]]
-name = "fast"
-duration = "0.1 s"
-steps = 2
-velocity = "1 mm/s"
-[[stage]]
-name = "release"
-duration = "0.1 s"
-steps = 3
-velocity = "1 mm/s"
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0, z = 0 } },
+ { surface = "top", displacement = { x = "driven", z = 0 }, platen = { direction = "y", pressure = [
+   ["0 s", 0], ["1 s", "0.5 MPa"], ["2.1 s", "0.5 MPa"], ["2.2 s", "5 kPa"]] } },
+]
+stage = [
+ { name = "press", duration = "1 s", steps = 2, rate_dependent = false },
+ { name = "slide", duration = "1 s", steps = 3, velocity = "1e-2 mm/s" },
+ { name = "fast", duration = "0.1 s", steps = 2, velocity = "1 mm/s" },
+ { name = "release", duration = "0.1 s", steps = 3, velocity = "1 mm/s" },
+]
 """
 # A pad that the other body is dragged over, askew and over its ends, by a fifth in each step.
 OVER = """
+boundary = [
+ { surface = "top", displacement = { x = 0, y = [["0 s", 0], ["1 s", "-5 um"]], z = 0 } },
+ { surface = "bottom", displacement = { x = [["1 s", 0], ["2 s", "0.4 mm"]], y = 0, z = [
+   ["1 s", 0], ["2 s", "0.1 mm"]] } },
+]
+stage = [
+ { name = "press", duration = "1 s", steps = 1, rate_dependent = false },
+ { name = "slide", duration = "1 s", steps = 2 },
+]
+output.figures = false
 [geometry]
 kind = "two-boxes"
 upper = { width = "1 mm", height = "0.3 mm", depth = "0.5 mm", elements = [4, 1, 2] }
@@ -114,41 +107,11 @@ lower = { width = "3 mm", height = "0.3 mm", depth = "1 mm", elements = [18, 1, 
 [bodies]
 elastomer = { material = "neo-hookean", E = "50 MPa", nu = 0.3 }
 aluminium = { material = "hencky", E = "70 GPa", nu = 0.3 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", 0], ["1 s", "-5 um"]], z = 0 }
-[[boundary]]
-surface = "bottom"
-displacement = { x = [["1 s", 0], ["2 s", "0.4 mm"]], y = 0, z = [["1 s", 0], ["2 s", "0.1 mm"]] }
-[[stage]]
-name = "press"
-duration = "1 s"
-steps = 1
-rate_dependent = false
-[[stage]]
-name = "slide"
-duration = "1 s"
-steps = 2
-[output]
-figures = false
-[[contact]]
-slave = "aluminium_contact"
-master = "elastomer_contact"
-film = { thickness = "1 um" }
-[contact.friction]
-law = "friction-map"
-preset = "friction-map"
-mu_s = 0.1
-mu_d = 0.1
-A_d = "1 um"
-B = "1e6 1/m"
-K_T = "1e12 Pa/m"
-alpha = 0.5
-V_star = "1 mm/s"
-V_star_at = "10 nm"
-D_max = "1 um"
-eta_b = "0.8 Pa*s"
 """
+_BACK = {"elastomer_contact": "aluminium_contact", "aluminium_contact": "elastomer_contact"}
+OVER += re.sub(r"\w+_contact", lambda name: _BACK[name[0]], FILM)
+OVER = OVER.replace('"30 nm"', '"1 um"').replace("mu_s = 0.12", "mu_s = 0.1")
+OVER += 'D_max = "1 um"\neta_b = "0.8 Pa*s"\n'
 # Pressed, dragged to and fro, and lifted off altogether.
 LIFTED = """
 [[boundary]]
@@ -167,16 +130,12 @@ steps = 12
 """
 # A ring or a sphere cannot be dragged: it spreads as it is pressed, sticks at first and slips.
 PRESSED = """
-[[boundary]]
-surface = "bottom"
-displacement = { x = 0, y = 0 }
-[[boundary]]
-surface = "top"
-displacement = { x = 0, y = [["0 s", "0 mm"], ["2 s", "-0.1 mm"], ["4 s", "0.02 mm"]] }
-[[stage]]
-name = "all"
-duration = "4 s"
-steps = 8
+boundary = [
+ { surface = "bottom", displacement = { x = 0, y = 0 } },
+ { surface = "top", displacement = { x = 0, y = [
+   ["0 s", "0 mm"], ["2 s", "-0.1 mm"], ["4 s", "0.02 mm"]] } },
+]
+stage = [{ name = "all", duration = "4 s", steps = 8 }]
 """
 # Pressed by a platen, dragged, and pulled off: about seven hundred time steps.
 THROWN = """
@@ -229,10 +188,10 @@ _ROUND = (
 CASES = {
     "plane-steady": STEADY.replace('"1e-5 m/s", ', "").replace("steps = 60", "steps = 12") + TIGHT,
     "plane-explicit": _SLID,
-    "plane-film": BLOCKS + BODIES + FILM + _plane(PLATEN) + TIGHT,
+    "plane-film": _plane(PLATEN) + BLOCKS + BODIES + FILM + TIGHT,
     "plane-lifted": BLOCKS + BODIES + COULOMB + _plane(LIFTED) + KRYLOV,
-    "rings": _DEEP + BODIES + COULOMB + PRESSED + APART,
-    "hexes-film": BOXES + BODIES + FILM + PLATEN + TIGHT,
+    "rings": PRESSED + _DEEP + BODIES + COULOMB + APART,
+    "hexes-film": PLATEN + BOXES + BODIES + FILM + TIGHT,
     "hexes-over": OVER + TIGHT,
     "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
     "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,

@@ -18,7 +18,7 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results import read
 from tribox.app.run.run import run_case
@@ -140,13 +140,9 @@ HALVES = """
 stage = [{ name = "press", duration = "1 s", steps = 3 }]
 output = { figures = false }
 solver = { tolerance = 1e-12 }
-[[contact]]
-slave = "pad_bottom"
-master = "base_top"
-smoothing_angle = "30 deg"
-[bodies]
-pad = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
-base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
+contact = [{ slave = "pad_bottom", master = "base_top", smoothing_angle = "30 deg" }]
+bodies.pad = { material = "neo-hookean", E = "5 MPa", nu = 0.3 }
+bodies.base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
 [geometry]
 kind = "blocks"
 """

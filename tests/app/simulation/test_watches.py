@@ -85,6 +85,21 @@ def carried(data: dict) -> None:
     data["solver"] = {"tolerance": 1e-9}
 
 
+def crowned(data: dict) -> None:
+    """A roll that is nearly flat: gaps are what is left of the 10 m of its radius."""
+    layer = {"x": ["-8 mm", "8 mm"], "y": ["-0.1 mm", "0 mm"], "elements": [320, 2]}
+    down = {"y": [[0.0, 0.0], [1.0, "-0.45 um"]]}
+    roll = {"shape": "circle", "centre": [0, 10], "radius": 10, "displacement": down}
+    data |= {
+        "geometry": {"kind": "blocks", "blocks": {"layer": layer}},
+        "bodies": {"layer": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.3}},
+        "tools": {"roll": roll},
+        "contact": [{"slave": "layer_top", "master": "roll", "friction": {"law": "frictionless"}}],
+        "boundary": [{"surface": "layer_bottom", "displacement": {"x": 0, "y": 0}}],
+        "stage": [{"name": "press", "duration": 1, "steps": 2}],
+    }
+
+
 def plain(data: dict) -> None:
     """Nothing of the kind."""
 
@@ -94,6 +109,7 @@ def plain(data: dict) -> None:
     [
         (gel, "a lower modulus of aluminium, which is 3e+07 times as stiff"),
         (carried, "letting the other body move, as aluminium has moved far"),
+        (crowned, "to place the bodies near the origin (and tools no larger than they need be)"),
         (plain, None),
     ],
     ids=lambda v: getattr(v, "__name__", None),
@@ -158,6 +174,19 @@ def test_the_half_width_is_judged_by_the_facets_at_the_rim(shape, pressed):
     assert half * (1.0 - 1e-9) <= furthest <= np.hypot(half, across) * (1.0 + 1e-9)
     assert state.half_width == pytest.approx(max(furthest - 0.5 * rim, 0.5 * rim), rel=1e-9)
     assert state.uncertain == pytest.approx(0.5 * rim / (half - 0.5 * rim), rel=1e-9)
+
+
+def test_what_presses_all_over_in_the_end_has_no_rim():
+    """All points press beside a vertex that does not: the area is as large before and after."""
+    surface = graded("Q4")
+    probe = PairProbe(ContactTerm(surface, FrictionlessLaw(), PENALTY))
+    order = np.argsort(surface.vertices.position[:, 0])
+    before = np.ones(len(order))
+    before[order[2]] = 0.0
+    with_rim = probe.measure(trial_of(surface, before))
+    whole = probe.measure(trial_of(surface, np.ones(len(order))))
+    assert with_rim.area == whole.area and with_rim.facets < FEW and np.isinf(whole.facets)
+    assert whole.is_wider(with_rim) and not with_rim.is_wider(whole)
 
 
 def test_many_short_facets_within_a_long_one_are_few():

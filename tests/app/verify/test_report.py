@@ -190,7 +190,7 @@ BAD = Verification(
     "bad",
     "a bad one",
     "Set up.",
-    (compare("width", 1.5, 1.0, 0.01, "mm"), Check("profile", 0.001, 0.01)),
+    (compare("width", 1.5e-3, 1e-3, 0.01, "mm"), Check("profile", 0.001, 0.01)),
     (Panel("x", "y", (Line("a", np.arange(3.0), np.arange(3.0), exact=True),)),),
 )
 

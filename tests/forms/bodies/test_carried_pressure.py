@@ -7,7 +7,7 @@ import pytest
 from tests.grid import grid
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.materials import MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.solid import Solid

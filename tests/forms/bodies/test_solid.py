@@ -8,7 +8,7 @@ import ufl
 from tests.grid import grid
 from tribox.app.equilibrium.constraints import Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.implicit.options import ImplicitOptions
+from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.forms.bodies.kinematics import kinematics, section_of
 from tribox.forms.bodies.loads import FollowerPressure, mean_normal, reference_area

@@ -1,11 +1,20 @@
-"""The compiled tangent and forces of a pair in space against those of numpy."""
+"""The compiled tangent and forces of a pair, in space and in the plane, against those of numpy."""
 
 import numpy as np
 import pytest
 
-from tests.contact_boxes import GAP, PENALTY, Scene, held_ends, nodal_forces, with_blocks
+from tests.contact_boxes import (
+    GAP,
+    PENALTY,
+    Dense,
+    Scene,
+    held_ends,
+    nodal_forces,
+    take_all_for_kinked,
+)
 from tests.forms.contact.test_explicit import LAWS
 from tests.forms.contact.test_tangent_ends import at_the_rim
+from tribox.forms.contact.compiled_plane import CompiledPlane
 from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactMode
@@ -17,32 +26,13 @@ CASES = {
     "smooth": ("hex8", "map", {"smoothing_angle": 0.5}),
     "mirrored": ("hex8", "map", {"smoothing_angle": 0.5}),
     "point by point": ("hex8", "coulomb", {"pressure": "pointwise"}),
+    "plane": ("Q4", "map", {}),
+    "plane, quadratic": ("T6", "film over the pressure", {}),
+    "plane, smooth": ("Q4", "map", {"smoothing_angle": 0.5}),
+    "plane, mirrored": ("Q4", "map", {"smoothing_angle": 0.5}),
+    "plane, along rays": ("Q4", "coulomb", {}),
+    "plane, point by point": ("Q4", "coulomb", {"pressure": "pointwise"}),
 }
-
-
-class Dense:
-    """A dense matrix as entries, in which some nodes are not."""
-
-    def __init__(self, nodes, outside=()):
-        self.size, self.outside = 3 * nodes, np.asarray(outside, dtype=np.int64)
-        self.values = np.zeros(self.size**2)
-
-    def entries(self):
-        indptr = np.arange(0, self.size**2 + 1, self.size, dtype=np.int32)
-        columns = np.tile(np.arange(self.size, dtype=np.int32), self.size)
-        return Entries(indptr, columns, self.values, self.first)
-
-    def first(self, nodes):
-        return np.where(np.isin(nodes, self.outside), -1, 3 * nodes).astype(np.int32)
-
-    def with_rest(self, blocks, couplings):
-        """The whole, with what is not in the matrix added."""
-        out = self.values.reshape(self.size, self.size).copy()
-        inside = out.copy()
-        at = (3 * self.outside[:, None] + np.arange(3)).reshape(-1)
-        inside[at], inside[:, at] = 0.0, 0.0
-        np.testing.assert_array_equal(out, inside)  # nothing of nodes that are not in it
-        return with_blocks(out, blocks, couplings, 3)
 
 
 def states(scene):
@@ -50,29 +40,33 @@ def states(scene):
     way = ((0.0, 0.0), (0.01, -0.02), (0.05, 0.02), (0.3, 0.1), (0.33, 0.12))
     for number, (x, y) in enumerate(way):
         bend = (0.02, 0.06, 0.08, 0.06, 0.05)[number]
-        vector = scene.vector((x, y, -GAP - 0.03), bend, 0.4, 0.01)
+        shift = (x, y, -GAP - 0.03) if scene.dim == 3 else (x, -GAP - 0.03)
+        vector = scene.vector(shift, bend, 0.4, 0.01)
         trial = scene.term.evaluate(vector, 0.5)
         yield trial, scene.tangent(vector, 0.5)
         scene.term.commit(trial)
 
 
-def scene_of(name):
+def scene_of(name, patch=None):
     shape, law, options = CASES[name]
+    if name == "plane, along rays":
+        take_all_for_kinked(patch)
     pressure = options.get("pressure", "averaged")
-    if name == "mirrored":
+    if name.endswith("mirrored"):
         options = options | {"held": held_ends(shape, 3, fine=True)}
     scene = Scene(shape, LAWS[law][0], fine=True, master=3, **options)
     scene.term = ContactTerm(scene.surface, LAWS[law][0], PENALTY, LAWS[law][1], pressure)
-    assert isinstance(scene.term.compiled, CompiledTangent)
-    assert (scene.surface.images is not None) == (name == "mirrored")
+    kind = CompiledTangent if scene.dim == 3 else CompiledPlane
+    assert isinstance(scene.term.compiled, kind)
+    assert (scene.surface.images is not None) == name.endswith("mirrored")
     return scene
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_adds_the_tangent_of_numpy(name):
+def test_it_adds_the_tangent_of_numpy(monkeypatch, name):
     """With all nodes in the matrix; with some that are not; over a master as it was and moved."""
-    scene = scene_of(name)
-    nodes = len(scene.where)
+    scene = scene_of(name, monkeypatch)
+    assert (scene.surface.normals is not None) == name.endswith("rays")
     every = np.unique(scene.surface.nodes)
     seen = dict.fromkeys(("on a side", "another facet", "friction"), False)
     for trial, exact in states(scene):
@@ -81,18 +75,24 @@ def test_it_adds_the_tangent_of_numpy(name):
         seen["another facet"] |= bool((closed & (at.facet != scene.term.state.facet)).any())
         seen["friction"] |= bool(trial.response.state.elastic_slip.any())
         for outside in ((), every[:2], every):
-            matrix = Dense(nodes, outside)
+            matrix = Dense(scene.dim, len(scene.where), outside)
             rest = scene.term.add_tangent(trial, matrix.entries())
             if not len(outside):
                 assert not rest[1] and not rest[0]
             found = matrix.with_rest(*rest)
             largest = np.abs(exact).max()
             np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * largest)
-            assert matrix.values.any() == (len(outside) < len(every))
-    assert all(seen.values()) or ("smoothing_angle" in CASES[name][2] and seen["friction"])
+            # In the plane it is all or nothing.
+            assert matrix.values.any() == (len(outside) < (len(every) if scene.dim == 3 else 1))
+    smooth = "smoothing_angle" in CASES[name][2]
+    seen["on a side"] |= smooth or scene.dim == 2
+    seen["another facet"] |= smooth
+    assert all(seen.values())
 
 
-@pytest.mark.parametrize("name", ["hexahedra", "quadratic", "smooth", "mirrored"])
+@pytest.mark.parametrize(
+    "name", [name for name in CASES if "point" not in name and "rays" not in name]
+)
 def test_its_forces_are_those_of_numpy(name):
     scene = scene_of(name)
     for trial, _ in states(scene):
@@ -101,7 +101,9 @@ def test_its_forces_are_those_of_numpy(name):
         nodes, sums, squared = scene.term.forces_at_nodes(trial)
         np.add.at(found, nodes, sums)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-        if scene.surface.images is None:  # numpy has what planes of symmetry turn round as well
+        if (
+            scene.surface.images is None or scene.dim == 2
+        ):  # in space numpy has what planes of symmetry turn round as well
             points = np.sum(scene.term.nodal_forces(trial)[1] ** 2)
             assert squared == pytest.approx(points, rel=1e-12)
         assert squared > 0.0
@@ -112,7 +114,7 @@ def test_open_points_beside_the_rim_count():
     scene, x = at_the_rim("hex8")
     trial = scene.term.evaluate(x, 1.0)
     assert np.count_nonzero(trial.coupled()) > np.count_nonzero(trial.kinematics.closed)
-    matrix, exact = Dense(len(scene.where)), scene.tangent(x)
+    matrix, exact = Dense(scene.dim, len(scene.where)), scene.tangent(x)
     assert scene.term.add_tangent(trial, matrix.entries()) == ([], [])
     found = matrix.values.reshape(exact.shape)
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
@@ -124,14 +126,14 @@ def test_other_modes_and_no_contact():
     x = scene.vector((0.02, 0.01, -GAP - 0.03), 0.05, 0.4)
     mode = ContactMode(penalty_scale=0.3, friction_as_load=True)
     trial = scene.term.evaluate(x, 0.5, mode)
-    matrix = Dense(len(scene.where))
+    matrix = Dense(scene.dim, len(scene.where))
     scene.term.add_tangent(trial, matrix.entries())
     blocks, coupling = scene.term.tangent(trial), scene.term.coupling(trial)
-    exact = Dense(len(scene.where)).with_rest(blocks, [coupling])
+    exact = Dense(scene.dim, len(scene.where)).with_rest(blocks, [coupling])
     found = matrix.values.reshape(exact.shape)
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
     apart = scene.term.evaluate(scene.vector((0.0, 0.0, 0.2), 0.0, 0.0), 0.5)
-    matrix = Dense(len(scene.where))
+    matrix = Dense(scene.dim, len(scene.where))
     assert scene.term.add_tangent(apart, matrix.entries()) == ([], [])
     assert not matrix.values.any()
 
@@ -140,8 +142,10 @@ def test_a_matrix_without_room_is_refused():
     """Entries that the pattern lacks are not lost without a word."""
     scene = scene_of("hexahedra")
     trial = scene.term.evaluate(scene.vector((0.0, 0.0, -GAP - 0.03), 0.05, 0.4), 0.5)
-    size = 3 * len(scene.where)
+    size = scene.size
     diagonal = np.arange(size + 1, dtype=np.int32)
-    entries = Entries(diagonal, diagonal[:-1], np.zeros(size), Dense(len(scene.where)).first)
+    entries = Entries(
+        diagonal, diagonal[:-1], np.zeros(size), Dense(scene.dim, len(scene.where)).first
+    )
     with pytest.raises(RuntimeError, match="not in the matrix's pattern"):
         scene.term.add_tangent(trial, entries)
