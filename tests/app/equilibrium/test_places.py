@@ -73,6 +73,25 @@ def difference(mesh, every=1, condensed=None):
     return A.norm(PETSc.NormType.INFINITY) / wanted.norm(PETSc.NormType.INFINITY), inside
 
 
+def test_places_in_a_pattern_that_is_widened_are_as_if_looked_up_anew():
+    mesh = dolfinx.mesh.create_box(MPI.COMM_SELF, [[0, 0, 0], [1, 1, 1]], [4, 3, 3])
+    space, A = matrix_of(mesh)
+    nodes = np.asarray(space.dofmap.list)
+    places = CellPlaces(A, nodes, 3)
+    count, rng = A.getSize()[0], np.random.default_rng(1)
+    wide = A.copy()
+    wide.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+    for row in rng.integers(0, count, count // 3):
+        wide.setValue(row, rng.integers(0, count), 0.0, addv=PETSc.InsertMode.ADD_VALUES)
+    wide.assemble()
+    wanted = CellPlaces(wide, nodes, 3)
+    assert not np.array_equal(places.starts, wanted.starts)
+    moved = CellPlaces(wide, nodes, 3, places)
+    np.testing.assert_array_equal(moved.starts, wanted.starts)
+    np.testing.assert_array_equal(moved.inside, wanted.inside)
+    np.testing.assert_array_equal(moved.dense, wanted.dense)
+
+
 def rectangle(comm, cell="quadrilateral"):
     return dolfinx.mesh.create_rectangle(
         comm, [[0, 0], [1, 1]], [5, 4], dolfinx.mesh.CellType[cell]
