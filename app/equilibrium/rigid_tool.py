@@ -63,7 +63,7 @@ class RigidTool:
     def reach(self) -> float:
         """Distance, m, of its surface from the axis that it turns about.
 
-        Along axes of coordinates, and no farther than the mesh is long: a plane has no end.
+        Along axes of coordinates, and no farther than the mesh reaches: a plane has no end.
         """
         arms = np.abs(self.surface.extent - self.motion.centre).max(axis=0)
         if self.motion.axis is not None:
