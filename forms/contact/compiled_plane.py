@@ -25,6 +25,7 @@ from tribox.forms.contact.kinematics import Anchor, ContactKinematics
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling
+from tribox.forms.friction.law import FrictionState
 from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
@@ -133,17 +134,30 @@ class CompiledPlane:
     # -- slip ---------------------------------------------------------------------------------
 
     def relate(
-        self, points: Floats, nodes: Floats, at: Projection, state: ContactState, closed: Bools
+        self,
+        points: Floats,
+        nodes: Floats,
+        at: Projection,
+        state: ContactState,
+        closed: Bools,
+        brought: tuple[FrictionState, Bools] | None = None,
     ) -> tuple[Anchor, ContactKinematics]:
         """As :func:`tribox.forms.contact.kinematics.relate`; the anchor of ``state`` as well.
 
         Args:
             points: (q, i), m, current; nodes: (n, i), m, current, that move the master.
             at: the points on the master.
-            state: of the last step; nothing came over from another master.
+            state: of the last step.
             closed: (q,) points in contact.
+            brought: see :func:`tribox.forms.contact.shared_slave.brought_along`.
         """
         shares, slopes = self._see_state(state)
+        components, length, more = state.slip_components, state.slip_length, None
+        if brought is not None:
+            slip, taken = brought[0].elastic_slip, brought[1]
+            components = np.where(taken[:, None], 0.0, components)
+            length = np.where(taken, np.linalg.norm(slip, axis=1), length)
+            more = np.where(taken[:, None], slip, 0.0)
         if (images := self.surface.images) is not None:
             nodes = images.behind(nodes)
         self._set(
@@ -156,16 +170,17 @@ class CompiledPlane:
             facet_before=state.facet,
             share_before=shares,
             slope_before=slopes,
-            slip_length=state.slip_length,
+            slip_length=length,
+            image=more,
         )
-        given = packed(nodes), packed(state.slip_components)
-        anchor, image, slip, elastic = out = [np.empty_like(points) for _ in range(4)]
+        given = packed(nodes), packed(components)
+        anchor, image, slips, elastic = out = [np.empty_like(points) for _ in range(4)]
         count = ctypes.c_int64(len(points))
         self._code.tribox_plane_relate(
             ctypes.byref(self._pair), count, *map(start_of, (*given, *out))
         )
-        moved = Anchor(anchor, state.slip_components, image, state.slip_length)
-        return moved, ContactKinematics(at.normal, at.gap, closed, slip, elastic)
+        moved = Anchor(anchor, components, image, length)
+        return moved, ContactKinematics(at.normal, at.gap, closed, slips, elastic)
 
     # -- forces -------------------------------------------------------------------------------
 

@@ -234,9 +234,9 @@ class ContactTerm:
         self, points: Floats, nodes: Floats, at: Projection, closed: Bools
     ) -> tuple[Anchor, ContactKinematics]:
         """Places of the last step, and slip, of points (q, i), m, over nodes (n, i), m."""
-        brought = self._left is not None and self._left.brought is not None
-        if isinstance(self.compiled, CompiledPlane) and not brought:
-            return self.compiled.relate(points, nodes, at, self.state, closed)
+        if isinstance(self.compiled, CompiledPlane):
+            brought = None if self._left is None else self._left.brought
+            return self.compiled.relate(points, nodes, at, self.state, closed, brought)
         anchor = self.anchor(nodes)
         return anchor, relate(points, at, anchor, closed)
 

@@ -534,7 +534,8 @@ int tribox_plane_vertices(const Pair *p, const Entries *e, const int32_t *slot, 
 /* -- slip -------------------------------------------------------------------------------------- */
 
 /* Where the place of the last step is now, on a master with the nodes x (n, i), and the elastic slip
- * carried along with the components (q); slip and elastic slip, as forms/contact/kinematics.py. */
+ * carried along with the components (q), beside what `image` has from other masters; slip and
+ * elastic slip, as forms/contact/kinematics.py. */
 void tribox_plane_relate(const Pair *p, int64_t points, const double *x, const double *components,
                          double *anchor, double *image, double *slip, double *elastic)
 {
@@ -548,7 +549,8 @@ void tribox_plane_relate(const Pair *p, int64_t points, const double *x, const d
                 v[i] += p->slope_before[p->movers * q + m] * x[2 * node[m] + i];
             }
         for (int i = 0; i < DIM; ++i) {
-            anchor[2 * q + i] = foot[i], image[2 * q + i] = v[i] = components[q] * v[i];
+            v[i] = components[q] * v[i] + (p->image ? p->image[2 * q + i] : 0.0);
+            anchor[2 * q + i] = foot[i], image[2 * q + i] = v[i];
             s[i] = here[i] - foot[i];
         }
         double across = dot(n, s), along = dot(n, v), stretch = 1.0;
