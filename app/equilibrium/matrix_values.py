@@ -235,7 +235,7 @@ class PlacesOfPart:
             one.destroy()
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
-        """Put the values of ``A`` into ``part``; collective."""
+        """Put the values of ``A`` into ``part``."""
         pairs = [(own_block(A).handle, own_block(part).handle)]
         if A.comm.size > 1:
             pairs.append((columns_of_others(A)[0], columns_of_others(part)[0]))
@@ -245,7 +245,7 @@ class PlacesOfPart:
                 _values_of_part(mine, len(places)) as out,
             ):
                 np.take(values, places, out=out, mode="clip")  # which needs no room between
-        part.assemble()
+        part.stateIncrease()  # or a solver would keep its factors
 
 
 def forget_products(matrices: Sequence[PETSc.Mat]) -> None:
