@@ -21,8 +21,8 @@ from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 class Stop:
     """Blocks that a tool driven by a force comes to rest on."""
 
-    low: Floats  # (k,) m, displacements of the slots that they lie at
-    high: Floats  # infinite: there are none
+    low: Floats  # (k,) m, least displacements of the slots; minus infinity: no block
+    high: Floats  # (k,) m, largest ones; infinity: no block
     stiffness: Floats  # (k,) N/m per unit thickness
 
 

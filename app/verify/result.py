@@ -39,13 +39,25 @@ class Check:
         return bool(self.error <= self.bar)
 
 
-SHOWN = {"µm": 1e6, "mm": 1e3, "kPa": 1e-3, "MPa": 1e-6, "mN": 1e3, "nJ": 1e9, "N µm": 1e6}
+SHOWN = {
+    "": 1.0,
+    "N": 1.0,
+    "N/m": 1.0,
+    "Pa s": 1.0,
+    "µm": 1e6,
+    "mm": 1e3,
+    "kPa": 1e-3,
+    "MPa": 1e-6,
+    "mN": 1e3,
+    "nJ": 1e9,
+    "N µm": 1e6,
+}
 """Units that numbers are shown in, over that of SI."""
 
 
 def compare(quantity: str, computed: float, exact: float, bar: float, unit: str = "") -> Check:
     """A check of one number by its relative error; both are in SI, and shown in ``unit``."""
-    error, scale = abs(computed / exact - 1.0) if exact != 0.0 else math.inf, SHOWN.get(unit, 1.0)
+    error, scale = abs(computed / exact - 1.0) if exact != 0.0 else math.inf, SHOWN[unit]
     return Check(quantity, error, bar, scale * computed, scale * exact, unit)
 
 

@@ -155,6 +155,14 @@ def test_each_mistake_is_found_where_it_is(mistake):
         assert [q for q, f in findings.items() if not f.good] == ["d_traction_d_slip"]
 
 
+def test_the_literal_rule_breaks_the_second_law():
+    """A falling alpha under the printed re-entry rule makes energy (docs/law.md)."""
+    literal = FrictionMap(FrictionMapParameters(**MAP, reentry="literal", film_onset_pressure=1e4))
+    findings = {f.quantity: f for f in check_law(literal, AT)}
+    assert not findings["dissipation, below 0"].good
+    assert findings["dissipation, its parts"].good
+
+
 # -- Checks of parameters against a run, and the closed forms of homogeneous sliding ---------------
 
 P = 3e6
