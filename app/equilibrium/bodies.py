@@ -162,16 +162,13 @@ class _Sums:
 
 @dataclass(slots=True)
 class _Placed:
-    """Cells of a body and their places in a matrix of one pattern.
-
-    Attributes:
-        points: loops over the points of the same cells inside and outside, to go with them.
-    """
+    """Cells of a body and their places in a matrix of one pattern."""
 
     pattern: object
     places: CellPlaces
     inside: CompiledCells | PointCells
     outside: CompiledCells | PointCells
+    # loops over the points of the same cells inside and outside, to go with them
     points: tuple[PointCells, PointCells] | None
 
 

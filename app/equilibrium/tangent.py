@@ -314,17 +314,12 @@ NEAR = 2.0  # typical facet sizes up to which an open point counts as about to t
 
 @dataclass(slots=True)
 class ContactWindow:
-    """Pairs of facets that the tangent's pattern has room for.
+    """Pairs of facets that the tangent's pattern has room for."""
 
-    Attributes:
-        touching: (s, f) sparse, slave facets against master facets.
-        together: (f, f) sparse, master facets that one point touches now and at the last step.
-        rings: (f, f) sparse, the neighbours that room is made for.
-    """
-
-    touching: scipy.sparse.csr_matrix
+    touching: scipy.sparse.csr_matrix  # (s, f) sparse, slave facets against master facets
+    # (f, f) sparse, master facets that one point touches now and at the last step
     together: scipy.sparse.csr_matrix
-    rings: scipy.sparse.csr_matrix
+    rings: scipy.sparse.csr_matrix  # (f, f) sparse, the neighbours that room is made for
 
     def fitted(self, surface: ContactSurface) -> ContactWindow:
         """The same over all facets of the master that are known by now."""

@@ -86,17 +86,13 @@ class _Entries(ctypes.Structure):
 
 @dataclass(frozen=True, slots=True)
 class Entries:
-    """The part of a matrix that contacts may add to in place: rows and columns of one rank.
+    """The part of a matrix that contacts may add to in place: rows and columns of one rank."""
 
-    Attributes:
-        indptr, indices: its pattern, columns in ascending order; values: its values, N/m.
-        first: from global nodes (n,) to the numbers (n,) int32 of their first unknowns in it; −1 of
-            nodes that are not in it with all their unknowns, one after the other.
-    """
-
-    indptr: Ints
-    indices: Ints
-    values: Floats
+    indptr: Ints  # its pattern, columns in ascending order
+    indices: Ints  # likewise
+    values: Floats  # its values, N/m
+    # from global nodes (n,) to the numbers (n,) int32 of their first unknowns in it; −1 of nodes
+    # that are not in it with all their unknowns, one after the other
     first: Callable[[Longs], Ints]
 
 

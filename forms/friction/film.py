@@ -158,32 +158,20 @@ def require_thickness(value: ArrayLike) -> None:
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """The film below the threshold speed.
+    """The film below the threshold speed."""
 
-    Attributes:
-        solid: (q,), 1 - alpha_0.
-        d_alpha_d_film: (q,), 1/m, derivative of alpha_0 for the film thickness.
-    """
-
-    solid: Floats
-    d_alpha_d_film: Floats
+    solid: Floats  # (q,), 1 - alpha_0
+    d_alpha_d_film: Floats  # (q,), 1/m, derivative of alpha_0 for the film thickness
 
 
 @dataclass(frozen=True, slots=True)
 class FilmPoint:
-    """The film fraction at points of the map.
+    """The film fraction at points of the map."""
 
-    Attributes:
-        alpha: (q,), film fraction.
-        solid: (q,), 1 - alpha, exactly.
-        d_alpha_d_speed: (q,), s/m, or None where it is zero at all points.
-        d_alpha_d_film: (q,), 1/m.
-    """
-
-    alpha: Floats
-    solid: Floats
-    d_alpha_d_speed: Floats | None
-    d_alpha_d_film: Floats
+    alpha: Floats  # (q,), film fraction
+    solid: Floats  # (q,), 1 - alpha, exactly
+    d_alpha_d_speed: Floats | None  # (q,), s/m, or None where it is zero at all points
+    d_alpha_d_film: Floats  # (q,), 1/m
 
 
 def at_rest(parameters: FrictionMapParameters, film: Floats) -> AtRest:
@@ -256,19 +244,14 @@ def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -
 
 @dataclass(frozen=True, slots=True)
 class FilmResistance:
-    """Resistance f at q points, with its derivatives; all zero where the contact is open.
+    """Resistance f at q points, with its derivatives; all zero where the contact is open."""
 
-    Attributes:
-        value: (q,), Pa/m.
-        d_length: (q,), Pa/m^2, for the length of the slip; None where the film is Newtonian.
-        d_pressure: (q,), 1/m, for the pressure t_N; None where it is zero at all points.
-        d_film: (q,), Pa/m^2, for the film thickness.
-    """
-
-    value: Floats
+    value: Floats  # (q,), Pa/m
+    # (q,), Pa/m^2, for the length of the slip; None where the film is Newtonian
     d_length: Floats | None
+    # (q,), 1/m, for the pressure t_N; None where it is zero at all points
     d_pressure: Floats | None
-    d_film: Floats
+    d_film: Floats  # (q,), Pa/m^2, for the film thickness
 
 
 def film_resistance(

@@ -22,21 +22,14 @@ GRAZING = 0.05  # cosine between a piece and t below which a ray only grazes it,
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """The pieces in order.
+    """The pieces in order."""
 
-    Attributes:
-        start, end: (p, i), m.
-        sweep: (p,), rad: ω, the angle that an arc turns through, left positive; 0 if straight.
-        centre: (p, i), m: M of arcs; the start of straight ones.
-        closed: whether the last piece goes on into the first.
-        continued: whether the line goes on straight, without end, at its start and at its end.
-    """
-
-    start: Floats
-    end: Floats
-    sweep: Floats
-    centre: Floats
-    closed: bool
+    start: Floats  # (p, i), m
+    end: Floats  # likewise
+    sweep: Floats  # (p,), rad: ω, the angle that an arc turns through, left positive; 0 if straight
+    centre: Floats  # (p, i), m: M of arcs; the start of straight ones
+    closed: bool  # whether the last piece goes on into the first
+    # whether the line goes on straight, without end, at its start and at its end
     continued: tuple[bool, bool] = (False, False)
 
     @property
