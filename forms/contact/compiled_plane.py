@@ -21,11 +21,13 @@ from tribox.forms.contact.compiled_tangent import (
     require_room,
     start_of,
 )
+from tribox.forms.contact.kinematics import Anchor, ContactKinematics
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling
+from tribox.forms.friction.law import FrictionState
 from tribox.forms.native import library
-from tribox.geometry.surfaces.facets import Floats, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
@@ -101,9 +103,11 @@ class CompiledPlane:
     def _set(self, **arrays: NDArray[Any] | None) -> None:
         """Give the structure arrays, which live as long as it has them."""
         for name, array in arrays.items():
+            if array is not None and array is self._alive.get(name):
+                continue
             kept = packed(array, _KINDS.get(name, np.float64))
             self._alive[name] = kept
-            setattr(self._pair, name, None if kept is None else kept.ctypes.data)
+            setattr(self._pair, name, None if kept is None else start_of(kept).value)
 
     def _see(self, trial: ContactTrial) -> None:
         """Take what forces depend on."""
@@ -118,6 +122,65 @@ class CompiledPlane:
             turn=moved[0],
             bend=moved[1],
         )
+
+    def _see_state(self, state: ContactState) -> tuple[Floats, Floats]:
+        """Shares (q, m) of the place opposite at the last step, and slopes: found once a step."""
+        if self._before is None or self._before[0] is not state:
+            slopes = self.surface.target.slopes(state.facet, state.xi)[:, 0]
+            shares = self.surface.target.weights(state.facet, state.xi) + state.ahead * slopes
+            self._before = state, shares, slopes
+        return self._before[1:]
+
+    # -- slip ---------------------------------------------------------------------------------
+
+    def relate(
+        self,
+        points: Floats,
+        nodes: Floats,
+        at: Projection,
+        state: ContactState,
+        closed: Bools,
+        brought: tuple[FrictionState, Bools] | None = None,
+    ) -> tuple[Anchor, ContactKinematics]:
+        """As :func:`tribox.forms.contact.kinematics.relate`; the anchor of ``state`` as well.
+
+        Args:
+            points: (q, i), m, current; nodes: (n, i), m, current, that move the master.
+            at: the points on the master.
+            state: of the last step.
+            closed: (q,) points in contact.
+            brought: see :func:`tribox.forms.contact.shared_slave.brought_along`.
+        """
+        shares, slopes = self._see_state(state)
+        components, length, more = state.slip_components, state.slip_length, None
+        if brought is not None:
+            slip, taken = brought[0].elastic_slip, brought[1]
+            components = np.where(taken[:, None], 0.0, components)
+            length = np.where(taken, np.linalg.norm(slip, axis=1), length)
+            more = np.where(taken[:, None], slip, 0.0)
+        if (images := self.surface.images) is not None:
+            nodes = images.behind(nodes)
+        self._set(
+            position=points,
+            foot=at.foot,
+            normal=at.normal,
+            distance=at.distance,
+            clamped=at.clamped,
+            closed=closed,
+            facet_before=state.facet,
+            share_before=shares,
+            slope_before=slopes,
+            slip_length=length,
+            image=more,
+        )
+        given = packed(nodes), packed(components)
+        anchor, image, slips, elastic = out = [np.empty_like(points) for _ in range(4)]
+        count = ctypes.c_int64(len(points))
+        self._code.tribox_plane_relate(
+            ctypes.byref(self._pair), count, *map(start_of, (*given, *out))
+        )
+        moved = Anchor(anchor, components, image, length)
+        return moved, ContactKinematics(at.normal, at.gap, closed, slips, elastic)
 
     # -- forces -------------------------------------------------------------------------------
 
@@ -176,10 +239,7 @@ class CompiledPlane:
             *(trial.projection, trial.response, trial.anchor, self.surface.target),
         )
         assert anchor is not None
-        if self._before is None or self._before[0] is not state:
-            slopes = target.slopes(state.facet, state.xi)[:, 0]
-            shares = target.weights(state.facet, state.xi) + state.ahead * slopes
-            self._before = state, shares, slopes
+        shares, slopes = self._see_state(state)
         stiffness = None if averaged else trial.normal_contact.stiffness
         self._set(
             slope_of=target.slopes(at.facet, at.xi),
@@ -199,8 +259,8 @@ class CompiledPlane:
             by_pressure=response.d_traction_d_pressure,
             closed=trial.kinematics.closed,
             facet_before=state.facet,
-            share_before=self._before[1],
-            slope_before=anchor.components * self._before[2],
+            share_before=shares,
+            slope_before=anchor.components * slopes,
             anchor=anchor.foot,
             image=anchor.slip_image,
             slip_length=anchor.slip_length,

@@ -195,10 +195,21 @@ class CompiledTangent:
         folded = nodes[:, : nodes.shape[1] - self._sizes["movers"]]
         parts = (folded, ~inside & stayed), (nodes, ~inside & ~stayed)
         blocks = [self._blocks_of(pair, groups, *part) for part in parts if part[1].any()]
-        rule = tangent.rule
-        if not isinstance(rule, AveragedPressure):
+        if not isinstance(tangent.rule, AveragedPressure):
             return blocks, []
-        needs = trial.normal_contact.needs()
+        sides = self._vertex_sides(tangent, state, trial, pair, groups)
+        return blocks, self._add_product(*sides, tangent.area_of(trial), entries, first)
+
+    def _vertex_sides(
+        self,
+        tangent: PairTangent,
+        state: ContactState,
+        trial: ContactTrial,
+        pair: _Pair,
+        groups: PointGroups,
+    ) -> tuple[NodeRows, NodeRows]:
+        """This rank's rows L_A and R_A, with the groups of closed points."""
+        needs, closed = trial.normal_contact.needs(), groups.take
         places = self._vertex_places(pair, groups, needs)
         left = self._vertex_rows(pair, groups, places, tangent.left_vectors(trial, closed))
         coupled = np.nonzero(trial.coupled())[0]
@@ -209,8 +220,7 @@ class CompiledTangent:
         normal = trial.kinematics.normal[coupled]
         along = self.surface.vertices.shape[coupled][:, :, None] * normal[:, None, :]
         right = self._vertex_rows(pair, groups, places, along)
-        area = tangent.area_of(trial)
-        return blocks, self._add_product(left, right, area, entries, first)
+        return left, right
 
     def _varying(
         self, tangent: PairTangent, state: ContactState, trial: ContactTrial
@@ -381,7 +391,7 @@ def packed(array: Any, kind: Any = np.float64) -> Any:
 
 def start_of(array: NDArray[Any]) -> ctypes.c_void_p:
     """Where an array begins, for the loops."""
-    return ctypes.c_void_p(array.ctypes.data)
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
 
 
 def entries_of(entries: Entries, rows: Ints, columns: Ints) -> tuple[_Entries, tuple[Any, ...]]:

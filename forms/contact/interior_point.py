@@ -20,12 +20,14 @@ Axis letters: q points, v vertices, i, j space.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tribox.forms.friction.law import FrictionResponse, FrictionState
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats
 
 KEPT = 0.1  # least share of permanent slip, and of the distance to slip, that an iteration leaves
@@ -231,11 +233,10 @@ class CentralSlip(InteriorSlip):
         length = np.linalg.norm(trial, axis=1)
         wanted = length / reached
         barrier = np.maximum(self.barrier / reached**2, LEAST_BARRIER)
-        low, high = np.zeros_like(wanted), np.minimum(wanted, 1.0)
-        for _ in range(HALVINGS):  # Newton's method is slow beside the pole at 1
-            ahead = 0.5 * (low + high)
-            over = ahead * (1.0 + barrier / (1.0 - ahead**2)) > wanted
-            low, high = np.where(over, low, ahead), np.where(over, ahead, high)
+        low = np.empty_like(wanted)
+        arrays = (ctypes.c_void_p(array.ctypes.data) for array in (wanted, barrier, low))
+        sizes = map(ctypes.c_int64, (len(low), HALVINGS))
+        library("central_slip.c").tribox_central_slip(*sizes, *arrays)
         left = 1.0 - low**2
         # Implicit derivatives of a(t): a/t across the trial slip, da/dt along it, and for ℓ those
         # of e = ℓ a(|q|/ℓ, ν/ℓ²).

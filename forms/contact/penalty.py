@@ -205,12 +205,11 @@ class ContactTerm:
         current = surface.project(points, nodes, mode.frozen_facets, normals, averaged)
         if self.offset is not None:
             current.shift(self.offset)
-        anchor = self.anchor(nodes)
         # Friction under the pressure of a rounded gap would tell at random where points stick.
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
         if not self.active:
             normal = normal.opened()
-        kinematics = relate(points, current, anchor, normal.closed)
+        anchor, kinematics = self._related(points, nodes, current, normal.closed)
         film, response = self._loaded(normal, current, kinematics, dt, mode)
         return ContactTrial(
             position=points,
@@ -230,6 +229,16 @@ class ContactTerm:
             slave_tangents=tangents,
             nodes=nodes,
         )
+
+    def _related(
+        self, points: Floats, nodes: Floats, at: Projection, closed: Bools
+    ) -> tuple[Anchor, ContactKinematics]:
+        """Places of the last step, and slip, of points (q, i), m, over nodes (n, i), m."""
+        if isinstance(self.compiled, CompiledPlane):
+            brought = None if self._left is None else self._left.brought
+            return self.compiled.relate(points, nodes, at, self.state, closed, brought)
+        anchor = self.anchor(nodes)
+        return anchor, relate(points, at, anchor, closed)
 
     def _loaded(
         self,

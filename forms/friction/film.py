@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -213,6 +214,13 @@ def threshold_speed(parameters: FrictionMapParameters, film: Floats) -> Floats:
     return np.where(wet, speed, np.inf)
 
 
+@lru_cache
+def _of_one_film(parameters: FrictionMapParameters, film: float) -> tuple[AtRest, Floats]:
+    """:func:`at_rest` and :func:`threshold_speed` of a thickness, m, (1,): most films keep one."""
+    thickness = np.array([film])
+    return at_rest(parameters, thickness), threshold_speed(parameters, thickness)
+
+
 def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -> FilmPoint:
     """Film fraction and its derivatives.
 
@@ -220,8 +228,10 @@ def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -
         film: (q,) or (1,), m, film thickness D; one entry stands for all points.
         speed: (q,), m/s, slip speed V >= 0.
     """
-    rest = at_rest(parameters, film)
-    v_star = threshold_speed(parameters, film)
+    if film.size == 1:
+        rest, v_star = _of_one_film(parameters, float(film[0]))
+    else:
+        rest, v_star = at_rest(parameters, film), threshold_speed(parameters, film)
     width = parameters.transition_width
     ratio = speed / v_star
     if width == 0.0:

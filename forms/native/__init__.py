@@ -17,6 +17,7 @@ SOURCES = (
     "space_contact.c",
     "contact_tangent.c",
     "plane_pair.c",
+    "central_slip.c",
     "plastic_points.c",
     "viscous_points.c",
     "point_cells.c",

@@ -531,10 +531,45 @@ int tribox_plane_vertices(const Pair *p, const Entries *e, const int32_t *slot, 
     return 0;
 }
 
+/* -- slip -------------------------------------------------------------------------------------- */
+
+/* Where the place of the last step is now, on a master with the nodes x (n, i), and the elastic slip
+ * carried along with the components (q), beside what `image` has from other masters; slip and
+ * elastic slip, as forms/contact/kinematics.py. */
+void tribox_plane_relate(const Pair *p, int64_t points, const double *x, const double *components,
+                         double *anchor, double *image, double *slip, double *elastic)
+{
+    for (int64_t q = 0; q < points; ++q) {
+        const double *n = p->normal + 2 * q, *here = (p->clamped[q] ? p->foot : p->position) + 2 * q;
+        const int32_t *node = p->stencil + p->movers * p->facet_before[q];
+        double foot[DIM] = {0.0}, v[DIM] = {0.0}, s[DIM];
+        for (int64_t m = 0; m < p->movers; ++m)
+            for (int i = 0; i < DIM; ++i) {
+                foot[i] += p->share_before[p->movers * q + m] * x[2 * node[m] + i];
+                v[i] += p->slope_before[p->movers * q + m] * x[2 * node[m] + i];
+            }
+        for (int i = 0; i < DIM; ++i) {
+            v[i] = components[q] * v[i] + (p->image ? p->image[2 * q + i] : 0.0);
+            anchor[2 * q + i] = foot[i], image[2 * q + i] = v[i];
+            s[i] = here[i] - foot[i];
+        }
+        double across = dot(n, s), along = dot(n, v), stretch = 1.0;
+        s[0] -= across * n[0], s[1] -= across * n[1], v[0] -= along * n[0], v[1] -= along * n[1];
+        double length = sqrt(dot(s, s)), size = sqrt(dot(v, v)), sunk = across - p->distance[q];
+        if (!p->clamped[q] && fabs(sunk) < 0.5 * length)
+            stretch = sqrt(1.0 + 4.0 / 3.0 * (sunk / length) * (sunk / length));
+        double scale = size > 0.0 && p->slip_length[q] > 0.0 ? p->slip_length[q] / size : 0.0;
+        for (int i = 0; i < DIM; ++i) {
+            slip[2 * q + i] = p->closed[q] ? stretch * s[i] : 0.0;
+            elastic[2 * q + i] = scale * v[i];
+        }
+    }
+}
+
 /* -- forces ------------------------------------------------------------------------------------ */
 
 /* Add the residual -G^T (w t) of all points to the pair's nodes (n, i); returns the sum of the
- * squares of what each point adds. */
+ * squares of what each point adds, but for moments on a tool. */
 double tribox_plane_forces(const Pair *p, int64_t points, double *out)
 {
     const int64_t m = p->movers;
@@ -568,7 +603,7 @@ double tribox_plane_forces(const Pair *p, int64_t points, double *out)
         if (p->turn) {
             double *tool = out + 2 * p->first_master;
             tool[0] += whole[0], tool[1] += whole[1], tool[2] += moment;
-            squared += dot(whole, whole) + moment * moment;
+            squared += dot(whole, whole);
         }
     }
     return squared;

@@ -16,6 +16,12 @@ typedef struct {
     const double *start, *end, *centre, *sweep, *middle, *limits, *sphere, *radius;
 } Line;
 
+static double apart(const double *x, const double *y)
+{
+    const double a = x[0] - y[0], b = x[1] - y[1];
+    return sqrt(a * a + b * b);
+}
+
 /* The place, and the tangent and second derivative by xi unless they are not asked for. */
 static void place_of(const Line *l, int32_t p, double xi, double *place, double *tangent,
                      double *bend)
@@ -79,7 +85,7 @@ void tribox_line_closest(const Line *l, int64_t count, const double *x, double t
         double reach = INFINITY, least = INFINITY;
         for (int64_t p = 0; p < l->pieces; ++p) {
             const double *c = l->sphere + 2 * p;
-            found[2 * p] = hypot(x[0] - c[0], x[1] - c[1]);
+            found[2 * p] = apart(x, c);
             reach = fmin(reach, found[2 * p] + l->radius[p]);
         }
         for (int64_t p = 0; p < l->pieces; ++p) {
@@ -91,7 +97,7 @@ void tribox_line_closest(const Line *l, int64_t count, const double *x, double t
             found[2 * p + 1] = free;
             free = fmin(fmax(free, l->limits[2 * p]), l->limits[2 * p + 1]);
             place_of(l, (int32_t)p, free, there, 0, 0);
-            found[2 * p] = hypot(x[0] - there[0], x[1] - there[1]);
+            found[2 * p] = apart(x, there);
             least = fmin(least, found[2 * p]);
         }
         int chosen = 0, inside = 0;

@@ -255,7 +255,7 @@ class CompiledPieces:
 
 
 def _at(array: Any) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
 
 
 def _ints(array: Ints) -> Ints:
