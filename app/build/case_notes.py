@@ -81,21 +81,17 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
     yield from notes_on_choices(contact.friction, taken)
     pressure = highest_pressure(case)
     if pressure > 0.0:
-        note = uniqueness_warning(parameters, pressure, film)
-        if note:
-            yield note
+        yield from notes_on_uniqueness(parameters, pressure, film)
     yield from notes_on_settling(case, contact, pressure)
     steps = list(_driven_steps(case))
     if steps:
-        note = threshold_speed_warning(
+        yield from notes_on_threshold(
             parameters,
             film,
             position_error=sys.float_info.epsilon * _size(case),
             dt=min(dt for _, dt in steps),
             slowest=None if _comes_to_rest(case) else min(speed for speed, _ in steps),
         )
-        if note:
-            yield note
     if parameters.switch == "lagged" and _comes_to_rest(case):
         longest = parameters.eta_b / (float(film.max()) * parameters.K_T)
         yield (
@@ -113,13 +109,9 @@ def notes_on_choices(friction: LawTable, film: Floats) -> Iterator[str]:
         film: (q,), m, film thicknesses that it is used for.
     """
     parameters = friction.parameters()
-    note = tabulation_note(parameters, film)
-    if note:
-        yield note
+    yield from notes_on_tabulation(parameters, film)
     if friction.preset is not None:
-        note = fixed_threshold_note(parameters, PRESETS[friction.preset]["eta_b"])
-        if note:
-            yield note
+        yield from notes_on_fixed_threshold(parameters, PRESETS[friction.preset]["eta_b"])
 
 
 def _notes_on_weakening(case: Case, friction: FrictionMapParameters) -> Iterator[str]:
@@ -275,19 +267,15 @@ def shear_compliance(case: Case) -> float:
 
 
 # -- Checks of friction-map parameters against the film, the pressure and the numbers of a run -----
-#
-# Parameters that cannot be computed with raise a ``ValueError``; where they may give unexpected
-# results, a function returns one line with the numbers, for the caller to print.
-
 
 MOST_TOLD = 4  # film thicknesses that a message names
 SAME = 1e-6  # relative difference of two film thicknesses that count as one
 
 
-def uniqueness_warning(
-    parameters: FrictionMapParameters, pressure: float, film: Floats | float
-) -> str | None:
-    r"""Whether slip weakening may give a step two solutions, as a line of text.
+def notes_on_uniqueness(
+    parameters: FrictionMapParameters, pressure: float, film: Floats
+) -> Iterator[str]:
+    r"""A line where slip weakening may give a step two solutions.
 
     .. math:: (1 - \alpha) K_T > \omega\, t_N (\mu_s - \mu_d) B
 
@@ -297,96 +285,80 @@ def uniqueness_warning(
 
     Args:
         pressure: Pa, the highest contact pressure t_N to expect.
-        film: (q,) or a number, m, film thickness D.
-
-    Returns:
-        A message with the numbers, or None where the solution is unique.
+        film: (q,), m, film thickness D.
     """
     softening = pressure * (parameters.mu_s - parameters.mu_dynamic) * parameters.B
     stiffness, what = parameters.K_T, "K_T"
     if parameters.flow_rule == "literal":
-        thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
-        solid = at_rest(parameters, thickness).solid
+        solid = at_rest(parameters, film).solid
         # Where the film carries all there is no friction that could weaken.
         solid = solid[solid > 0.0]
         if not solid.size:
-            return None
+            return
         stiffness, what = float(solid.min()) * stiffness, "(1 - alpha) K_T"
     if softening == 0.0 or stiffness > softening:
-        return None
+        return
     highest = pressure * stiffness / softening
-    return (
+    yield (
         f"slip weakening: stick and slip can coexist and the friction traction can jump, as "
         f"{what} = {stiffness:.3g} Pa/m is not above t_N (mu_s - mu_d) B = {softening:.3g} Pa/m at "
         f"t_N = {pressure:.3g} Pa; it is unique up to t_N = {highest:.3g} Pa"
     )
 
 
-def threshold_speed_warning(
+def notes_on_threshold(
     parameters: FrictionMapParameters,
-    film: Floats | float,
+    film: Floats,
     *,
     position_error: float,
     dt: float,
     slowest: float | None = None,
-) -> str | None:
-    """Whether the threshold speed V* has an effect in a run, as a line of text.
+) -> Iterator[str]:
+    """A line where the threshold speed V* has no effect in a run with a film below D_max.
 
     Speeds below (error of a position)/(time step) cannot be distinguished from rest; and where
     V* is below every driven speed, the film carries all (alpha = 1) throughout the sliding.
 
     Args:
-        film: (q,) or a number, m, film thickness D.
+        film: (q,), m, film thickness D.
         position_error: m, error of a position: round-off or the solver's tolerance.
         dt: s, the shortest time step.
         slowest: m/s, the lowest speed of sliding, > 0, if there is one.
-
-    Returns:
-        A message with the numbers, or None where V* can be resolved and lies between (or
-        where there is no film between D_min and D_max, so that V* has no effect).
     """
-    thickness = np.atleast_1d(np.asarray(film, dtype=np.float64))
-    inside = (thickness > parameters.D_min) & (thickness < parameters.D_max)
-    if not inside.any():
-        return None
-    v_star = threshold_speed(parameters, thickness[inside])
-    lowest, at = float(v_star.min()), float(thickness[inside][v_star.argmin()])
+    inside = film[(film > parameters.D_min) & (film < parameters.D_max)]
+    if not inside.size:
+        return
+    v_star = threshold_speed(parameters, inside)
+    lowest, at = float(v_star.min()), float(inside[v_star.argmin()])
     source = "gamma" if parameters.gamma is not None else "V_star"
     given = parameters.gamma if parameters.gamma is not None else parameters.V_star
     head = f"{source} = {given:g}: the threshold speed V* = {lowest:.2g} m/s (D = {at:.3g} m)"
     resolved = position_error / dt
     if lowest <= resolved:
-        return (
+        yield (
             f"{head} lies within round-off: speeds below {resolved:.2g} m/s (position error "
             f"{position_error:.2g} m over a time step of {dt:.2g} s) cannot be distinguished"
         )
-    if slowest is not None and float(v_star.max()) < slowest:
-        return (
+    elif slowest is not None and float(v_star.max()) < slowest:
+        yield (
             f"{head} lies below every speed of sliding (from {slowest:.2g} m/s): the film carries "
             f"all (alpha = 1) throughout"
         )
-    return None
 
 
-def tabulation_note(parameters: FrictionMapParameters, film: Floats | float) -> str | None:
-    """Film thicknesses that a table of alpha, or beta, has no row for, as a line of text.
-
-    Args:
-        film: (q,) or a number, m, film thicknesses D.
-
-    Returns:
-        A message with alpha there; None where every thickness has a row, or none is asked for.
-    """
-    name, table = _tabulated(parameters)
-    if table is None:
-        return None
+def notes_on_tabulation(parameters: FrictionMapParameters, film: Floats) -> Iterator[str]:
+    """A line with alpha at thicknesses (q,), m, that a table of alpha, or beta, has no row for."""
+    name = "beta" if parameters.alpha is None else "alpha"
+    table: float | Table | None = getattr(parameters, name)
+    if not isinstance(table, tuple):
+        return
     rows = np.array([thickness for thickness, _ in table])
-    asked = np.unique(np.atleast_1d(np.asarray(film, dtype=np.float64)))
+    asked = np.unique(film)
     asked = asked[(asked > parameters.D_min) & (asked < parameters.D_max)]
     has_row = np.isclose(asked[:, None], rows, rtol=SAME, atol=0.0).any(axis=1)
     missing = asked[~has_row]
     if not missing.size:
-        return None
+        return
     inside = (missing > rows[0]) & (missing < rows[-1])
     alpha = 1.0 - at_rest(parameters, missing).solid
     told = [
@@ -395,36 +367,26 @@ def tabulation_note(parameters: FrictionMapParameters, film: Floats | float) -> 
     ]
     more = [f"and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
     values = ", ".join([*told[:MOST_TOLD], *more])
-    return (
+    yield (
         f"the table of {name} has no row for some film thicknesses: alpha = {values}; such values "
         f"are no data; give {name} a row there, or one number, if you know it"
     )
 
 
-def _tabulated(parameters: FrictionMapParameters) -> tuple[str, Table | None]:
-    """The name of what gives alpha, and its table; None where it is a number."""
-    name = "beta" if parameters.alpha is None else "alpha"
-    value = parameters.beta if parameters.alpha is None else parameters.alpha
-    return name, value if isinstance(value, tuple) else None
+def notes_on_fixed_threshold(parameters: FrictionMapParameters, usual: float) -> Iterator[str]:
+    r"""A line on a threshold speed that stays where the viscosity is not the usual one.
 
-
-def fixed_threshold_note(parameters: FrictionMapParameters, usual: float) -> str | None:
-    r"""A threshold speed that stays where the viscosity is not the usual one, as a line of text.
-
-    .. math:: \gamma = {V^*}^2 D \eta_b/D_{max}
+    With the gamma that lets it move, :math:`\gamma = {V^*}^2 D \eta_b/D_{max}`.
 
     Args:
         usual: Pa s, viscosity that V_star is taken to belong to, such as that of a preset.
-
-    Returns:
-        A message with the gamma that lets V* move; None where V* is not given, or the viscosity is.
     """
     if parameters.V_star is None or np.isclose(parameters.eta_b, usual, rtol=SAME, atol=0.0):
-        return None
+        return
     if not np.isfinite(parameters.V_star):
-        return None
+        return
     gamma = parameters.threshold_constant * usual / parameters.D_max
-    return (
+    yield (
         f"V_star is given directly and does not move with eta_b, which is not the preset's "
         f"{usual:g} Pa*s; to have V* fall as 1/sqrt(eta_b), give gamma = {gamma:.4g} N/s instead "
         "of V_star and V_star_at"

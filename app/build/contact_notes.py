@@ -231,7 +231,9 @@ class PairAtStart:
             return
         cure = self._on_chords()
         if tool is not None and depth > self.surface.facet_length:
-            cure = f"; is {contact.master} the wrong way round? {TURN[tool.shape]}"
+            cure = (
+                f"; move it off, unless {contact.master} is the wrong way round: {TURN[tool.shape]}"
+            )
         if contact.smoothing_angle is not None:
             cure = (
                 "; a smooth master bulges beyond its facets where flats and arcs meet: leave a gap "

@@ -90,8 +90,8 @@ Acts = Callable[[str], bool]  # whether something acts in the stage of this name
 class StageChange:
     """One stage gives way to another."""
 
-    before: str  # their names
-    now: str  # "" before the first one
+    before: str  # its name; "" before the first one
+    now: str  # the name of the other
     time: float  # s, of the change
     problem: Equilibrium  # at the last converged state, evaluated with what acted before
 

@@ -91,37 +91,27 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
     Linear elements of full integration do so in nearly incompressible bodies and in those that
     flow, triangles and tetrahedra the most; quadratic ones in those that are both.
     """
-    if degree > 1:
-        yield from _locking_quadratic(solids)
-        return
     cell = named.mesh.topology.cell_name()
     for solid in solids:
-        if solid.reduced:
-            continue
-        if solid.flows:
+        ratio = solid.material.bulk_modulus / solid.material.shear_modulus
+        if degree > 1:
+            if solid.flows and ratio > LOCKING:
+                yield (
+                    f"body {solid.name}: quadratic elements of full integration lock with K/G = "
+                    f"{ratio:.3g} where it flows (29 % too stiff with six across a thick tube, "
+                    '2.5 % with twelve); use formulation = "q1-sri" on quadrilaterals or '
+                    "hexahedra, or a lower nu"
+                )
+        elif solid.flows and not solid.reduced:
             yield (
                 f"body {solid.name}: linear elements of full integration lock where a metal flows, "
                 'which keeps its volume, and are too stiff; use formulation = "q1-sri" on '
                 'quadrilaterals or hexahedra, or formulation = "q2"'
             )
-            continue
-        ratio, of_cell = solid.material.bulk_modulus / solid.material.shear_modulus, LINEAR[cell]
-        if ratio > of_cell.ratio:
+        elif not solid.reduced and ratio > (of_cell := LINEAR[cell]).ratio:
             yield (
                 f"body {solid.name}: linear {of_cell.plural} lock with K/G = {ratio:.3g} and are "
                 f"too stiff ({of_cell.measured}); use {of_cell.cure}"
-            )
-
-
-def _locking_quadratic(solids: Sequence[Solid]) -> Iterator[str]:
-    for solid in solids:
-        ratio = solid.material.bulk_modulus / solid.material.shear_modulus
-        if solid.flows and ratio > LOCKING:
-            yield (
-                f"body {solid.name}: quadratic elements of full integration lock with K/G = "
-                f"{ratio:.3g} where it flows (29 % too stiff with six across a thick tube, 2.5 % "
-                'with twelve); use formulation = "q1-sri" on quadrilaterals or hexahedra, or a '
-                "lower nu"
             )
 
 

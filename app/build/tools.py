@@ -209,8 +209,8 @@ def _add(
         raise InputError(f"tools.{name}: {error}") from None
     thickness = tools.case.geometry.slab
     dim, rotation = named.mesh.geometry.dim, table.rotation
-    length = float(np.linalg.norm(box[1] - box[0]))
-    motion = _motion(table, surface.control_points, length)
+    motion = _motion(table, surface.control_points, box)
+    length = motion.length
     free = np.zeros(dim + 1, dtype=bool)
     for slot in range(dim + 1):
         mine = block.dofs[slot : slot + 1]
@@ -239,7 +239,7 @@ def _add(
             free=free,
             idle=moment is not None and not any(moment.values),
             mass=np.asarray(np.array(masses) / thickness, dtype=np.float64),
-            stop=_stop(table, dim, length * thickness),
+            stop=_stop(table, dim, float(np.linalg.norm(box[1] - box[0])) * thickness),
         )
     )
 
@@ -341,10 +341,12 @@ def _stays(case: Case, name: str, how: _Slot) -> Acts:
     return lambda stage: stage not in free
 
 
-def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:
-    """How the control points (a, i), m, follow the tool, whose angle is multiplied by ``length``.
+def _motion(table: Tool, points: Floats, box: Floats) -> RigidMotion:
+    """How the control points (a, i), m, follow the tool.
 
-    A tool that does not turn takes the middle of its control points for its centre.
+    A tool that does not turn takes the middle of its control points for its centre. The angle is
+    multiplied by the size of the mesh's ``box`` (2, i), m, or the longest arm from there: moments
+    over it are of the size of forces.
     """
     dim, rotation = points.shape[1], table.rotation
     centre: Floats = np.asarray(getattr(table, "centre", points.mean(axis=0)), dtype=np.float64)
@@ -355,7 +357,8 @@ def _motion(table: Tool, points: Floats, length: float) -> RigidMotion:
         axis = np.asarray(rotation.axis, dtype=np.float64)
     elif dim == 3 and isinstance(table, CylinderTool):
         axis = np.asarray(table.axis, dtype=np.float64)
-    return RigidMotion(centre, points, length, axis)
+    ways = np.stack([box[1] - box[0], np.abs(box - centre).max(axis=0)])
+    return RigidMotion(centre, points, float(np.linalg.norm(ways, axis=1).max()), axis)
 
 
 def _component(table: Tool, component: str, share: float) -> _Slot:

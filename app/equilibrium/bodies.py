@@ -10,14 +10,14 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.matrix_values import is_direct, own_block, values_in_place
+from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import PointCells
@@ -50,14 +50,17 @@ class CellPlaces:
         starts: (cells inside, a, i, b) int32, place among the values of that block of the first of
             the values in the row of (a, i) and the columns of (b, j); the others follow it.
         dense: the same for the cells that are not inside, in an array (cells outside, a, i, b, j).
-        count: number of values in that block.
+        ends: of the rows of that block.
     """
 
-    def __init__(self, A: PETSc.Mat, nodes: Ints, dim: int) -> None:
+    def __init__(
+        self, A: PETSc.Mat, nodes: Ints, dim: int, before: CellPlaces | None = None
+    ) -> None:
         """Look the places up; not collective.
 
         Args:
             nodes: (c, a) local nodes of the cells, ghosts included.
+            before: the places of the same cells in a narrower pattern, which are overwritten.
         """
         unknowns = nodes[..., None].astype(np.int64) * dim + np.arange(dim)
         # By the matrix's own map, in which a platen's unknowns have the number of their leader.
@@ -68,16 +71,37 @@ class CellPlaces:
         in_order = numbers == numbers[..., :1] + np.arange(dim)
         self.inside: Bools = np.all(mine & in_order, axis=(1, 2))
         own = (numbers[self.inside] - first).astype(np.int32)
-        self.starts, self.count = np.empty((0, *own.shape[1:], own.shape[1]), np.int32), 0
+        self.starts: Places = np.empty((*own.shape, own.shape[1]), np.int32)
+        self.ends: Ints = np.zeros(1, np.int32)
         if direct:
-            self.starts, there, self.count = _starts(A, own)
+            there = self._look_up(A, own, before)
         if direct and not np.all(there):  # nothing that is ours: PETSc says what is missing
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
-        self._outside = _Sums(numbers[~self.inside])
+        outside = numbers[~self.inside]
+        same = before is not None and np.array_equal(before._outside.unknowns, outside)
+        self._outside: _Sums = before._outside if before and same else _Sums(outside)
         count, corners = np.count_nonzero(~self.inside), nodes.shape[1]
         shape = (count, corners, dim, corners)
         self.dense: Places = dim * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+
+    def _look_up(
+        self, A: PETSc.Mat, unknowns: NDArray[np.int32], before: CellPlaces | None
+    ) -> Bools:
+        """Find the `starts` of cells with rows (c, a, i); whether they have all columns (c,)."""
+        there = np.empty(len(unknowns), dtype=bool)
+        search = library(SOURCE).tribox_cell_places
+        search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 6]
+        search.restype = None
+        ends = None
+        with pattern_in_place(A) as (indptr, columns):
+            self.ends = indptr.copy()
+            if before is not None and before.starts.shape == self.starts.shape:
+                self.starts, ends = before.starts, before.ends.ctypes.data
+                assert len(before.ends) == len(self.ends), "a matrix of other rows"
+            arrays = (array.ctypes.data for array in (unknowns, self.starts, there))
+            search(*unknowns.shape, indptr.ctypes.data, columns.ctypes.data, ends, *arrays)
+        return there
 
     def add(self, A: PETSc.Mat, matrices: Floats) -> None:
         """Add element matrices (c, a, i, b, j) of all cells; not collective.
@@ -100,8 +124,8 @@ class CellPlaces:
             ValueError: the matrix has another pattern than the one the places are for.
         """
         with values_in_place(A) as values:
-            if len(values) != self.count:
-                raise ValueError(f"{len(values)} values in a matrix, places for {self.count}")
+            if len(values) != self.ends[-1]:
+                raise ValueError(f"{len(values)} values in a matrix, places for {self.ends[-1]}")
             yield values
 
     def add_outside(self, A: PETSc.Mat, matrices: Floats) -> None:
@@ -109,27 +133,12 @@ class CellPlaces:
         self._outside.add(A, matrices)
 
 
-def _starts(A: PETSc.Mat, unknowns: NDArray[np.int32]) -> tuple[Places, Bools, int]:
-    """Places (c, a, i, b) of the columns (b, 0) in the rows (a, i); cells that have them all.
-
-    And the number of values there are.
-    """
-    pattern = [np.ascontiguousarray(part, dtype=np.int32) for part in own_block(A).getRowIJ()]
-    starts = np.empty((*unknowns.shape, unknowns.shape[1]), dtype=np.int32)
-    there = np.empty(len(unknowns), dtype=bool)
-    arrays = (*pattern, unknowns, starts, there)
-    search = library(SOURCE).tribox_cell_places
-    search.argtypes = [ctypes.c_int64, ctypes.c_int, ctypes.c_int, *[ctypes.c_void_p] * 5]
-    search.restype = None
-    search(*unknowns.shape, *(array.ctypes.data for array in arrays))
-    return starts, there, int(pattern[0][-1])
-
-
 class _Sums:
     """Element matrices summed by row and column and given to PETSc, whoever's the rows are."""
 
     def __init__(self, unknowns: NDArray[np.int64]) -> None:
         """Find the distinct entries of the cells' global ``unknowns`` (c, a, i)."""
+        self.unknowns = unknowns
         at = unknowns.reshape(len(unknowns), np.prod(unknowns.shape[1:]))
         distinct, number = np.unique(at, return_inverse=True)
         number = number.reshape(at.shape)
@@ -258,7 +267,7 @@ class Bodies:
         """Cells with their places for a pattern: those found before, if any."""
         known = self._placed.get(which)
         if known is None or known.pattern != pattern:
-            known = self._placed[which] = self._found(A, cells, pattern, points)
+            known = self._placed[which] = self._found(A, cells, pattern, points, known)
         return known
 
     def _found(
@@ -267,10 +276,14 @@ class Bodies:
         cells: CompiledCells | PointCells,
         pattern: object = None,
         points: PointCells | None = None,
+        known: _Placed | None = None,
     ) -> _Placed:
-        """Cells with their places, looked up."""
-        places = CellPlaces(A, cells.nodes, self._dim)
+        """Cells with their places, looked up, more quickly beside those of another pattern."""
+        before = None if known is None else known.places
+        places = CellPlaces(A, cells.nodes, self._dim, before)
         inside = places.inside
+        if known is not None and before is not None and np.array_equal(inside, before.inside):
+            return replace(known, pattern=pattern, places=places)
         same = points is not None and np.array_equal(points.nodes, cells.nodes)
         return _Placed(
             pattern,

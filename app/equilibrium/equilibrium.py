@@ -131,15 +131,10 @@ def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ..
 
 @dataclass(slots=True)
 class Known:
-    """What has been computed at the displacement spread last.
+    """What has been computed at the displacement spread last."""
 
-    Attributes:
-        strain_energy: J (J/m); None: not yet; balanced: how the residual was evaluated there, if
-            that came last.
-    """
-
-    strain_energy: float | None = None
-    balanced: StepMode | None = None
+    strain_energy: float | None = None  # J (J/m); None: not yet
+    balanced: StepMode | None = None  # how the residual was evaluated there, if that came last
 
 
 class Equilibrium:

@@ -12,10 +12,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
+from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
+SOURCE = "cell_places.c"
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
 _PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
 _SIGNATURES = {
@@ -26,6 +30,7 @@ _SIGNATURES = {
     "MatMPIAIJGetSeqAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatMPIBAIJGetSeqBAIJ": [ctypes.c_void_p, *3 * [ctypes.POINTER(ctypes.c_void_p)]],
     "MatGetSize": [ctypes.c_void_p, *2 * [ctypes.POINTER(ctypes.c_int32)]],
+    "MatProductClear": [ctypes.c_void_p],
     "MatMultAdd": 4 * [ctypes.c_void_p],
     "MatMultTransposeAdd": 4 * [ctypes.c_void_p],
 }
@@ -66,39 +71,83 @@ def own_block(A: PETSc.Mat) -> PETSc.Mat:
 @contextmanager
 def values_in_place(A: PETSc.Mat) -> Iterator[Floats]:
     """Within a ``with`` block the values of :func:`own_block`, in the order of its rows."""
-    petsc, block, first = _petsc(), own_block(A), ctypes.POINTER(ctypes.c_double)()
-    assert petsc is not None
-    if petsc.MatSeqAIJGetArray(block.handle, ctypes.byref(first)):
-        raise PETSc.Error("the values of the matrix cannot be had")
+    block = own_block(A)
     count = int(block.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"])
+    with _values_of_part(block.handle, count) as found:
+        yield found
+
+
+@contextmanager
+def _values_of_part(part: int, count: int) -> Iterator[Floats]:
+    """The same of PETSc's matrix ``part``, which is of this rank alone, with so many entries."""
+    petsc, first = _petsc(), ctypes.POINTER(ctypes.c_double)()
+    assert petsc is not None
+    if petsc.MatSeqAIJGetArray(part, ctypes.byref(first)):
+        raise PETSc.Error("the values of the matrix cannot be had")
     try:
         yield np.ctypeslib.as_array(first, shape=(count,)) if count else np.empty(0)
     finally:
-        petsc.MatSeqAIJRestoreArray(block.handle, ctypes.byref(first))
+        petsc.MatSeqAIJRestoreArray(part, ctypes.byref(first))
 
 
 @contextmanager
 def pattern_in_place(A: PETSc.Mat) -> Iterator[tuple[Ints, Ints]]:
     """Within a ``with`` block the pattern of :func:`own_block`: ends of rows, and columns."""
-    petsc, block = _petsc(), own_block(A)
+    with _pattern_of_part(own_block(A).handle) as found:
+        yield found
+
+
+@contextmanager
+def _pattern_of_part(part: int) -> Iterator[tuple[Ints, Ints]]:
+    """The same of PETSc's matrix ``part``, which is of this rank alone."""
+    petsc = _petsc()
     assert petsc is not None and np.dtype(PETSc.IntType) == np.int32
     size, done = ctypes.c_int32(), ctypes.c_int()
     ends, columns = (ctypes.POINTER(ctypes.c_int32)() for _ in range(2))
     found = (*map(ctypes.byref, (size, ends, columns, done)),)
-    if petsc.MatGetRowIJ(block.handle, *_PLAIN, *found) or not done.value:
+    if petsc.MatGetRowIJ(part, *_PLAIN, *found) or not done.value:
         raise PETSc.Error("the pattern of the matrix cannot be had")
     try:
         indptr = np.ctypeslib.as_array(ends, shape=(size.value + 1,))
         count = int(indptr[-1])
         yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
     finally:
-        petsc.MatRestoreRowIJ(block.handle, *_PLAIN, *found)
+        petsc.MatRestoreRowIJ(part, *_PLAIN, *found)
 
 
 def pattern_of(A: PETSc.Mat) -> tuple[Ints, Ints]:
     """Ends of this rank's rows, and the columns in them, counted over all ranks."""
     ends, columns = A.getRowIJ() if A.comm.size == 1 else A.getValuesCSR()[:2]
     return ends, columns
+
+
+def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
+    """Lay ``A`` out anew, with zeros wherever it or ``extra`` has entries; collective.
+
+    A sum of both would need room for two matrices of that size.
+    """
+    if not is_direct(A) or np.dtype(PETSc.IntType) != np.int32:
+        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        A.zeroEntries()
+        return
+    width, first = A.getSize()[1], A.getOwnershipRangeColumn()[0]
+    both = _present(*pattern_of(extra), width)
+    with pattern_in_place(A) as (ends, columns):
+        both = both + _present(ends, columns + np.int32(first) if first else columns, width)
+    if A.getType() == PETSc.Mat.Type.MPIAIJ:
+        part, others = columns_of_others(A)
+        with _pattern_of_part(part) as (ends, columns):
+            both = both + _present(ends, others[columns], width)
+    kind = A.getType()
+    A.setType(PETSc.Mat.Type.DENSE)  # what PETSc knew of the places of entries goes with the type
+    A.setType(kind)
+    A.setPreallocationCSR((both.indptr, both.indices))
+
+
+def _present(ends: Ints, columns: Ints, width: int) -> scipy.sparse.csr_matrix:
+    """Ones at the entries of a pattern."""
+    entries = np.ones(len(columns), np.int8), columns, ends
+    return scipy.sparse.csr_matrix(entries, (len(ends) - 1, width))
 
 
 def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
@@ -127,3 +176,84 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
     product = petsc.MatMultTransposeAdd if transposed else petsc.MatMultAdd
     if product(part, x.handle, y.handle, y.handle):
         raise PETSc.Error("a product failed")
+
+
+class PlacesOfPart:
+    """Where the values of a part of a matrix, with the same rows and columns, lie in it.
+
+    PETSc looks for them each time that it takes a part out, and cannot tell whether that has
+    still the same entries where the matrix has more.
+
+    Attributes:
+        found: whether the places are known.
+    """
+
+    def __init__(self, rows: Ints) -> None:
+        """Of owned local ``rows`` (r,), ascending."""
+        self._rows, self.found = np.ascontiguousarray(rows, np.int32), False
+        self._places: list[tuple[Ints, int]] = []
+
+    def find(self, A: PETSc.Mat, part: PETSc.Mat) -> bool:
+        """Look the places up; returns whether ``part`` has just the entries it should; collective.
+
+        And that this can be told: of PETSc's kinds of matrices :func:`is_direct` knows some.
+        """
+        self.found, self._places = False, []
+        if not is_direct(A) or np.dtype(PETSc.IntType) != np.int32:
+            return False
+        search = library(SOURCE).tribox_part_places
+        search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 8], ctypes.c_int
+        fits = True
+        for whole, mine, number, numbers in self._parts(A, part):
+            with _pattern_of_part(whole) as outer, _pattern_of_part(mine) as inner:
+                places = np.empty(len(inner[1]), np.int32)
+                arrays = self._rows, *outer, number, *inner, numbers, places
+                at = (None if one is None else one.ctypes.data for one in arrays)
+                fits &= bool(search(len(self._rows), *at))
+                self._places.append((places, len(outer[1])))
+        self.found = bool(A.comm.tompi4py().allreduce(fits, op=MPI.LAND))
+        return self.found
+
+    def _parts(self, A: PETSc.Mat, part: PETSc.Mat) -> Iterator[tuple[int, int, Ints, Ints | None]]:
+        """PETSc's matrices of this rank alone, and the numbers of columns in those of the part.
+
+        Own columns are counted from the rank's first one; collective.
+        """
+        number = np.full(A.getLocalSize()[1], -1, np.int32)
+        number[self._rows] = np.arange(len(self._rows))
+        yield own_block(A).handle, own_block(part).handle, number, None
+        if A.comm.size == 1:
+            return
+        (whole, columns), (mine, numbers) = columns_of_others(A), columns_of_others(part)
+        everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
+        everywhere.array[:] = np.where(number < 0, -1, number + part.getOwnershipRangeColumn()[0])
+        wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
+        scatter = PETSc.Scatter().create(everywhere, wanted, here, None)
+        scatter.scatter(everywhere, here)
+        yield whole, mine, here.array.astype(np.int32), numbers
+        for one in (scatter, wanted, everywhere, here):
+            one.destroy()
+
+    def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
+        """Put the values of ``A`` into ``part``."""
+        pairs = [(own_block(A).handle, own_block(part).handle)]
+        if A.comm.size > 1:
+            pairs.append((columns_of_others(A)[0], columns_of_others(part)[0]))
+        for (whole, mine), (places, count) in zip(pairs, self._places, strict=True):
+            with (
+                _values_of_part(whole, count) as values,
+                _values_of_part(mine, len(places)) as out,
+            ):
+                np.take(values, places, out=out, mode="clip")  # which needs no room between
+        part.stateIncrease()  # or a solver would keep its factors
+
+
+def forget_products(matrices: Sequence[PETSc.Mat]) -> None:
+    """Let go of what made matrices, if they are products: the factors, and what lies between.
+
+    Products could then not be made again from other values. Collective.
+    """
+    petsc = _petsc()
+    for matrix in matrices:
+        if petsc is not None and petsc.MatProductClear(matrix.handle):
+            raise PETSc.Error("a product cannot be let go of")

@@ -21,8 +21,8 @@ from tribox.geometry.surfaces.rigid import RigidMotion, RigidSurface
 class Stop:
     """Blocks that a tool driven by a force comes to rest on."""
 
-    low: Floats  # (k,) m, displacements of the slots that they lie at
-    high: Floats  # infinite: there are none
+    low: Floats  # (k,) m, least displacements of the slots; minus infinity: no block
+    high: Floats  # (k,) m, largest ones; infinity: no block
     stiffness: Floats  # (k,) N/m per unit thickness
 
 
@@ -63,7 +63,7 @@ class RigidTool:
     def reach(self) -> float:
         """Distance, m, of its surface from the axis that it turns about.
 
-        Along axes of coordinates, and no farther than the mesh is long: a plane has no end.
+        Along axes of coordinates, and no farther than the mesh reaches: a plane has no end.
         """
         arms = np.abs(self.surface.extent - self.motion.centre).max(axis=0)
         if self.motion.axis is not None:

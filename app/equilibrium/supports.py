@@ -59,8 +59,8 @@ def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:
 class PairBodies:
     """The bodies of one contact."""
 
-    slave: Solid  # the bodies whose surfaces they are
-    master: Solid | RigidTool  # a master may be a tool
+    slave: Solid  # the body whose surface it is
+    master: Solid | RigidTool  # likewise, or the tool
 
     @property
     def softer(self) -> Solid:

@@ -19,7 +19,12 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Constraints, Platen
-from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
+from tribox.app.equilibrium.matrix_values import (
+    is_direct,
+    pattern_in_place,
+    values_in_place,
+    widen,
+)
 from tribox.app.equilibrium.slanted import room_of
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
@@ -266,10 +271,10 @@ class Tangent:
                     self._add_blocks(extra, new, None, platens)
             self._rooms[acting] = pairs
         extra.assemble()
-        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        widen(A, extra)
         extra.destroy()
-        # With another pattern PETSc makes a new matrix inside, without this numbering; and from
-        # here on an entry without room is an error, not an allocation that nobody sees.
+        # What is laid out anew is without this numbering; and from here on an entry without room is
+        # an error, not an allocation that nobody sees.
         A.setLGMap(*self._plain_map)
         self._mapped, self._fitted = (), None
         A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)

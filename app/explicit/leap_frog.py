@@ -84,12 +84,13 @@ class LumpedDynamics:
         Args:
             mass: (n,) lumped mass of the owned unknowns.
         """
-        self.mass, self.first, self.dim = mass.copy(), first, dim
+        self.mass, self.dim = mass.copy(), dim
         self.platens, self.comm = list(platens), comm
-        for platen in self.platens:
-            leader = int(platen.all_dofs[0]) - first if len(platen.all_dofs) else -1
-            if 0 <= leader < len(mass):
-                self.mass[leader] += platen.mass
+        # Platens whose first unknown is this rank's, and its number.
+        own = [(int(p.all_dofs[0]) - first, p) for p in self.platens if len(p.all_dofs)]
+        self._leaders = [(at, platen) for at, platen in own if 0 <= at < len(mass)]
+        for leader, platen in self._leaders:
+            self.mass[leader] += platen.mass
         self.platen_mass = self.sums(self.mass)
         self.springs: Floats = np.zeros(len(mass))
         self.constrain(constrained)
@@ -167,10 +168,8 @@ class LumpedDynamics:
     def add_springs(self, w: Floats, out: Floats) -> None:
         """Add the forces of springs stretched by ``w`` (n,) to ``out``: platens', foundations'."""
         out += self.springs * w
-        for platen in self.platens:
-            leader = int(platen.all_dofs[0]) - self.first if len(platen.all_dofs) else -1
-            if 0 <= leader < len(w):
-                out[leader] += platen.stiffness * w[leader]
+        for leader, platen in self._leaders:
+            out[leader] += platen.stiffness * w[leader]
 
 
 # -- One step of central differences: velocities to the next half step, displacements to the whole -

@@ -72,7 +72,7 @@ class Scene:
     body: NDArray[np.int64]  # (f,) number of its body
     low: Floats  # (3,), m, corners of the frame: scenes of one frame are seen from one place
     high: Floats  # likewise
-    camera: Camera = STANDARD
+    camera: Camera = STANDARD  # from where it is seen
     ambient: float = 0.62  # brightness of a facet that is turned away from the light
 
     @property

@@ -436,7 +436,11 @@ def _map_rows(setup: MapSetup, curves: tuple[Curve, ...]) -> Iterator[list[Any]]
         columns = (curve.speed, *friction, bulk_stress, curve.exact, curve.alpha, curve.mu)
         rows = zip(np.stack(columns, axis=1), curve.regime, curve.steady, strict=True)
         for row, regime, steady in rows:
-            numbers = ["" if math.isnan(number) else float(number) for number in row]
+            # Alone the closed form is missing where there is none.
+            numbers = [
+                "" if column is curve.exact and math.isnan(number) else float(number)
+                for column, number in zip(columns, row, strict=True)
+            ]
             words = Regime(int(regime)).name.lower(), str(bool(steady)).lower()
             yield [curve.film, curve.pressure, *numbers, *words]
 

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.matrix_values import pattern_of
+from tribox.app.equilibrium.matrix_values import PlacesOfPart
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
@@ -419,7 +419,7 @@ class BodyByBody:
         self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
-        self._source: PETSc.Mat | None = None  # as it is taken out of the tangent
+        self._places = PlacesOfPart(self._others)
         self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
@@ -467,29 +467,22 @@ class BodyByBody:
         return self.own.make()
 
     def _extract(self, matrix: PETSc.Mat, widened: bool) -> bool:
-        """Take out the other bodies' block; returns whether it has another pattern."""
-        source, block = self._source, self._block
-        if source is None or widened:
-            source = matrix.createSubMatrix(self._rows, self._rows)
-            if self._source is not None and self._source is not block:
-                self._source.destroy()
-            self._source = source
-            if block is None or not _same_pattern(block, source):
-                if block is not None:
-                    block.destroy()
-                self._block = source
-                return True
-            if matrix.comm.size == 1:  # what does not depend on the tangent's pattern serves again
-                source.copy(block, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-                source.destroy()
-                self._source = block
-                return False
-        else:
-            matrix.createSubMatrix(self._rows, self._rows, source)
-        if block is not source:
-            assert block is not None
-            source.copy(block, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        return False
+        """Take out the other bodies' block; returns whether it has another pattern.
+
+        What depends on that, but not on the rest of the tangent's, serves again.
+        """
+        block, places = self._block, self._places
+        if block is not None and (places.find(matrix, block) if widened else places.found):
+            places.take(matrix, block)
+            return False
+        if block is not None and not widened:
+            matrix.createSubMatrix(self._rows, self._rows, block)
+            return False
+        if block is not None:
+            block.destroy()
+        self._block = matrix.createSubMatrix(self._rows, self._rows)
+        places.find(matrix, self._block)
+        return True
 
     def _couple(self, matrix: PETSc.Mat, widened: bool) -> None:
         """Take out what the other bodies do to the stiff ones: the few rows that are not empty."""
@@ -587,13 +580,6 @@ class BodyByBody:
     def destroy(self) -> None:
         """Give the memory back; collective."""
         K = self._stiff.matrix
-        for part in (self.own, self._stiff, K, self._source, self._block, self._coupling):
+        for part in (self.own, self._stiff, K, self._block, self._coupling):
             if part is not None:
                 part.destroy()
-
-
-def _same_pattern(one: PETSc.Mat, other: PETSc.Mat) -> bool:
-    """Whether two matrices have entries at the same places, on all ranks; collective."""
-    pairs = zip(pattern_of(one), pattern_of(other), strict=True)
-    same = all(np.array_equal(a, b) for a, b in pairs)
-    return bool(one.comm.tompi4py().allreduce(same, op=MPI.LAND))

@@ -169,11 +169,7 @@ class LinearSolver:
         self._changed()
 
     def solve_from(
-        self,
-        x: PETSc.Vec,
-        rhs: PETSc.Vec,
-        increment: PETSc.Vec,
-        step: StepMode = DEFAULT_STEP,
+        self, x: PETSc.Vec, rhs: PETSc.Vec, increment: PETSc.Vec, step: StepMode = DEFAULT_STEP
     ) -> bool:
         """Solve with the tangent at ``x`` for an increment that meets prescribed values.
 
@@ -258,25 +254,17 @@ class LinearSolver:
 
 @dataclass(frozen=True, slots=True)
 class Assembly:
-    """All that a tangent depends on.
+    """All that a tangent depends on."""
 
-    Attributes:
-        x: (n,), m, displacements; before: those that pressures were carried from, or None.
-        step: duration and contact modes.
-        origins: of each body, from where its material points were evaluated.
-        states: of the contacts at the start of the step.
-        loads: what loads with forms were set to; platens: m, their displacements where prescribed.
-        acts: whether each prescribed part, and then each platen, was there.
-    """
-
-    x: Floats
-    before: Floats | None
-    step: StepMode
+    x: Floats  # (n,), m, displacements
+    before: Floats | None  # those that pressures were carried from, or None
+    step: StepMode  # duration and contact modes
+    # of each body, from where its material points were evaluated
     origins: tuple[Origin | None, ...]
-    states: tuple[ContactState, ...]
-    loads: tuple[Floats, ...]
-    platens: tuple[float | None, ...]
-    acts: tuple[bool, ...]
+    states: tuple[ContactState, ...]  # of the contacts at the start of the step
+    loads: tuple[Floats, ...]  # what loads with forms were set to
+    platens: tuple[float | None, ...]  # m, their displacements where prescribed
+    acts: tuple[bool, ...]  # whether each prescribed part, and then each platen, was there
 
     @classmethod
     def of(

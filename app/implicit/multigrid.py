@@ -20,6 +20,7 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import (
     add_product,
     columns_of_others,
+    forget_products,
     is_direct,
     pattern_in_place,
     values_in_place,
@@ -102,6 +103,10 @@ class Multigrid:
             self._fresh = last
         return last > max(MANY, WORN * self._fresh)
 
+    def stays(self) -> bool:
+        """Whether the preconditioner at hand serves on."""
+        return self._is_made and not self.worn()
+
     def renew(self) -> None:
         """Forget the preconditioner with its coarse spaces; collective."""
         self.ksp.reset()
@@ -122,6 +127,19 @@ class Multigrid:
         self.pc.setReusePreconditioner(not anew)
         self.ksp.setUp()
         self.pc.setReusePreconditioner(True)
+        if anew:
+            self._forget_products()
+
+    def _forget_products(self) -> None:
+        """Give back what PETSc keeps to make the levels again from another matrix; collective.
+
+        On several ranks that is more than the levels themselves.
+        """
+        if self.pc.getType() == PETSc.PC.Type.GAMG:
+            numbers = range(self.pc.getMGLevels())
+            smoothers = [self.pc.getMGSmoother(one) for one in numbers]
+            forget_products([solver.getOperators()[0] for solver in smoothers])
+            forget_products([self.pc.getMGInterpolation(one) for one in numbers[1:]])
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """See :class:`tribox.app.implicit.factor.LinearWay`; the options say what is usual."""
@@ -195,7 +213,7 @@ class MultigridSolver:
 
         Returns whether it could be done; collective.
         """
-        if self._finest is not None:
+        if self._finest is not None and not self.multigrid.stays():
             self._finest.release()
         self._ksp.setPC(self.multigrid.pc)
         try:
@@ -290,8 +308,9 @@ class FinestLevel:
         Args:
             aggregates: the coarse levels.
         """
-        self.release()
-        self._levels = CoarseLevels(aggregates)
+        self._found = 0, 0
+        if self._levels is None:
+            self._levels = CoarseLevels(aggregates)
         missing = self._blocks.take(self._matrix)
         return self._matrix.comm.tompi4py().allreduce(missing < 0, op=MPI.LAND)
 

@@ -51,7 +51,7 @@ class ImplicitOptions:
     tolerance: float = 1e-8  # residual norm allowed, relative to the contact or reaction force
     # Newton iterations before an attempt counts as failed; a step may make several
     max_iterations: int = 25
-    linear: Linear = "auto"  # the solver; direct up to a number of unknowns, or of iterations
+    linear: Linear = "auto"  # "auto": direct up to a number of unknowns, or if slow
     petsc: Mapping[str, str | float | bool] = field(default_factory=dict)  # without prefix
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +24,6 @@ from scipy.spatial import cKDTree
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
-from tribox.app.implicit.limit_point import falls, is_limit, slopes
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
@@ -42,6 +42,9 @@ CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
 FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
 ASTRAY = 2.0  # the same over the force of the last state, of a path that contacts may rub on
 NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that is none
+STATES = 4  # of a path to a limit: past a kink two slopes in a row are equal, or were before it
+FALLS = 0.9  # most that is left of a slope from one of the states to the next
+FURTHER = 2.0  # of the last attempt's length: the one before it was as long, and failed too
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
 
@@ -53,6 +56,11 @@ class Drive:
     constrained: Floats  # their increments, m
     loads: Floats  # increments of the platens' forces and the loads
     total: Floats  # their values
+
+
+def falls(slope: Floats) -> bool:
+    """Whether slopes (k,) of a path fall from state to state, as on the way to a limit."""
+    return bool(np.all(slope > 0.0) and np.all(slope[1:] <= FALLS * slope[:-1]))
 
 
 class Predictor:
@@ -201,7 +209,13 @@ class Predictor:
         ratio = self._proportion(drive)
         if not ratio or self._sum(np.array([np.abs(drive.constrained).sum()]))[0]:
             return False
-        slope = slopes(self._path, self._sum)
+        if len(self._path) < STATES:
+            return False
+        # Growth of the load over the way (k,) between the last states of the path.
+        loads, states = zip(*self._path[-STATES:], strict=True)
+        squares = np.array([np.sum((b - a) ** 2) for a, b in pairwise(states)])
+        way = np.sqrt(self._sum(squares))
+        slope = np.diff(loads) / np.where(way > 0.0, way, np.inf)
         if not falls(slope):
             return False
         failed = trial.array_r.copy()
@@ -214,8 +228,13 @@ class Predictor:
         trial.array[:] = failed
         self._residual_norm(trial, step)
         # A system that could not be solved says nothing of the slope.
-        known = bool(solved and squared > 0.0)
-        return known and is_limit(slope, last - before, float(now), reach)
+        now = max(float(now), np.finfo(float).tiny)
+        if not (solved and squared > 0.0 and falls(np.append(slope, now))):
+            return False
+        # Before a smooth maximum the square of the slope is in proportion to what is missing of the
+        # load.
+        missing = 0.5 * (last - before) * now**2 / (slope[-1] ** 2 - now**2)
+        return bool(missing <= FURTHER * reach)
 
     def restart(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode = DEFAULT_STEP) -> int:
         """Put the linear step from ``x`` into ``trial``, whatever the path was; collective."""

@@ -166,15 +166,6 @@ class SlaveFacets:
     kind: str  # "line", "triangle" or "quad"
 
 
-@dataclass(frozen=True, slots=True)
-class ContactNodes:
-    """Slave surfaces of all pairs, one after the other, in an order that ranks do not change."""
-
-    values: dict[str, Array]  # arrays (v,) or (v, i) by name, SI, as :func:`contact_nodes` says
-    facets: Longs  # (f, k) rows of the vertices of each slave facet, round it
-    kind: str  # "line", "triangle" or "quad"
-
-
 def slave_facets(model: Model) -> SlaveFacets:
     """The facets between the nodes of :func:`contact_nodes`, on all ranks; collective."""
     terms = model.problem.contacts
@@ -186,8 +177,8 @@ def slave_facets(model: Model) -> SlaveFacets:
     return SlaveFacets(rows[:, corners], pair, kind)
 
 
-def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNodes | None:
-    """Nodal values of all pairs after the last converged step; collective.
+def contact_nodes(model: Model) -> dict[str, Array] | None:
+    """Nodal values of all pairs after the last converged step, ordered; collective.
 
     Returns:
         On the first rank, by name: ``position`` and ``reference`` (v, i), m; ``pair``; ``area``,
@@ -199,13 +190,11 @@ def contact_nodes(model: Model, facets: SlaveFacets | None = None) -> ContactNod
         others.
     """
     problem = model.problem
-    facets = facets or slave_facets(model)
     pairs = list(zip(problem.contacts, problem.committed, strict=True))
     parts = [_values(index, model, term, trial) for index, (term, trial) in enumerate(pairs)]
     if problem.comm.rank > 0:
         return None
-    values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return ContactNodes(values, facets.nodes, facets.kind)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def nodal_pressure(term: ContactTerm, trial: ContactTrial) -> Floats:

@@ -175,7 +175,7 @@ class ContactSeries:
     ) -> None:
         """Find what does not change, and keep the files of ``times`` (s, by step); collective."""
         self._model = model
-        self._facets = slave_facets(model)
+        facets = slave_facets(model)
         self._points = ContactPoints(model)
         self.series: list[Series] = []
         self._fixed: list[dict[str, Packed]] = [{}, {}]
@@ -183,18 +183,18 @@ class ContactSeries:
             self.series = [Series(directory, name, times) for name in (SURFACES, POINTS)]
             count = len(self._points.weight)
             self._cells = [
-                Cells.of_one_kind(self._facets.nodes, VTK_KINDS[self._facets.kind]),
+                Cells.of_one_kind(facets.nodes, VTK_KINDS[facets.kind]),
                 Cells.of_one_kind(np.arange(count)[:, None], VERTEX),
             ]
-            self._pair = pack(self._facets.pair, lasting=True)
+            self._pair = pack(facets.pair, lasting=True)
 
     def write(self, step: int, time: float) -> None:
         """Write the last converged state."""
         points = self._points.arrays(self._model)
-        nodes = contact_nodes(self._model, self._facets)
+        nodes = contact_nodes(self._model)
         if points is None or nodes is None:
             return
-        self._write(0, nodes.values, {"pair": self._pair}, step, time)
+        self._write(0, nodes, {"pair": self._pair}, step, time)
         self._write(1, points, {}, step, time)
 
     def _write(

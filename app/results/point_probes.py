@@ -11,7 +11,7 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.build.probes import PointPlaces, SurfaceLine
 from tribox.app.results.contact_points import (
-    ContactNodes,
+    SlaveFacets,
     contact_nodes,
     displacement_at,
     slave_facets,
@@ -205,12 +205,13 @@ class ContactProbes:
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows after the last step, on the first rank; collective."""
-        nodes = contact_nodes(self._model, self._facets)
-        if nodes is None:
+        values = contact_nodes(self._model)
+        if values is None:
             return []
-        values = {name: v for name, v in nodes.values.items() if name != "pair"}
+        pair = values.pop("pair")
         if not self._along:
-            self._along = [_along(nodes, *asked) for asked in self._asked]
+            places = self._facets, values["reference"], pair
+            self._along = [_along(*places, *asked) for asked in self._asked]
             self._names = tuple(_names(values))
         return [row for along in self._along for row in self._rows_of(along, values)]
 
@@ -235,14 +236,15 @@ def _names(values: dict[str, Floats]) -> Iterator[str]:
             yield from (f"{name}_{x}" for x in AXES[: array.shape[1]])
 
 
-def _along(nodes: ContactNodes, name: str, pair: int, points: int | None) -> _Along:
-    """The points of a probe among the vertices of a pair."""
-    mine = np.flatnonzero(nodes.values["pair"] == pair)
-    if nodes.kind != "line":
+def _along(
+    facets: SlaveFacets, place: Floats, of: Ints, name: str, pair: int, points: int | None
+) -> _Along:
+    """The points of a probe among the vertices of a pair; ``of`` all pairs, at (v, i), m."""
+    mine = np.flatnonzero(of == pair)
+    if facets.kind != "line":
         none = np.zeros(len(mine))
         return _Along(name, pair, mine, mine, none, np.full(len(mine), np.nan), True)
-    facets = nodes.facets[np.isin(nodes.facets[:, 0], mine)]
-    order, way = arc_length(facets, nodes.values["reference"])
+    order, way = arc_length(facets.nodes[np.isin(facets.nodes[:, 0], mine)], place)
     if points is None:
         return _Along(name, pair, order, order, np.zeros(len(order)), way, True)
     at = np.linspace(0.0, way[-1], points)

@@ -30,59 +30,45 @@ class ContactResultants:
 
     "Along" is the way along the surface that signs are for: in the plane to the right of the
     normal; in space the driven direction, or that of the friction where nothing is driven.
-
-    Attributes:
-        normal_force: N/m; integral of the contact pressure t_N, ≥ 0 on a surface of any shape;
-            friction_force: N/m; integral of the friction's magnitude |T|.
-        tangential_force: N/m; integral of the friction on the master along its surface, with its
-            sign. It leaves out what the drag also holds: pressure on a surface that is not flat.
-        normal_resultant, drag: N/m; resultant of all tractions on the slave along the mean normal
-            of the contact, and against the way along it. On a surface that closes on itself (a
-            plug in a tube) it says little.
-        force, friction: N/m, vectors: resultant of all tractions on the slave, and of the friction
-            on the master. On an axisymmetric pair the radial parts cancel round the ring.
-        twist_moment: N m, of the friction on the master about the mean normal, through the centre
-            of pressure; 0 in the plane.
-        area: m, closed reference area; area_ratio: mean da/dA of it; stick, viscous: shares of it,
-            by regime.
-        film: m, friction_coefficient: mean of μ(d); both weighted by pressure times area.
-        penetration: m, largest. speed: m/s, mean slip speed of the closed area.
-        energy: J/m, penalty and elastic slip. dissipated: J/m in this step; numerical: the part of
-            it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T.
-        least_dissipation: J/m², smallest at any point, without the time integration's own part.
-        worst: where that is (m, current).
-        tool_moment: N m/m, of all tractions on a tool about its centre, (1,) in the plane and (3,)
-            in space; empty without a tool.
-        asperity_force: N/m, part of the normal force that asperities carry: all of it but where the
-            film is an unknown; oil: m² or m³, on the slave, and oil_supplied: what came in since
-            the start from where the film is flooded; 0 but where it is an unknown.
     """
 
-    normal_force: float
-    friction_force: float
+    normal_force: float  # N/m, integral of the contact pressure t_N, ≥ 0 on a surface of any shape
+    friction_force: float  # N/m, integral of the friction's magnitude |T|
+    # N/m, integral of the friction on the master along its surface, with its sign. It leaves out
+    # what the drag also holds: pressure on a surface that is not flat
     tangential_force: float
+    # N/m, resultant of all tractions on the slave along the mean normal of the contact, and (drag)
+    # against the way along it. On a surface that closes on itself (a plug in a tube) it says little
     normal_resultant: float
     drag: float
+    # N/m, vectors: resultant of all tractions on the slave, and of the friction on the master. On
+    # an axisymmetric pair the radial parts cancel round the ring
     force: tuple[float, ...]
     friction: tuple[float, ...]
+    # N m, of the friction on the master about the mean normal, through the centre of pressure; 0 in
+    # the plane
     twist_moment: float
-    area: float
-    area_ratio: float
-    stick: float
-    viscous: float
-    film: float
-    friction_coefficient: float
-    penetration: float
-    speed: float
-    energy: float
-    dissipated: float
+    area: float  # m, closed reference area
+    area_ratio: float  # mean da/dA of it
+    stick: float  # share of it in the sticking regime
+    viscous: float  # share of it in the viscous regime
+    film: float  # m, weighted by pressure times area
+    friction_coefficient: float  # mean of μ(d), weighted likewise
+    penetration: float  # m, largest
+    speed: float  # m/s, mean slip speed of the closed area
+    energy: float  # J/m, penalty and elastic slip
+    dissipated: float  # J/m in this step
+    # the part of it that backward Euler counts beyond the trapezoidal rule, ½ (T_{n+1} − T_n)·Δg_T
     numerical: float
-    least_dissipation: float
-    worst: tuple[float, ...]
+    least_dissipation: float  # J/m², smallest at any point, without the time integration's own part
+    worst: tuple[float, ...]  # where that is (m, current)
+    # N m/m, of all tractions on a tool about its centre, (1,) in the plane and (3,) in space; empty
+    # without a tool
     tool_moment: tuple[float, ...] = ()
+    # N/m, part of the normal force that asperities carry: all but where the film is an unknown
     asperity_force: float = 0.0
-    oil: float = 0.0
-    oil_supplied: float = 0.0
+    oil: float = 0.0  # m² or m³, on the slave; 0 but where the film is an unknown
+    oil_supplied: float = 0.0  # what came in since the start from where it is flooded, likewise
 
 
 def penetration_of(trial: ContactTrial) -> float:

@@ -34,17 +34,12 @@ _SUMS = (*_COLUMNS, "_initial_kinetic")
 
 @dataclass(slots=True)
 class Work:
-    """External forces on the bodies at a converged state, for the work they do.
+    """External forces on the bodies at a converged state, for the work they do."""
 
-    Attributes:
-        force: owned part of the forces of supports, platens and loads, N/m.
-        position: owned unknowns, m.
-        contacts: of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and
-            the offset of the gaps of a fit, m.
-    """
-
-    force: Floats
-    position: Floats
+    force: Floats  # owned part of the forces of supports, platens and loads, N/m
+    position: Floats  # owned unknowns, m
+    # of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and the offset
+    # of the gaps of a fit, m
     contacts: list[tuple[Floats, Floats, Floats]]
 
     @classmethod
@@ -187,11 +182,7 @@ class EnergyBalance:
         self.kinetic = self._initial_kinetic = kinetic
 
     def add_interval(
-        self,
-        resultants: Sequence[ContactResultants],
-        work: float,
-        damping: float,
-        kinetic: float,
+        self, resultants: Sequence[ContactResultants], work: float, damping: float, kinetic: float
     ) -> None:
         """Enter a stretch of explicit steps that ends at what was spread last; collective.
 
@@ -281,18 +272,12 @@ REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as a
 
 @dataclass(slots=True)
 class Inertia:
-    """Kinetic against strain energy over one explicit load step, from its rows.
+    """Kinetic against strain energy over one explicit load step, from its rows."""
 
-    Attributes:
-        label: of the load step.
-        kinetic, strain: J/m, sums over its rows.
-        last: kinetic over strain energy at its last row.
-    """
-
-    label: str
-    kinetic: float = 0.0
-    strain: float = 0.0
-    last: float = 0.0
+    label: str  # of the load step
+    kinetic: float = 0.0  # J/m, sums over its rows
+    strain: float = 0.0  # likewise
+    last: float = 0.0  # kinetic over strain energy at its last row
 
     @property
     def ratio(self) -> float:

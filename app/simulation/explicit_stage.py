@@ -314,7 +314,16 @@ class ExplicitStage:
         inertia.add(kinetic, state.energy_balance.strain)
         interval = Interval(steps, dt, self._stable, self.steps, inertia.last)
         observer.attempt(state, load_step, load_step.dt, interval)
-        row = state.add_row(load_step, dt, 0, steps, 0, self.stepper.whole_step_velocity, outside)
+        velocity = self.stepper.whole_step_velocity
+        row = state.add_row(
+            load_step,
+            dt,
+            iterations=0,
+            attempts=steps,
+            linear=0,
+            velocity=velocity,
+            outside=outside,
+        )
         observer.step(state, row, interval)
 
     def summary(self) -> dict[str, Any]:

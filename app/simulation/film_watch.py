@@ -58,28 +58,20 @@ AGAIN = 0.05  # share of the contact's area that may have been in it before
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A pair's film at a converged step.
+    """A pair's film at a converged step."""
 
-    Attributes:
-        place, when: of the pair and the step, in words.
-        faces: (f, 2) vertices of its faces; length: (f,), m, of each; depth: (f,), m, of the cells
-            below.
-        carried: (v,), Pa, by film and asperities together.
-        step, solver, solution: what the film was found from, by what, and what was found.
-    """
-
-    place: str
-    when: str
+    place: str  # of the pair, in words
+    when: str  # of the step, in words
     term: LubricatedTerm
     trial: ContactTrial
     film: Lubrication
-    faces: Longs
-    length: Floats
-    depth: Floats
-    carried: Floats
-    step: FilmStep
-    solver: ReynoldsFilm
-    solution: FilmSolution
+    faces: Longs  # (f, 2) vertices of its faces
+    length: Floats  # (f,), m, of each
+    depth: Floats  # (f,), m, of the cells below
+    carried: Floats  # (v,), Pa, by film and asperities together
+    step: FilmStep  # what the film was found from
+    solver: ReynoldsFilm  # by what
+    solution: FilmSolution  # what was found
 
     @property
     def loaded(self) -> Bools:

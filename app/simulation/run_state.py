@@ -214,34 +214,22 @@ class RunState(Remembers):
 
 @dataclass(slots=True)
 class Position:
-    """Which load step a run is in, and how far.
+    """Which load step a run is in, and how far."""
 
-    Attributes:
-        load_step: number of it among all of the case, from 0; after the last one their count.
-        begun: whether it has begun; else the next four belong to the one before.
-        count: steps, or rows of an explicit stage, that are made.
-        time: s, driven: m, row: number of its first row, from 0: at its start.
-        done: share of the present implicit step that is made, above 0 if it has been cut;
-            piece: share that is tried next; failures: attempts at it that did not converge;
-            wasted: their iterations; step_time: s, step_driven: m, at the step's start.
-        elapsed: s, of the load step, at which the next explicit time steps begin; within: how many
-            the present interval has had.
-    """
-
-    load_step: int = 0
-    begun: bool = False
-    count: int = 0
-    time: float = 0.0
-    driven: float = 0.0
-    row: int = 0
-    done: float = 0.0
-    piece: float = 1.0
-    failures: int = 0
-    wasted: int = 0
-    step_time: float = 0.0
-    step_driven: float = 0.0
-    elapsed: float = 0.0
-    within: int = 0
+    load_step: int = 0  # number of it among all of the case, from 0; after the last one their count
+    begun: bool = False  # whether it has begun; else the next four belong to the one before
+    count: int = 0  # steps, or rows of an explicit stage, that are made
+    time: float = 0.0  # s, at its start
+    driven: float = 0.0  # m, likewise
+    row: int = 0  # number of its first row, from 0
+    done: float = 0.0  # share of the present implicit step that is made, above 0 if it has been cut
+    piece: float = 1.0  # share that is tried next
+    failures: int = 0  # attempts at it that did not converge
+    wasted: int = 0  # their iterations
+    step_time: float = 0.0  # s, at the step's start
+    step_driven: float = 0.0  # m, likewise
+    elapsed: float = 0.0  # s, of the load step, at which the next explicit time steps begin
+    within: int = 0  # how many the present interval has had
 
     def begin(self, time: float, driven: float, row: int) -> bool:
         """Begin the load step here, unless it has begun; returns whether it has not."""
@@ -391,21 +379,14 @@ class ToolHistory:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """How an explicit run got from one row to the next.
+    """How an explicit run got from one row to the next."""
 
-    Attributes:
-        steps: time steps; dt: s, of the last of them; stable: s, stable step at the end.
-        total: time steps of the run so far.
-        kinetic_ratio: kinetic over strain energy at the end; 0 without strain energy.
-        failed: whether the run ends within it, without the row.
-    """
-
-    steps: int
-    dt: float
-    stable: float
-    total: int
-    kinetic_ratio: float
-    failed: bool = False
+    steps: int  # time steps
+    dt: float  # s, of the last of them
+    stable: float  # s, stable step at the end
+    total: int  # time steps of the run so far
+    kinetic_ratio: float  # kinetic over strain energy at the end; 0 without strain energy
+    failed: bool = False  # whether the run ends within it, without the row
 
 
 class Observer:

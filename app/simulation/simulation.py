@@ -143,8 +143,15 @@ class ImplicitStage:
         velocity = (self.stepper.x.array_r - before) / dt
         counted, self._counted = self._counted, self.stepper.solver.iterations
         linear = self._counted - counted
-        made = (dt, result.iterations, failures + 1, linear)
-        row = state.add_row(load_step, *made, velocity, outside)
+        row = state.add_row(
+            load_step,
+            dt,
+            iterations=result.iterations,
+            attempts=failures + 1,
+            linear=linear,
+            velocity=velocity,
+            outside=outside,
+        )
         observer.step(state, row, result)
 
     def _give_up(self, load_step: LoadStep, dt: float, result: StepResult) -> None:

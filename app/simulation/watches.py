@@ -36,18 +36,12 @@ RIGID = 1e4  # stiffness over that of another body beyond which a body need not 
 
 @dataclass(frozen=True, slots=True)
 class AtRoundOff:
-    """A load step whose residual fell no further than round-off.
+    """A load step whose residual fell no further than round-off."""
 
-    Attributes:
-        share: largest residual of its steps over its largest contact or reaction force.
-        stage: its label.
-        body: whose rounding leaves most, "" of gaps; carried: whether because it has moved far.
-    """
-
-    share: float
-    stage: str
-    body: str
-    carried: bool
+    share: float  # largest residual of its steps over its largest contact or reaction force
+    stage: str  # its label
+    body: str  # whose rounding leaves most, "" of gaps
+    carried: bool  # whether because it has moved far
 
 
 class RoundOffWatch(Remembers):
@@ -140,15 +134,11 @@ class RoundOffWatch(Remembers):
 
 @dataclass(slots=True)
 class Floating:
-    """The steps in which a body floated.
+    """The steps in which a body floated."""
 
-    Attributes:
-        when: the first of them, in words; steps: their number.
-        holding: largest force of the springs of a step over the largest force of the run till then.
-    """
-
-    when: str
-    steps: int = 0
+    when: str  # the first of them, in words
+    steps: int = 0  # their number
+    # largest force of the springs of a step over the largest force of the run till then
     holding: float = 0.0
 
 

@@ -34,34 +34,21 @@ EDGE = 0.1  # half-width of the strips around the ends of contact and stick, in 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """The closed contact points of a finished run, ordered from left to right.
+    """The closed contact points of a finished run, ordered from left to right."""
 
-    Attributes:
-        x: (q,), m, current, from the centre of pressure.
-        pressure, traction: (q,), Pa; the traction drags the lower body to the right if positive.
-        sticks: (q,) whether a point sticks.
-        exact: Hertz's contact under the computed normal force.
-        share: Q/(mu P) as computed; 0 without friction.
-        peak: largest share on the way; more than ``share`` where the load has gone back.
-        mu: coefficient of friction.
-        penetration: m, largest.
-        size: m, mean length of a slave facet in contact.
-        depth: m, of the shallower body.
-        below: (3, p) depth under the middle, m, and the stresses along and across the surface
-            there, Pa, by the case's first line probe; None without one.
-    """
-
-    x: Floats
-    pressure: Floats
-    traction: Floats
-    sticks: NDArray[np.bool_]
-    exact: LineContact
-    share: float
-    peak: float
-    mu: float
-    penetration: float
-    size: float
-    depth: float
+    x: Floats  # (q,), m, current, from the centre of pressure
+    pressure: Floats  # (q,), Pa
+    traction: Floats  # the traction drags the lower body to the right if positive
+    sticks: NDArray[np.bool_]  # (q,) whether a point sticks
+    exact: LineContact  # Hertz's contact under the computed normal force
+    share: float  # Q/(mu P) as computed; 0 without friction
+    peak: float  # largest share on the way; more than ``share`` where the load has gone back
+    mu: float  # coefficient of friction
+    penetration: float  # m, largest
+    size: float  # m, mean length of a slave facet in contact
+    depth: float  # m, of the shallower body
+    # (3, p) depth under the middle, m, and the stresses along and across the surface there, Pa, by
+    # the case's first line probe; None without one
     below: Floats | None = None
 
     @property

@@ -74,17 +74,11 @@ PLANE = (
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """A film over a round tool, step by step.
+    """A film over a round tool, step by step."""
 
-    Attributes:
-        drag: (n,), N/m, computed.
-        exact: (n,), N/m, ∫ η v/D ds over the true extent with the true speed.
-        half_width: m, of the last step; facets: over it.
-    """
-
-    drag: Floats
-    exact: Floats
-    half_width: float
+    drag: Floats  # (n,), N/m, computed
+    exact: Floats  # (n,), N/m, ∫ η v/D ds over the true extent with the true speed
+    half_width: float  # m, of the last step; facets: over it
 
     @property
     def ripple(self) -> float:
@@ -269,27 +263,20 @@ def pressed_curve() -> Verification:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A converged step as it can be seen from outside: nobody's word on who touches whom.
+    """A converged step as it can be seen from outside: nobody's word on who touches whom."""
 
-    Attributes:
-        row: of the history.
-        nodes: (n, i), m, current places of the nodes of each surface of the first pair.
-        position: (q, i), m, current, of the contact points; weight: (q,), m or m², reference.
-        pressure: (q,), Pa, at the points; nodal: (v,), Pa, at slave nodes, force over area, None
-            point by point; at: (v, i), m, current, those nodes.
-        along: N, Σ w T·r with r the direction to the right of each point's own normal (in space:
-            the length of Σ w T); load: N, Σ w p.
-    """
-
-    row: Row
+    row: Row  # of the history
+    # (n, i), m, current places of the nodes of each surface of the first pair
     nodes: dict[str, Floats]
-    position: Floats
-    weight: Floats
-    pressure: Floats
-    nodal: Floats | None
-    at: Floats | None
+    position: Floats  # (q, i), m, current, of the contact points
+    weight: Floats  # (q,), m or m², reference
+    pressure: Floats  # (q,), Pa, at the points
+    nodal: Floats | None  # (v,), Pa, at slave nodes, force over area, None point by point
+    at: Floats | None  # (v, i), m, current, those nodes
+    # N, Σ w T·r with r the direction to the right of each point's own normal (in space: the length
+    # of Σ w T)
     along: float
-    load: float
+    load: float  # N, Σ w p
 
 
 class Photographer(Observer):
@@ -370,24 +357,17 @@ def surfaces_of(model: Model) -> tuple[dict[str, Ints], dict[str, Floats]]:
 
 LEAST, MOST = 0.12, 2.9
 """Gaps between which nodes are fitted, relative to a²/2R: 0.16 to 1.2 a beyond the end."""
-ROUGH = 0.05
-"""Gap, relative to a²/2R, up to which a node counts as touching in the first guess."""
+ROUGH = 0.05  # gap, relative to a²/2R, up to which a node counts as touching in the first guess
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """A contact in the plane.
+    """A contact in the plane."""
 
-    Attributes:
-        left, right: m, x of its ends.
-        length: m, of the rubber's surface between them, current.
-        reference: m, the same, undeformed.
-    """
-
-    left: float
-    right: float
-    length: float
-    reference: float
+    left: float  # m, x of its left end
+    right: float  # m, x of its right end
+    length: float  # m, of the rubber's surface between them, current
+    reference: float  # m, the same, undeformed
 
     @property
     def half_width(self) -> float:

@@ -36,19 +36,13 @@ STOP = 1e-9  # residual norm of a step, relative to its forces
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A grid of quadrilaterals or hexahedra put into a shape.
+    """A grid of quadrilaterals or hexahedra put into a shape."""
 
-    Attributes:
-        counts: elements along each axis.
-        place: from points (n, i) of the unit square or cube to their places (n, i), m.
-        section: what the grid stands for.
-        formulation: of the elements.
-    """
-
-    counts: tuple[int, ...]
+    counts: tuple[int, ...]  # elements along each axis
+    # from points (n, i) of the unit square or cube to their places (n, i), m
     place: Callable[[Floats], Floats]
-    section: Section = "plane-strain"
-    formulation: Formulation = "q1-sri"
+    section: Section = "plane-strain"  # what the grid stands for
+    formulation: Formulation = "q1-sri"  # of the elements
 
 
 class FlowingBody:
@@ -365,21 +359,14 @@ WAYS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Billet:
-    """A billet that was upset: a value for each step.
+    """A billet that was upset: a value for each step."""
 
-    Attributes:
-        travelled: of the die, over the height before, subtracted from 1.
-        stretch: height over that before; less travelled, where the die penetrates.
-        force: N, of the die.
-        young, hardening, area: E, Pa; yield stress; m², before.
-    """
-
-    travelled: Floats
-    stretch: Floats
-    force: Floats
-    young: float
-    hardening: Hardening
-    area: float
+    travelled: Floats  # of the die, over the height before, subtracted from 1
+    stretch: Floats  # height over that before; less travelled, where the die penetrates
+    force: Floats  # N, of the die
+    young: float  # E, Pa
+    hardening: Hardening  # yield stress
+    area: float  # m², before
 
     def exact(self, stretch: Floats) -> Floats:
         """Force of the closed form, N."""

@@ -121,18 +121,12 @@ STRIPS: dict[str, Hardening] = {
 
 @dataclass(frozen=True, slots=True)
 class Springback:
-    """A strip bent and let go.
+    """A strip bent and let go."""
 
-    Attributes:
-        curvature: 1/m, of its middle under the moment; released: without it.
-        moment: N m/m, at the end of bending.
-        left: moment that is left, over that.
-    """
-
-    curvature: float
-    released: float
-    moment: float
-    left: float
+    curvature: float  # 1/m, of its middle under the moment
+    released: float  # without it
+    moment: float  # N m/m, at the end of bending
+    left: float  # moment that is left, over that
 
     @property
     def ratio(self) -> float:

@@ -23,23 +23,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One number compared with a closed form (or another code's result).
+    """One number compared with a closed form (or another code's result)."""
 
-    Attributes:
-        quantity: what it is, in a few words.
-        error: relative (or normalised, as ``quantity`` says), >= 0.
-        bar: largest error allowed.
-        computed: the number, in ``unit``; None where only a deviation is measured.
-        exact: what it is compared with; None likewise.
-        unit: of both.
-    """
-
-    quantity: str
-    error: float
-    bar: float
+    quantity: str  # what it is, in a few words
+    error: float  # relative (or normalised, as ``quantity`` says), >= 0
+    bar: float  # largest error allowed
+    # the number, in ``unit``; None where only a deviation is measured
     computed: float | None = None
-    exact: float | None = None
-    unit: str = ""
+    exact: float | None = None  # what it is compared with; None likewise
+    unit: str = ""  # of both
 
     @property
     def passed(self) -> bool:
@@ -47,13 +39,25 @@ class Check:
         return bool(self.error <= self.bar)
 
 
-SHOWN = {"µm": 1e6, "mm": 1e3, "kPa": 1e-3, "MPa": 1e-6, "mN": 1e3, "nJ": 1e9, "N µm": 1e6}
+SHOWN = {
+    "": 1.0,
+    "N": 1.0,
+    "N/m": 1.0,
+    "Pa s": 1.0,
+    "µm": 1e6,
+    "mm": 1e3,
+    "kPa": 1e-3,
+    "MPa": 1e-6,
+    "mN": 1e3,
+    "nJ": 1e9,
+    "N µm": 1e6,
+}
 """Units that numbers are shown in, over that of SI."""
 
 
 def compare(quantity: str, computed: float, exact: float, bar: float, unit: str = "") -> Check:
     """A check of one number by its relative error; both are in SI, and shown in ``unit``."""
-    error, scale = abs(computed / exact - 1.0) if exact != 0.0 else math.inf, SHOWN.get(unit, 1.0)
+    error, scale = abs(computed / exact - 1.0) if exact != 0.0 else math.inf, SHOWN[unit]
     return Check(quantity, error, bar, scale * computed, scale * exact, unit)
 
 
@@ -64,18 +68,12 @@ def apart(computed: Floats, exact: Floats | float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One curve of a figure.
+    """One curve of a figure."""
 
-    Attributes:
-        label: for the legend.
-        x, y: (n,), in the units of the axes.
-        exact: a closed form, drawn as a line; computed values are drawn as points.
-    """
-
-    label: str
-    x: NDArray[np.floating[Any]]
-    y: NDArray[np.floating[Any]]
-    exact: bool = False
+    label: str  # for the legend
+    x: NDArray[np.floating[Any]]  # (n,), in the units of the axes
+    y: NDArray[np.floating[Any]]  # likewise
+    exact: bool = False  # a closed form, drawn as a line; computed values are drawn as points
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,23 +88,14 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """The outcome of one verification case.
+    """The outcome of one verification case."""
 
-    Attributes:
-        name: as on the command line.
-        title: what is verified, in one line.
-        setup: mesh, load and norms, a few sentences of Markdown.
-        checks: the numbers.
-        panels: the figure.
-        failure: why it could not be computed; empty if it could.
-    """
-
-    name: str
-    title: str
-    setup: str
-    checks: tuple[Check, ...]
-    panels: tuple[Panel, ...] = ()
-    failure: str = ""
+    name: str  # as on the command line
+    title: str  # what is verified, in one line
+    setup: str  # mesh, load and norms, a few sentences of Markdown
+    checks: tuple[Check, ...]  # the numbers
+    panels: tuple[Panel, ...] = ()  # the figure
+    failure: str = ""  # why it could not be computed; empty if it could
 
     @property
     def passed(self) -> bool:

@@ -15,16 +15,7 @@ from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.fields import StressField
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.app.verify.result import (
-    Check,
-    Floats,
-    Line,
-    Panel,
-    Verification,
-    apart,
-    compare,
-    solve,
-)
+from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, apart, compare, solve
 from tribox.forms.closed_forms.hertz import PointContact, Twist
 from tribox.geometry.compat import cell_nodes
 
@@ -60,17 +51,11 @@ SLAVE_FACETS = 11
 
 @dataclass(frozen=True, slots=True)
 class PatchErrors:
-    """Largest errors of a patch test, relative to the pressure p.
+    """Largest errors of a patch test, relative to the pressure p."""
 
-    Attributes:
-        near: |σ_yy/p + 1| at the centres of cells with a node on the interface.
-        far: the same in all other cells.
-        pressure: |t_N/p − 1| at the contact points.
-    """
-
-    near: float
-    far: float
-    pressure: float
+    near: float  # |σ_yy/p + 1| at the centres of cells with a node on the interface
+    far: float  # the same in all other cells
+    pressure: float  # |t_N/p − 1| at the contact points
 
 
 def patch_errors(
@@ -80,10 +65,7 @@ def patch_errors(
 
     ``upper``, ``lower``: elements of the boxes along x, y, z.
     """
-    counts = (
-        f"geometry.upper.elements={list(upper)}",
-        f"geometry.lower.elements={list(lower)}",
-    )
+    counts = (f"geometry.upper.elements={list(upper)}", f"geometry.lower.elements={list(lower)}")
     _, simulation = solve("boxes-3d", [*PATCH, *counts, *overrides])
     return stress_errors(simulation, PATCH_PRESSURE)
 
@@ -190,26 +172,16 @@ FINE = ("geometry.contact_size=10 um",)
 
 @dataclass(frozen=True, slots=True)
 class Pressed:
-    """A sphere pressed on a block without friction; forces and energy of the whole bodies.
+    """A sphere pressed on a block without friction; forces and energy of the whole bodies."""
 
-    Attributes:
-        r, pressure: (q,), m and Pa, of the closed contact points.
-        rings: whether the points stand for rings, those of a section of revolution.
-        exact: Hertz's contact under the computed normal force.
-        energy: J, strain energy.
-        size: m, largest width of a facet in contact.
-        nodes: of the mesh.
-        penetration: m, largest.
-    """
-
-    r: Floats
-    pressure: Floats
-    rings: bool
-    exact: PointContact
-    energy: float
-    size: float
-    nodes: int
-    penetration: float
+    r: Floats  # (q,), m, of the closed contact points
+    pressure: Floats  # (q,), Pa, likewise
+    rings: bool  # whether the points stand for rings, those of a section of revolution
+    exact: PointContact  # Hertz's contact under the computed normal force
+    energy: float  # J, strain energy
+    size: float  # m, largest width of a facet in contact
+    nodes: int  # of the mesh
+    penetration: float  # m, largest
 
     @property
     def fitted(self) -> tuple[float, float]:

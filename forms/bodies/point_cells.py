@@ -40,18 +40,13 @@ def in_lanes(table: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(slots=True)
 class Moduli:
-    """Where the moduli of the tangent come from: a kernel and the state it starts at, or arrays.
+    """Where the moduli of the tangent come from: a kernel and the state it starts at, or arrays."""
 
-    Attributes:
-        kernel: None: ``A`` is given; state: (k, s); end: (k, s), what the kernel has made of the
-            state before; None: that is found anew.
-        A: (k, p, p), Pa.
-    """
-
-    kernel: Kernel | None = None
-    state: Floats | None = None
+    kernel: Kernel | None = None  # None: ``A`` is given
+    state: Floats | None = None  # (k, s)
+    # (k, s), what the kernel has made of the state before; None: that is found anew
     end: Floats | None = None
-    A: Floats | None = None
+    A: Floats | None = None  # (k, p, p), Pa
 
     def arrays(self) -> dict[str, Floats]:
         """What the loop reads."""
@@ -99,20 +94,13 @@ class Beside(ctypes.Structure):
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """What the loop is told of cells, in the order of a body.
+    """What the loop is told of cells, in the order of a body."""
 
-    Attributes:
-        nodes: (c, a) local nodes; number: (c,) of each cell in the body.
-        table: (c, q·(dim² + 2)) of each point ∂ξ/∂X (α, j), 1/m, its weight and in rings 1/x.
-        shape: (q, a, 1 + dim) functions of the nodes and their slopes in the reference cell.
-        count: of all points of the body.
-    """
-
-    nodes: Ints
-    number: Ints
-    table: Floats
-    shape: Floats
-    count: int
+    nodes: Ints  # (c, a) local nodes
+    number: Ints  # (c,) of each cell in the body
+    table: Floats  # (c, q·(dim² + 2)) of each point ∂ξ/∂X (α, j), 1/m, its weight and in rings 1/x
+    shape: Floats  # (q, a, 1 + dim) functions of the nodes and their slopes in the reference cell
+    count: int  # of all points of the body
 
 
 def cells_of(

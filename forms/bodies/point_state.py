@@ -35,22 +35,15 @@ class PointUpdate:
     """What an update of n points gives; energies per reference volume.
 
     At points that are not valid all but the state is NaN, and the state is that of the begin.
-
-    Attributes:
-        P: (n, p), Pa, first Piola stress; state: (n, s) at the end of the step.
-        A: (n, p, p), Pa, consistent tangent ∂P/∂F; None if not asked for.
-        elastic: (n,), J/m³, stored at the end; dissipation: (n,), in the step, not negative;
-            numerical: (n,), the part of it that is due to the step's size.
-        valid: whether all points could be evaluated.
     """
 
-    P: Floats
-    state: Floats
-    A: Floats | None
-    elastic: Floats
-    dissipation: Floats
-    numerical: Floats
-    valid: bool
+    P: Floats  # (n, p), Pa, first Piola stress
+    state: Floats  # (n, s) at the end of the step
+    A: Floats | None  # (n, p, p), Pa, consistent tangent ∂P/∂F; None if not asked for
+    elastic: Floats  # (n,), J/m³, stored at the end
+    dissipation: Floats  # (n,), in the step, not negative
+    numerical: Floats  # (n,), the part of it that is due to the step's size
+    valid: bool  # whether all points could be evaluated
 
 
 def address_of(source: str, name: str) -> int:
@@ -63,20 +56,14 @@ def address_of(source: str, name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """A compiled update of points, ``Update`` of ``point_lanes.h``, with its arguments.
+    """A compiled update of points, ``Update`` of ``point_lanes.h``, with its arguments."""
 
-    Attributes:
-        function: its address; material: what it reads, and what is read from there.
-        symmetric: whether A is.
-        moduli: address of what adds A to the moduli of a strain energy; None: there is none;
-            begin: how many values of a state, from the first one on, that reads.
-    """
-
-    function: int
-    material: ctypes.Structure
-    symmetric: bool
+    function: int  # its address
+    material: ctypes.Structure  # what it reads, and what is read from there
+    symmetric: bool  # whether A is
+    # address of what adds A to the moduli of a strain energy; None: there is none
     moduli: int | None = None
-    begin: int = 0
+    begin: int = 0  # how many values of a state, from the first one on, that reads
 
     @classmethod
     def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:
@@ -214,39 +201,26 @@ class PointsBeside(MaterialPoints):
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """From where material points are evaluated.
+    """From where material points are evaluated."""
 
-    Attributes:
-        values: (k, s), committed; dt: s, duration of the step, infinite where rates do not count.
-        elastic: whether nothing flows on from there, as in the first moment of unloading.
-    """
-
-    values: Floats
-    dt: float
+    values: Floats  # (k, s), committed
+    dt: float  # s, duration of the step, infinite where rates do not count
+    # whether nothing flows on from there, as in the first moment of unloading
     elastic: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Material points at one displacement.
+    """Material points at one displacement."""
 
-    Attributes:
-        u: (n,), m, local unknowns.
-        origin: from where; number: of the committed values.
-        values: (k, s), what is remembered.
-        energies: (2 or 3,), J, of this rank's part of the body: stored, and dissipated since the
-            origin.
-        forces: (n,), N (N/m), of the stress on the nodes of this rank.
-        valid: whether all points could be evaluated; where not, all but the values are NaN.
-    """
-
-    u: Floats
-    origin: Origin
-    number: int
-    values: Floats
+    u: Floats  # (n,), m, local unknowns
+    origin: Origin  # from where
+    number: int  # of the committed values
+    values: Floats  # (k, s), what is remembered
+    # (2 or 3,), J, of this rank's part of the body: stored, and dissipated since the origin
     energies: Floats
-    forces: Floats
-    valid: bool
+    forces: Floats  # (n,), N (N/m), of the stress on the nodes of this rank
+    valid: bool  # whether all points could be evaluated; where not, all but the values are NaN
 
     def led_from(self, origin: Origin, u: Floats) -> bool:
         """Whether this is where ``origin`` leads at the displacements ``u`` (n,), m."""
@@ -285,14 +259,10 @@ class PointHistory:
     """What a body must be given to be again as it was after its last committed step.
 
     It has to be evaluated and committed again, at the displacements of that time.
-
-    Attributes:
-        origin: of the last committed step; None: there was none.
-        dissipated: (2,), J, of this rank in all steps, and the numerical part of it.
     """
 
-    origin: Origin | None
-    dissipated: Floats
+    origin: Origin | None  # of the last committed step; None: there was none
+    dissipated: Floats  # (2,), J, of this rank in all steps, and the numerical part of it
 
 
 class PointState:

@@ -21,6 +21,7 @@ from tribox.forms.bodies.kinematics import Kinematics, PlanePart, Section, plane
 from tribox.forms.bodies.materials import Material
 
 Floats = NDArray[np.float64]
+PIECE = 2048  # points whose stresses are found at once
 
 
 class StressAt(Protocol):
@@ -71,6 +72,11 @@ class PointStress:
 
     def _of(self, slopes: Sequence[Any], F: Floats) -> Floats:
         """Cauchy stress (p, 3, 3) of parts of the energy, from the three slopes of each."""
+        pieces = np.split(F, list(range(PIECE, len(F), PIECE)))
+        return np.concatenate([self._of_piece(slopes, piece) for piece in pieces])
+
+    def _of_piece(self, slopes: Sequence[Any], F: Floats) -> Floats:
+        """The same of few points, as what lies between takes many times the room of F."""
         rows = np.ascontiguousarray(F.transpose(1, 2, 0))  # numpy is several times faster so
         invariants = _space_invariants(rows) if self._space else _plane_invariants(rows)
         found = values_of(slopes, dict(zip(self._constants, invariants, strict=True)))

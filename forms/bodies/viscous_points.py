@@ -80,16 +80,11 @@ class Branch:
 
 @dataclass(frozen=True, slots=True)
 class Viscoelastic:
-    """An elastomer with branches, or that softens, or both.
+    """An elastomer with branches, or that softens, or both."""
 
-    Attributes:
-        elastic: what is left of it when all branches are relaxed.
-        branches: beside it.
-        softening: of the relaxed energy, by the largest that a point has had; None: there is none.
-    """
-
-    elastic: Material
-    branches: tuple[Branch, ...] = ()
+    elastic: Material  # what is left of it when all branches are relaxed
+    branches: tuple[Branch, ...] = ()  # beside it
+    # of the relaxed energy, by the largest that a point has had; None: there is none
     softening: Mullins | None = None
 
     @property

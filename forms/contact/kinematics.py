@@ -35,20 +35,14 @@ _FACING = 0.5  # cosine between the surfaces from which on they face each other
 
 @dataclass(slots=True)
 class Anchor:
-    """State of the last converged step at each point, moved with the current master.
+    """State of the last converged step at each point, moved with the current master."""
 
-    Attributes:
-        foot: (q, i), m, current: φ²(Ȳ_n), where the material point that the slave point was on, or
-            opposite while it was open, is now: see :func:`opposite`.
-        components: (q, α), e^α of the elastic slip; 0 where it came over from another master.
-        slip_image: (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip.
-        slip_length: (q,), m: L, the length of the elastic slip, kept by the transport.
-    """
-
+    # (q, i), m, current: φ²(Ȳ_n), where the material point that the slave point was on, or opposite
+    # while it was open, is now: see :func:`opposite`
     foot: Floats
-    components: Floats
-    slip_image: Floats
-    slip_length: Floats
+    components: Floats  # (q, α), e^α of the elastic slip; 0 where it came over from another master
+    slip_image: Floats  # (q, i), m, current: e^α τ_α(Ȳ_n), the advected elastic slip
+    slip_length: Floats  # (q,), m: L, the length of the elastic slip, kept by the transport
 
     def of(self, take: Longs) -> Anchor:
         """The same of the points ``take`` (p,)."""
@@ -58,35 +52,24 @@ class Anchor:
 
 @dataclass(slots=True)
 class ContactKinematics:
-    """Current gap, slip increment and elastic slip.
+    """Current gap, slip increment and elastic slip."""
 
-    Attributes:
-        normal: (q, i); gap: (q,), m; closed: (q,) whether the point carries pressure, or touches.
-        slip: (q, i), m: Δg_T, 0 of open points.
-        elastic_slip: (q, i), m: g_e in the current tangent plane.
-    """
-
-    normal: Floats
-    gap: Floats
-    closed: Bools
-    slip: Floats
-    elastic_slip: Floats
+    normal: Floats  # (q, i)
+    gap: Floats  # (q,), m
+    closed: Bools  # (q,) whether the point carries pressure, or touches
+    slip: Floats  # (q, i), m: Δg_T, 0 of open points
+    elastic_slip: Floats  # (q, i), m: g_e in the current tangent plane
 
 
 @dataclass(slots=True)
 class Variations:
-    """How the kinematics change with the generalised coordinates.
+    """How the kinematics change with the generalised coordinates."""
 
-    Attributes:
-        d_gap: (q, r·i): δg, which is n·a but along rays; d_normal, d_slip, d_elastic: (q, i, r·j).
-        d_xi: (q, α, r·j): ∂ξ^α/∂z.
-    """
-
-    d_gap: Floats
-    d_normal: Floats
-    d_slip: Floats
-    d_elastic: Floats
-    d_xi: Floats
+    d_gap: Floats  # (q, r·i): δg, which is n·a but along rays
+    d_normal: Floats  # (q, i, r·j)
+    d_slip: Floats  # likewise
+    d_elastic: Floats  # likewise
+    d_xi: Floats  # (q, α, r·j): ∂ξ^α/∂z
 
 
 def _outer(u: Floats, v: Floats) -> Floats:
@@ -201,14 +184,11 @@ class _Arc:
     With the depth ν of the last step's place below that plane the arc has the length
     :math:`\sqrt{v^2 + 4\nu^2/3}`, up to the fifth power of the angle it turns by: a roll of the
     radius R that turns by Δθ rubs over R Δθ, of which the image is R sin Δθ.
-
-    Attributes:
-        length: v (q,), m, 1 where the slip is as it is; sunk: ν (q,), m; stretch: (q,).
     """
 
-    length: Floats
-    sunk: Floats
-    stretch: Floats
+    length: Floats  # v (q,), m, 1 where the slip is as it is
+    sunk: Floats  # ν (q,), m
+    stretch: Floats  # (q,)
 
     @classmethod
     def of(cls, slip: Floats, points: Floats, at: Projection, anchor: Anchor) -> _Arc:
@@ -402,16 +382,11 @@ def _turned(motion: RigidMotion, theta: float) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Carried:
-    """How control points follow the unknowns of their tool, at one state.
+    """How control points follow the unknowns of their tool, at one state."""
 
-    Attributes:
-        tangent: (a, i, k), no unit: T; bend: (a, i), 1/m: ∂²y_a/∂(θL)².
-        centre: (i,), m, current: about which the tool turns.
-    """
-
-    tangent: Floats
-    bend: Floats
-    centre: Floats
+    tangent: Floats  # (a, i, k), no unit: T
+    bend: Floats  # (a, i), 1/m: ∂²y_a/∂(θL)²
+    centre: Floats  # (i,), m, current: about which the tool turns
 
     @classmethod
     def at(cls, motion: RigidMotion, values: Floats) -> Carried:

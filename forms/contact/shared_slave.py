@@ -53,16 +53,11 @@ class Pair(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """Another contact with the same slave.
+    """Another contact with the same slave."""
 
-    Attributes:
-        term: it; rows: (v,) its number of each vertex of this one, −1 where it has none.
-        same_points: whether both have the same points, on all ranks, and laws of one kind.
-    """
-
-    term: Pair
-    rows: Longs
-    same_points: bool
+    term: Pair  # it
+    rows: Longs  # (v,) its number of each vertex of this one, −1 where it has none
+    same_points: bool  # whether both have the same points, on all ranks, and laws of one kind
 
     def covered(self) -> Floats:
         """Area o_A (v,) that it had at the last converged step; collective."""
@@ -114,9 +109,7 @@ def covered_by_others(neighbours: Sequence[Neighbour], count: int) -> Floats:
     return out
 
 
-def brought_along(
-    term: Pair,
-) -> tuple[FrictionState, Bools] | None:
+def brought_along(term: Pair) -> tuple[FrictionState, Bools] | None:
     """The law's state with that of points which other masters pressed at the last step.
 
     Returns:
@@ -140,16 +133,11 @@ def brought_along(
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """What the neighbours of a pair left at the last step.
+    """What the neighbours of a pair left at the last step."""
 
-    Attributes:
-        seen: what it was found from.
-        area: (v,), see :func:`covered_by_others`; brought: see :func:`brought_along`.
-    """
-
-    seen: tuple[object, ...]
-    area: Floats
-    brought: tuple[FrictionState, Bools] | None
+    seen: tuple[object, ...]  # what it was found from
+    area: Floats  # (v,), see :func:`covered_by_others`
+    brought: tuple[FrictionState, Bools] | None  # see :func:`brought_along`
 
 
 def left_by_others(term: Pair, known: Left | None) -> Left | None:

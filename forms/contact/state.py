@@ -66,28 +66,22 @@ class ContactMode:
     The other modes serve the search for a solution: what is committed was evaluated at a penalty
     scale of one, with oil that is not thinned, without an adhesive gap, and with friction that has
     its stiffness.
-
-    Attributes:
-        rate_dependent: whether the friction law feels time; without, the film carries no stress.
-        penalty_scale: factor of the penalty K_N.
-        thinned: factor of the viscosity of films that are found.
-        adhesive_gap: m; points with a gap up to this count as closed and are pulled together.
-        frozen_facets: (q,) master facets that the points do not leave for a neighbour as soon as
-            they pass an edge; None where the closest point decides.
-        friction_as_load: whether friction is a given load without stiffness.
-        only_pressed: whether what touches without a pressure has no stiffness.
-        interior: pressures and slacks that take the place of the penalty's law; None: that law.
-        dashpots: beside the penalty, in explicit steps.
     """
 
+    # whether the friction law feels time; without, the film carries no stress
     rate_dependent: bool = True
-    penalty_scale: float = 1.0
-    thinned: float = 1.0
+    penalty_scale: float = 1.0  # factor of the penalty K_N
+    thinned: float = 1.0  # factor of the viscosity of films that are found
+    # m; points with a gap up to this count as closed and are pulled together
     adhesive_gap: float = 0.0
+    # (q,) master facets that the points do not leave for a neighbour as soon as they pass an edge;
+    # None where the closest point decides
     frozen_facets: Ints | None = field(default=None, compare=False)
-    friction_as_load: bool = False
-    only_pressed: bool = False
+    friction_as_load: bool = False  # whether friction is a given load without stiffness
+    only_pressed: bool = False  # whether what touches without a pressure has no stiffness
+    # pressures and slacks that take the place of the penalty's law; None: that law
     interior: InteriorPoint | None = field(default=None, compare=False)
+    # beside the penalty, in explicit steps
     dashpots: Dashpots | None = field(default=None, compare=False)
 
     def equals(self, other: ContactMode) -> bool:
@@ -101,26 +95,17 @@ AS_IS = ContactMode()
 
 @dataclass(frozen=True, slots=True)
 class FilmHistory:
-    """The film of a pair after a converged step, at places (n,), vertices (v,) and facets (f,).
+    """The film of a pair after a converged step, at places (n,), vertices (v,) and facets (f,)."""
 
-    Attributes:
-        unknown: w (n,); film: h_T (n,), m, infinite with no master opposite; volume: (n,), m² or
-            m³, oil; pressure: p_f (v,), Pa; gap: (v,), m;
-            felt: (v,), m, the same averaged as pressures are spread.
-        length: (f,), m, current; parts: (f, 2), m² or of rings, current, that each vertex has of a
-            facet.
-        supplied: m² or m³, oil that came in from the reservoirs since the start.
-    """
-
-    unknown: Floats
-    film: Floats
-    volume: Floats
-    pressure: Floats
-    gap: Floats
-    felt: Floats
-    length: Floats
-    parts: Floats
-    supplied: float
+    unknown: Floats  # w (n,)
+    film: Floats  # h_T (n,), m, infinite with no master opposite
+    volume: Floats  # (n,), m² or m³, oil
+    pressure: Floats  # p_f (v,), Pa
+    gap: Floats  # (v,), m
+    felt: Floats  # (v,), m, the same averaged as pressures are spread
+    length: Floats  # (f,), m, current
+    parts: Floats  # (f, 2), m² or of rings, current, that each vertex has of a facet
+    supplied: float  # m² or m³, oil that came in from the reservoirs since the start
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,41 +163,33 @@ class Lubrication:
 
 @dataclass(slots=True)
 class NormalContact:
-    """Normal contact of one set of gaps.
+    """Normal contact of one set of gaps."""
 
-    Attributes:
-        closed: (q,) points that carry pressure, or touch; all have a master below them.
-        spring: (q,), Pa: t_N, negative where an adhesive gap pulls; pressure: (q,), Pa, t_N ≥ 0.
-        gap: (v,), m, mean gaps of the vertices; nodal_pressure: (v,), Pa, s_A ≥ 0; active: (v,)
-            whether a vertex carries pressure, or touches. None point by point.
-        cover: (q,) share of each point's piece of the surface that touches: less than 1 only at the
-            rim (:mod:`tribox.forms.contact.pressure`), None as long as nobody has asked
-            ``ContactTerm.cover`` for it; cover_slope: (q, k), 1/m, its derivatives
-            for the gaps of the facet's vertices, None where nothing asks for them; rim: (v,) open
-            vertices that it depends on.
-        area: (v,) that the gaps are averaged over; None: m_A. grows: (v,) where that is what the
-            master has below the vertex now; None: nowhere. whole: (q,) points whose gaps count,
-            None: all with a master below.
-        stiffness: Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where
-            nobody will ask for the tangent.
-        damping: Pa, part of s_A (v,), or of t_N (q,), that is the dashpots'; None without any.
-        lubrication: the film, part of the pressure, where it is an unknown; None elsewhere.
-    """
-
-    closed: Bools
-    spring: Floats
-    pressure: Floats
-    gap: Floats | None = None
-    nodal_pressure: Floats | None = None
+    closed: Bools  # (q,) points that carry pressure, or touch; all have a master below them
+    spring: Floats  # (q,), Pa: t_N, negative where an adhesive gap pulls
+    pressure: Floats  # (q,), Pa, t_N ≥ 0
+    gap: Floats | None = None  # (v,), m, mean gaps of the vertices
+    nodal_pressure: Floats | None = None  # (v,), Pa, s_A ≥ 0
+    # (v,) whether a vertex carries pressure, or touches. None point by point
     active: Bools | None = None
+    # (q,) share of each point's piece of the surface that touches: less than 1 only at the rim
+    # (:mod:`tribox.forms.contact.pressure`), None as long as nobody has asked ``ContactTerm.cover``
+    # for it
     cover: Floats | float | None = 1.0
+    # (q, k), 1/m, its derivatives for the gaps of the facet's vertices, None where nothing asks for
+    # them
     cover_slope: Floats | None = None
-    rim: Bools | None = None
-    area: Floats | None = None
+    rim: Bools | None = None  # (v,) open vertices that it depends on
+    area: Floats | None = None  # (v,) that the gaps are averaged over; None: m_A
+    # (v,) where that is what the master has below the vertex now; None: nowhere
     grows: Bools | None = None
-    whole: Bools | None = None
+    whole: Bools | None = None  # (q,) points whose gaps count, None: all with a master below
+    # Pa/m, −∂t_N/∂g, of points (q,), or −∂s_A/∂g_A of vertices (v,); None where nobody will ask for
+    # the tangent
     stiffness: Floats | None = None
+    # Pa, part of s_A (v,), or of t_N (q,), that is the dashpots'; None without any
     damping: Floats | None = None
+    # the film, part of the pressure, where it is an unknown; None elsewhere
     lubrication: Lubrication | None = None
 
     def opened(self) -> NormalContact:
@@ -234,16 +211,11 @@ class NormalContact:
 
 @dataclass(frozen=True, slots=True)
 class Fading:
-    """The end of a master at the points.
+    """The end of a master at the points."""
 
-    Attributes:
-        share: (q,), σ, 0 with no master below; sunk: (q,), J/m², s g ≤ 0; lost: (q,), J/m², in the
-            step.
-    """
-
-    share: Floats
-    sunk: Floats
-    lost: Floats
+    share: Floats  # (q,), σ, 0 with no master below
+    sunk: Floats  # (q,), J/m², s g ≤ 0
+    lost: Floats  # (q,), J/m², in the step
 
 
 @dataclass(slots=True)

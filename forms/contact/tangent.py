@@ -40,14 +40,10 @@ WORTH_FOLDING = 50_000
 
 @dataclass(frozen=True, slots=True)
 class PairTangent:
-    """Makes the tangent of one pair.
+    """Makes the tangent of one pair."""
 
-    Attributes:
-        surface: of the pair; rule: from gaps to pressure.
-    """
-
-    surface: ContactSurface
-    rule: NormalRule
+    surface: ContactSurface  # of the pair
+    rule: NormalRule  # from gaps to pressure
     _known: dict[bool, list[VertexRows]] = field(
         default_factory=lambda: {False: [], True: []}, repr=False
     )

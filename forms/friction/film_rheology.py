@@ -35,17 +35,11 @@ _SERIES_UP_TO = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Viscosity:
-    r"""Viscosity :math:`\tau/\dot\gamma` of the film at q points, with its derivatives.
+    r"""Viscosity :math:`\tau/\dot\gamma` of the film at q points, with its derivatives."""
 
-    Attributes:
-        value: (q,), Pa s.
-        d_rate: (q,), Pa s^2, for the shear rate.
-        d_pressure: (q,), s, for the pressure.
-    """
-
-    value: Floats
-    d_rate: Floats
-    d_pressure: Floats
+    value: Floats  # (q,), Pa s
+    d_rate: Floats  # (q,), Pa s^2, for the shear rate
+    d_pressure: Floats  # (q,), s, for the pressure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

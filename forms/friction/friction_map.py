@@ -197,7 +197,10 @@ class _Step:
         if self.parameters.switch == "lagged" or self.parameters.reentry == "literal":
             return
         motion = Motion(
-            *(self.length, self.dt, self.state.speed, 1.0 - self.state.alpha),
+            length=self.length,
+            dt=self.dt,
+            speed_before=self.state.speed,
+            solid_before=1.0 - self.state.alpha,
             bend=np.sqrt(dot(self.before, self.before)),
             pressure=pressure,
             film=_shortened(film),

@@ -23,8 +23,7 @@ from tribox.forms.friction.law import Dissipation, FrictionLaw, FrictionResponse
 
 Floats = NDArray[np.float64]
 
-METHODS = ("initial_state", "update", "stored_energy", "coefficient")
-"""What every friction law has."""
+METHODS = ("initial_state", "update", "stored_energy", "coefficient")  # what every friction law has
 
 # What the answer of a step consists of, with the axes of each part behind the points.
 ARRAYS = {
@@ -71,8 +70,7 @@ class GuardedLaw:
     def initial_state(self, n: int, dim: int) -> FrictionState:
         """As the law's; a state without history where it fails."""
         state = self._call(
-            lambda: self.law.initial_state(n, dim),
-            lambda answer: state_problem(answer, n, dim),
+            lambda: self.law.initial_state(n, dim), lambda answer: state_problem(answer, n, dim)
         )
         return FrictionState.zeros(n, dim) if state is None else state
 

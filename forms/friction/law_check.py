@@ -54,9 +54,9 @@ class Finding:
     quantity: str  # that was compared
     allowed: float  # the largest error that passes
     asked: int = 0  # points
-    compared: int = 0  # those near kinks are not compared
+    compared: int = 0  # of these; not those near kinks
     worst: float = 0.0  # largest error, relative
-    where: str = ""  # it is, in words
+    where: str = ""  # the largest error is, in words
 
     @property
     def good(self) -> bool:

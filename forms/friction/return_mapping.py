@@ -34,28 +34,17 @@ class Returned:
 
     :math:`\hat T` = ``secant`` * p. For the isotropic law its derivative for p is
     ``tangent`` m m + ``secant`` (I - m m).
-
-    Attributes:
-        elastic_slip: (i, q), m, after the step.
-        direction: (i, q), m = p/s (zero where p = 0).
-        length: (q,), m, s = |p|.
-        slip: (q,), m, permanent slip lambda >= 0 of the step.
-        slipping: (q,), whether there is any.
-        secant: (q,), Pa/m, :math:`|\hat T|/s`.
-        tangent: (q,), Pa/m, :math:`\partial|\hat T|/\partial s`.
-        d_pressure: (q,), :math:`\partial|\hat T|/\partial t_N`.
-        d_stiffness: (q,), m, :math:`\partial|\hat T|/\partial\kappa`.
     """
 
-    elastic_slip: Floats
-    direction: Floats
-    length: Floats
-    slip: Floats
-    slipping: NDArray[np.bool_]
-    secant: Floats
-    tangent: Floats
-    d_pressure: Floats
-    d_stiffness: Floats
+    elastic_slip: Floats  # (i, q), m, after the step
+    direction: Floats  # (i, q), m = p/s (zero where p = 0)
+    length: Floats  # (q,), m, s = |p|
+    slip: Floats  # (q,), m, permanent slip lambda >= 0 of the step
+    slipping: NDArray[np.bool_]  # (q,), whether there is any
+    secant: Floats  # (q,), Pa/m, |T̂|/s
+    tangent: Floats  # (q,), Pa/m, ∂|T̂|/∂s
+    d_pressure: Floats  # (q,), ∂|T̂|/∂t_N
+    d_stiffness: Floats  # (q,), m, ∂|T̂|/∂κ
 
     def derivative(self, dim: int) -> Floats:
         r""":math:`\partial\hat T/\partial p`, (i, j, q), Pa/m."""
@@ -162,18 +151,12 @@ class SlipWeakening:
     r"""Slip weakening of Luege & Luccioni.
 
     .. math:: \mu(d) = \mu_d + \frac{\mu_s - \mu_d}{1 + B \langle d - A_d \rangle_+}
-
-    Attributes:
-        mu_s: Static coefficient of friction.
-        mu_d: Dynamic coefficient of friction, reached after infinite slip.
-        A_d: m, slip at which the weakening starts.
-        B: 1/m, rate of the weakening.
     """
 
-    mu_s: float
-    mu_d: float
-    A_d: float = 0.0
-    B: float = 0.0
+    mu_s: float  # static coefficient of friction
+    mu_d: float  # dynamic coefficient of friction, reached after infinite slip
+    A_d: float = 0.0  # m, slip at which the weakening starts
+    B: float = 0.0  # 1/m, rate of the weakening
 
     @property
     def constant(self) -> bool:

@@ -53,19 +53,14 @@ ITERATIONS = 100  # at most, for kappa; about 8 do
 
 @dataclass(frozen=True, slots=True)
 class Slowing:
-    """Points whose film fraction falls with the speed in a step.
+    """Points whose film fraction falls with the speed in a step."""
 
-    Attributes:
-        points: (c,), their indices.
-        elastic: (c,), Pa, the most that their asperities can have taken over, |T^e|.
-        slopes: (3, c), derivatives of it for the length of the slip (Pa/m), the pressure (-) and
-            the film thickness (Pa/m); d_bend: (c,), Pa/m, that for the length of the elastic slip.
-    """
-
-    points: Longs
-    elastic: Floats
+    points: Longs  # (c,), their indices
+    elastic: Floats  # (c,), Pa, the most that their asperities can have taken over, |T^e|
+    # (3, c), derivatives of it for the length of the slip (Pa/m), the pressure (-) and the film
+    # thickness (Pa/m)
     slopes: Floats
-    d_bend: Floats
+    d_bend: Floats  # (c,), Pa/m, that for the length of the elastic slip
 
     def take(self, which: NDArray[np.bool_]) -> Slowing:
         """Some of the points, by a mask (c,)."""
@@ -74,24 +69,17 @@ class Slowing:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How points move in a step; each (q,), or a number, or (1,) where that stands for all.
+    """How points move in a step; each (q,), or a number, or (1,) where that stands for all."""
 
-    Attributes:
-        length: (q,), m, of the slip; dt: s.
-        speed_before: (q,), m/s, of the last converged step; solid_before: (q,), 1 - alpha there.
-        bend: (q,), m, length of the elastic slip there.
-        pressure: (q,), Pa; film: m; area_ratio, cover: as the law takes them.
-    """
-
-    length: Floats
-    dt: Floats | float
-    speed_before: Floats
-    solid_before: Floats
-    bend: Floats
-    pressure: Floats
-    film: Floats
-    area_ratio: Floats | float
-    cover: Floats | float
+    length: Floats  # (q,), m, of the slip
+    dt: Floats | float  # s
+    speed_before: Floats  # (q,), m/s, of the last converged step
+    solid_before: Floats  # (q,), 1 - alpha there
+    bend: Floats  # (q,), m, length of the elastic slip there
+    pressure: Floats  # (q,), Pa
+    film: Floats  # m
+    area_ratio: Floats | float  # as the law takes them
+    cover: Floats | float  # likewise
 
     def at(self, points: Longs) -> Motion:
         """The same of some points, every entry (c,)."""

@@ -70,15 +70,11 @@ class StribeckParameters(Declared):
 
 @dataclass(frozen=True, slots=True)
 class StribeckLaw(StickingLaw):
-    """Stribeck friction (a ``FrictionLaw``); the film has no effect.
+    """Stribeck friction (a ``FrictionLaw``); the film has no effect."""
 
-    Attributes:
-        parameters: Its parameters.
-        takes_film_cover: That ``update`` takes the share of the area that is wet.
-    """
-
+    # that ``update`` takes the share of the area that is wet
     takes_film_cover: ClassVar[bool] = True
-    parameters: StribeckParameters
+    parameters: StribeckParameters  # its parameters
 
     def coefficient(self, state: FrictionState) -> Floats:
         """mu(V) at the speed of the last step, (q,)."""

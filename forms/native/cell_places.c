@@ -2,13 +2,14 @@
  *
  * `unknown` (cells, corners, dim) are the rows of a cell's nodes, and its columns. `start` (cells, a,
  * i, b) gets the place of column (b, 0) in row (a, i), `found` (cells) whether all rows of a cell
- * have all its columns, those of a node one after the other. */
+ * have all its columns, those of a node one after the other. `before` are the rows' ends in the
+ * pattern that `start` has the places of, or NULL: in rows as long as there these have only moved. */
 
 #include <stdint.h>
 
 void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indptr,
-                        const int32_t *columns, const int32_t *unknown, int32_t *start,
-                        uint8_t *found)
+                        const int32_t *columns, const int32_t *before, const int32_t *unknown,
+                        int32_t *start, uint8_t *found)
 {
     for (int64_t c = 0; c < cells; ++c, unknown += corners * dim) {
         int all = 1;
@@ -19,8 +20,11 @@ void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indp
                 int32_t low = first, high = end;
                 /* The rows of a node mostly have the same columns. */
                 const int32_t above = row % dim ? first + start[-corners] - indptr[unknown[row - 1]] : end;
+                const int32_t moved = before ? first + *start - before[unknown[row]] : end;
                 if (above < end && columns[above] == wanted)
                     low = high = above;
+                else if (moved >= first && moved < end && columns[moved] == wanted)
+                    low = high = moved;
                 while (low < high) {
                     int32_t middle = low + (high - low) / 2;
                     if (columns[middle] < wanted)
@@ -35,4 +39,29 @@ void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indp
         }
         found[c] = all;
     }
+}
+
+/* Where the values of a part of a matrix lie in it: `places` gets one for each entry of the part.
+ *
+ * `row` (rows) are those that the part has, `number` of each column of the matrix that in the part, or
+ * negative. `numbers` are those of the part's columns; NULL: they are these. Both have columns in the
+ * same order. Returns whether the part has just these entries. */
+int tribox_part_places(int64_t rows, const int32_t *row, const int32_t *indptr, const int32_t *columns,
+                       const int32_t *number, const int32_t *ends, const int32_t *inside,
+                       const int32_t *numbers, int32_t *places)
+{
+    for (int64_t r = 0; r < rows; ++r) {
+        int32_t at = ends[r];
+        for (int32_t k = indptr[row[r]]; k < indptr[row[r] + 1]; ++k) {
+            const int32_t wanted = number[columns[k]];
+            if (wanted < 0)
+                continue;
+            if (at == ends[r + 1] || (numbers ? numbers[inside[at]] : inside[at]) != wanted)
+                return 0;
+            places[at++] = k;
+        }
+        if (at != ends[r + 1])
+            return 0;
+    }
+    return 1;
 }

@@ -569,7 +569,7 @@ void tribox_plane_relate(const Pair *p, int64_t points, const double *x, const d
 /* -- forces ------------------------------------------------------------------------------------ */
 
 /* Add the residual -G^T (w t) of all points to the pair's nodes (n, i); returns the sum of the
- * squares of what each point adds. */
+ * squares of what each point adds, but for moments on a tool. */
 double tribox_plane_forces(const Pair *p, int64_t points, double *out)
 {
     const int64_t m = p->movers;
@@ -603,7 +603,7 @@ double tribox_plane_forces(const Pair *p, int64_t points, double *out)
         if (p->turn) {
             double *tool = out + 2 * p->first_master;
             tool[0] += whole[0], tool[1] += whole[1], tool[2] += moment;
-            squared += dot(whole, whole) + moment * moment;
+            squared += dot(whole, whole);
         }
     }
     return squared;

@@ -146,11 +146,12 @@ INLINE void axes_in_plane(const vec *F, const vec *C, Axes *at)
 
 /* The principal value, times `sign` in [sqrt 3, 2], that is farthest from the other two of a
  * deviator whose squares sum to 6: the largest root of x^3 - 3 x - 2 h, h = |det|/2 in [0, 1], by
- * Newton's method from a parabola that is right to 3e-3. */
+ * Newton's method from a polynomial that is right to 1e-5. */
 INLINE vec far_value(vec h)
 {
-    vec x = 1.7320508075688772 + h * (0.3333333333333333 - 0.0653841409022105 * h);
-    for (int i = 0; i < 3; ++i)
+    vec x = 1.7320597067184762 + h * (0.3328580367612478 + h * (-0.0920105227157930 +
+            h * (0.0352847297756343 - 0.0081988109128235 * h)));
+    for (int i = 0; i < 2; ++i)
         x -= (x * (x * x - 3.0) - 2.0 * h) / (3.0 * (x * x - 1.0));
     return x;
 }
@@ -355,6 +356,17 @@ INLINE void yields(const Material *m, vec alpha, vec *stress, vec *slope)
     flow_stresses(&still, alpha, all(0.0), stress, slope);
 }
 
+/* Flow stress and its slope over a step, and the yield stress at its end. */
+INLINE void end_stresses(const Material *m, vec alpha, vec step, vec *stress, vec *slope, vec *yield)
+{
+    vec unused;
+    flow_stresses(m, alpha, step, stress, slope);
+    if (m->rate == NO_RATE)
+        *yield = *stress;
+    else
+        yields(m, alpha + step, yield, &unused);
+}
+
 /* Left of the root for concave laws where there is a rate factor, see `start`. */
 INLINE vec starts(const Material *m, vec over, vec stress, vec slope)
 {
@@ -444,14 +456,12 @@ INLINE void flow(const Material *m, const vec *logs, vec alpha, const vec *last,
         f->stress = end = begin + slope * f->step;
     } else {
         Products alone;
-        vec unused;
         alone.aim = trial * trial * (2.0 / 3.0);
         if (last)
             f->step = *last - alpha;
         else
             f->step = plastic_step(m, &alone, alpha, begin, slope, ~flows, all(0.0), SMALL_STEP);
-        flow_stresses(m, alpha, f->step, &f->stress, &slope);
-        yields(m, alpha + f->step, &end, &unused);
+        end_stresses(m, alpha, f->step, &f->stress, &slope, &end);
     }
     vec drop = three * f->step / choose(flows, trial, all(1.0));
     f->theta = 1.0 - drop;
@@ -803,8 +813,7 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
             done = turn(space, m, s, trial, alpha, begin, rise, done, t, rest);
         t->good = done;
     }
-    flow_stresses(m, alpha, t->step, &t->stress, &t->slope);
-    yields(m, alpha + t->step, &end, &unused);
+    end_stresses(m, alpha, t->step, &t->stress, &t->slope, &end);
     t->recovered = recovered(space, m, t);
     t->numerical = 0.5 * t->step * (t->stress / end * (end - begin) + t->recovered - lost);
 }
@@ -995,7 +1004,7 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     const int count = space ? 6 : 4, shears = space ? 3 : 1;
     static const int NUMBER[2][3][3] = {{{0, 1, 0}, {2, 3, 0}, {0, 0, 4}}, {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}}};
     const double two = 2.0 * m->shear;
-    vec W[36], R[36], more[3][6], r[3][6], rise[6] = {}, nu[6] = {}, begin, unused, stress, slope;
+    vec W[36], R[36], more[3][6], r[3][6], rise[6] = {}, nu[6] = {}, end, stress, slope;
     tensor over, D, of_F;
     UPPER(space, a, b) over[a][b] = (a == b ? two * t->values[a] : all(0.0)) - of->X[a][b];
     add_deviator(space, over, nu);
@@ -1006,9 +1015,8 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     q = square_root(q);
     for (int i = 0; i < count; ++i)
         nu[i] *= 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
-    flow_stresses(m, alpha, t->step, &stress, &slope);
-    yields(m, alpha + t->step, &begin, &unused);
-    ivec flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) | (ivec)(t->step > 0.0);
+    end_stresses(m, alpha, t->step, &stress, &slope, &end);
+    ivec flows = (ivec)(q >= (1.0 - NEUTRAL) * end) | (ivec)(t->step > 0.0);
     changes_of_exponential(space, t, D, of_F);
     trial_changes(space, axes, t->N, more, r);
     vec size = 2.449489742783178 * m->shear * t->step, across_it = size / (size + 0.8164965809277260 * stress);

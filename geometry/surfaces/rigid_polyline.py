@@ -20,13 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tribox.geometry.surfaces.rigid import CHORD, Feet, Outline, Places, RigidShape
-from tribox.geometry.surfaces.rigid_pieces import (
-    GRAZING,
-    STRAIGHT,
-    CompiledPieces,
-    Pieces,
-    left_of,
-)
+from tribox.geometry.surfaces.rigid_pieces import GRAZING, STRAIGHT, CompiledPieces, Pieces, left_of
 from tribox.geometry.surfaces.target import fade_at_ends
 
 if TYPE_CHECKING:
@@ -383,15 +377,11 @@ FACING = 0.45  # cosine between the normals of piece and slave from which on poi
 
 @dataclass(slots=True)
 class Shares:
-    """Shares σ of points.
+    """Shares σ of points."""
 
-    Attributes:
-        share: (q,) σ; slope: (q,) ∂σ/∂ξ; turn: (q, i) ∂σ/∂n, None of closest points.
-    """
-
-    share: Floats
-    slope: Floats
-    turn: Floats | None = None
+    share: Floats  # (q,) σ
+    slope: Floats  # (q,) ∂σ/∂ξ
+    turn: Floats | None = None  # (q, i) ∂σ/∂n, None of closest points
 
 
 class LineEnds:

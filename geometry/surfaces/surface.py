@@ -17,17 +17,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.geometry.surfaces.body_facets import (
-    displacement_facet,
-    outward_facets,
-)
-from tribox.geometry.surfaces.facets import (
-    Floats,
-    Ints,
-    Longs,
-    measure,
-    unit_normals,
-)
+from tribox.geometry.surfaces.body_facets import displacement_facet, outward_facets
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs, measure, unit_normals
 from tribox.geometry.surfaces.images import Held, Images
 from tribox.geometry.surfaces.master import (
     FacetRows,
@@ -56,19 +47,14 @@ ROUND = np.cos(np.radians(10.0))  # between a facet's normal and that of a round
 
 @dataclass(slots=True)
 class RigidMaster:
-    """A rigid surface as master, the same on every rank.
+    """A rigid surface as master, the same on every rank."""
 
-    Attributes:
-        nodes: global nodes (displacement blocks) that move it: (2,) reference nodes, as in
-            :class:`~tribox.geometry.surfaces.rigid.RigidMotion`, or without ``motion`` (a,)
-            those that are its control points.
-        surface: of the tool.
-        motion: of its control points.
-    """
-
+    # global nodes (displacement blocks) that move it: (2,) reference nodes, as in
+    # :class:`~tribox.geometry.surfaces.rigid.RigidMotion`, or without ``motion`` (a,) those that
+    # are its control points
     nodes: Longs
-    surface: RigidSurface
-    motion: RigidMotion | None = None
+    surface: RigidSurface  # of the tool
+    motion: RigidMotion | None = None  # of its control points
 
     @property
     def position(self) -> Floats:

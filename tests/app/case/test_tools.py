@@ -244,7 +244,10 @@ def test_the_resolved_case_reads_back_to_the_same(tmp_path):
         (on_punch(inside=True), "inside = true is for a body inside it"),
         (on_punch(centre=[2e-3, -3e-3], inside=True), "contact.0: top starts 0.0"),
         ({"punch": ABOVE}, "going along it, the body is on the left"),
-        ({"punch": HOLLOW}, "is punch the wrong way round? going along it, the body is on the"),
+        (
+            {"punch": HOLLOW},
+            "; move it off, unless punch is the wrong way round: going along it",
+        ),
         (
             {"punch": {"shape": "mesh", "file": "", "surface": "top", "turned_over": True}},
             "turned_over = true turns it over",

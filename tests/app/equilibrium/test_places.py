@@ -9,7 +9,12 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import CellPlaces
 from tribox.app.equilibrium.equilibrium import load_residuals
-from tribox.app.equilibrium.matrix_values import own_block, values_in_place
+from tribox.app.equilibrium.matrix_values import (
+    PlacesOfPart,
+    own_block,
+    values_in_place,
+    widen,
+)
 from tribox.app.equilibrium.tangent import pattern_form
 from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest, place_text
 from tribox.forms.bodies.loads import FollowerPressure
@@ -73,6 +78,25 @@ def difference(mesh, every=1, condensed=None):
     return A.norm(PETSc.NormType.INFINITY) / wanted.norm(PETSc.NormType.INFINITY), inside
 
 
+def test_places_in_a_pattern_that_is_widened_are_as_if_looked_up_anew():
+    mesh = dolfinx.mesh.create_box(MPI.COMM_SELF, [[0, 0, 0], [1, 1, 1]], [4, 3, 3])
+    space, A = matrix_of(mesh)
+    nodes = np.asarray(space.dofmap.list)
+    places = CellPlaces(A, nodes, 3)
+    count, rng = A.getSize()[0], np.random.default_rng(1)
+    wide = A.copy()
+    wide.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+    for row in rng.integers(0, count, count // 3):
+        wide.setValue(row, rng.integers(0, count), 0.0, addv=PETSc.InsertMode.ADD_VALUES)
+    wide.assemble()
+    wanted = CellPlaces(wide, nodes, 3)
+    assert not np.array_equal(places.starts, wanted.starts)
+    moved = CellPlaces(wide, nodes, 3, places)
+    np.testing.assert_array_equal(moved.starts, wanted.starts)
+    np.testing.assert_array_equal(moved.inside, wanted.inside)
+    np.testing.assert_array_equal(moved.dense, wanted.dense)
+
+
 def rectangle(comm, cell="quadrilateral"):
     return dolfinx.mesh.create_rectangle(
         comm, [[0, 0], [1, 1]], [5, 4], dolfinx.mesh.CellType[cell]
@@ -101,15 +125,75 @@ def both_meshes(comm, directory):
     box = dolfinx.mesh.create_box(
         comm, [[0, 0, 0], [1, 1, 1]], [3, 4, 2], dolfinx.mesh.CellType.hexahedron
     )
-    return [difference(mesh) for mesh in (rectangle(comm), box)]
+    apart = [difference(mesh) for mesh in (rectangle(comm), box)]
+    return {"difference": apart, "part": taken_out(comm)}
 
 
 @pytest.mark.mpi(both_meshes, 2, 3)
 def test_rows_and_columns_of_other_ranks(on_ranks):
     for ranks in (1, 2, 3):
-        for apart, (inside, cells) in on_ranks(both_meshes, ranks):
+        for apart, (inside, cells) in on_ranks(both_meshes, ranks)["difference"]:
             assert apart < 1e-15
             assert 0 < inside < cells if ranks > 1 else inside == cells
+
+
+# -- A part of a matrix taken out by places, and the matrix laid out anew with more entries --------
+
+
+def scattered(comm, entries, apart=False):
+    """A matrix with a diagonal and entries anywhere; ``apart``: none within the even nodes."""
+    A, rng = PETSc.Mat().create(comm), np.random.default_rng((comm.rank, entries, apart))
+    A.setSizes(90)
+    A.setBlockSize(3)
+    A.setType(PETSc.Mat.Type.AIJ)
+    A.setUp()
+    A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    for row in range(*A.getOwnershipRange()):
+        A.setValue(row, row, 1.0 + row, addv=PETSc.InsertMode.ADD_VALUES)
+    for row, column in rng.integers(90, size=(entries, 2)):
+        if not (apart and row // 3 % 2 == column // 3 % 2 == 0):
+            A.setValue(row, column, rng.uniform(), addv=PETSc.InsertMode.ADD_VALUES)
+    A.assemble()
+    return A
+
+
+def taken_out(comm):
+    """Differences from what PETSc makes, and whether a part with too few entries is found."""
+    A, add = scattered(comm, 900), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+    first, end = A.getOwnershipRange()
+    even = np.array([row for row in range(first, end) if row // 3 % 2 == 0])
+    rows = PETSc.IS().createGeneral(even.astype(PETSc.IntType), comm=comm)
+    part, places = A.createSubMatrix(rows, rows), PlacesOfPart(even - first)
+
+    def difference():
+        part.zeroEntries()
+        places.take(A, part)
+        wanted = A.createSubMatrix(rows, rows)
+        wanted.axpy(-1.0, part, add)
+        return wanted.norm()
+
+    out = {"found": places.find(A, part), "apart": [difference()]}
+    beside, within, before = scattered(comm, 300, True), scattered(comm, 300), A.copy()
+    wanted = A.copy()
+    wanted.axpy(1.0, beside, add)
+    widen(A, beside)
+    pairs = zip(wanted.getValuesCSR()[:2], A.getValuesCSR()[:2], strict=True)
+    out["same"] = all(np.array_equal(one, other) for one, other in pairs)
+    A.axpy(2.0, before, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    out["again"] = places.find(A, part)
+    out["apart"].append(difference())
+    widen(A, within)
+    return {**out, "fewer": places.find(A, part)}
+
+
+@pytest.mark.mpi(both_meshes, 2, 3)
+def test_a_part_is_taken_out_and_a_matrix_widened_as_petsc_does(on_ranks):
+    for ranks in (1, 2, 3):
+        found = on_ranks(both_meshes, ranks)["part"]
+        assert found == {
+            **{"found": True, "same": True, "again": True},
+            **{"fewer": False, "apart": [0.0, 0.0]},
+        }
 
 
 def test_values_are_changed_in_place():

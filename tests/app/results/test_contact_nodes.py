@@ -11,7 +11,7 @@ import pyvista
 from tests.solved import solved
 from tribox.app.build.model import Model
 from tribox.app.results import vtu
-from tribox.app.results.contact_points import ContactNodes, contact_arrays, contact_nodes
+from tribox.app.results.contact_points import contact_arrays, contact_nodes, slave_facets
 from tribox.app.results.output_files import ContactSeries
 from tribox.app.results.vtu import Cells, write_vtu
 from tribox.app.simulation.simulation import Simulation
@@ -44,7 +44,7 @@ steps = 2
 """
 
 
-def pressed(text: str, **contact: object) -> tuple[Simulation, ContactNodes]:
+def pressed(text: str, **contact: object) -> tuple[Simulation, dict[str, np.ndarray]]:
     data = tomllib.loads(text)
     data["contact"][0] |= contact
     simulation = solved(data)
@@ -73,7 +73,7 @@ def test_forces_and_places_in_space(cell, pressure):
     """Areas times tractions are the forces of the history; vertices are where the body is."""
     text = SPACE.replace('"two-boxes"', f'"two-boxes"\ncell = "{cell}"')
     simulation, nodes = pressed(text, pressure=pressure)
-    values, row = nodes.values, simulation.rows[-1]
+    values, row = nodes, simulation.rows[-1]
     assert values["area"].sum() == pytest.approx(0.6e-6)
     assert values["area"] @ values["pressure"] == pytest.approx(row.normal_force)
     friction = values["area"] @ values["friction_traction"]
@@ -100,9 +100,10 @@ def test_forces_and_places_in_space(cell, pressure):
 def test_facets_go_round(cell):
     """Their corners do not cross: the areas of the polygons add up to that of the surface."""
     text = SPACE.replace('"two-boxes"', f'"two-boxes"\ncell = "{cell}"')
-    _, nodes = pressed(text)
-    assert (nodes.kind, len(nodes.facets)) == (("quad", 6) if cell[0] == "h" else ("triangle", 12))
-    corners = nodes.values["reference"][nodes.facets][:, :, [0, 2]]
+    simulation, nodes = pressed(text)
+    facets = slave_facets(simulation.model)
+    assert (facets.kind, len(facets.nodes)) == (("quad", 6) if cell[0] == "h" else ("triangle", 12))
+    corners = nodes["reference"][facets.nodes][:, :, [0, 2]]
     following = np.roll(corners, -1, axis=1)
     cross = corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0]
     area = 0.5 * np.abs(cross.sum(axis=1))
@@ -115,18 +116,18 @@ def test_pairs_follow_each_other(block, tmp_path):
     data["contact"].append({**data["contact"][0], "slave": "elastomer_left"})
     data["stage"] = data["stage"][:1]
     simulation = solved(data)
-    nodes = contact_nodes(simulation.model)
-    assert nodes is not None
-    values = nodes.values
+    values = contact_nodes(simulation.model)
+    assert values is not None
     assert values["pair"].tolist() == [0.0] * 11 + [1.0] * 6
-    assert nodes.facets.tolist() == [[i, i + 1] for i in range(16) if i != 10]
+    facets = slave_facets(simulation.model).nodes
+    assert facets.tolist() == [[i, i + 1] for i in range(16) if i != 10]
     force = values["area"] * values["pressure"] * 1e-3
     assert force[:11].sum() == pytest.approx(simulation.rows[-1].normal_force, rel=1e-2)
     assert force[11:].sum() < 0.01 * force[:11].sum()
     ContactSeries(simulation.model, tmp_path).write(1, 1.0)
     read = meshio.read(tmp_path / "contact" / "000001.vtu")
     assert read.cell_data["pair"][0].tolist() == [0] * 10 + [1] * 5
-    assert np.array_equal(read.cells_dict["line"], nodes.facets)
+    assert np.array_equal(read.cells_dict["line"], facets)
     np.testing.assert_array_equal(read.points[:, :2], values["position"])
     np.testing.assert_array_equal(read.point_data["pressure"], values["pressure"])
 

@@ -347,6 +347,26 @@ def test_energy_of_bodies_without_contact_is_no_matter_of_facets(tmp_path):
     assert line.startswith("energy is balanced only to") and "facets" not in line
 
 
+def test_energy_of_an_overlap_at_the_start_is_no_matter_of_steps(tmp_path):
+    """A block drawn half a per cent of a facet inside a floor, that a light load presses on."""
+    blocks = {"b": {"x": [0, 1], "y": [0, 1], "elements": [2, 2]}}
+    data = {
+        "geometry": {"kind": "blocks", "blocks": blocks},
+        "bodies": {"b": {"material": "neo-hookean", "G": 1e6, "K": 1e7}},
+        "tools": {"floor": {"shape": "plane", "point": [0, 0.0025], "normal": [0, 1]}},
+        "contact": [{"slave": "b_bottom", "master": "floor", "friction": {"law": "frictionless"}}],
+        "boundary": [
+            {"surface": "b_left", "symmetry": True},
+            {"surface": "b_top", "force": {"y": [[0, 0], [1, -1e3]]}},
+        ],
+        "stage": [{"name": "load", "duration": 1, "steps": 4}],
+    }
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    [line] = [line for line in warnings if line.startswith("energy is balanced only to")]
+    assert "overlap at the start" in line and "smaller steps change nothing" in line
+
+
 def test_bodies_that_never_press_are_warned_of(block, tmp_path):
     data = plain(block)
     del data["boundary"][1]

@@ -91,12 +91,12 @@ def test_nodal_pressure_under_the_sphere_is_hertz():
     ring = solved(data)
     found = contact_nodes(ring.model)
     assert found is not None
-    r, pressure = found.values["position"][:, 0], found.values["pressure"]
+    r, pressure = found["position"][:, 0], found["pressure"]
     a, peak = hertz(ring.rows[-1].normal_force)
     inside = (r > 0.05e-3) & (r < a - 0.05e-3)
     assert inside.sum() >= 7
     expected = means_of_hertz(r, a, peak)[inside]
     np.testing.assert_allclose(pressure[inside], expected, rtol=0.0, atol=0.02 * peak)
     # Rings of the sections' areas carry the force.
-    carried = float(found.values["area"] @ pressure)
+    carried = float(found["area"] @ pressure)
     assert carried == pytest.approx(ring.rows[-1].normal_force, rel=1e-3)

@@ -39,7 +39,7 @@ def test_a_uniform_tension_passes_through_meshes_that_do_not_match(block):
     """The patch test: one stress everywhere, that of two bars and the penalty in a row."""
     simulation = solved(tied(block))
     model = simulation.model
-    values = contact_nodes(model).values
+    values = contact_nodes(model)
     stress = -values["pressure"]
     assert np.ptp(stress) < 1e-8 * stress.mean()
     assert np.abs(values["tangential_traction"]).max() == 0.0
@@ -71,7 +71,7 @@ def test_in_space_it_passes_nearly_uniform(block):
     for boundary in data["boundary"]:
         boundary["displacement"]["z"] = 0
     simulation = solved(data)
-    stress = -contact_nodes(simulation.model).values["pressure"]
+    stress = -contact_nodes(simulation.model)["pressure"]
     assert stress.mean() > 0.0 and np.ptp(stress) < 2e-3 * stress.mean()
     assert [row.newton_iterations for row in simulation.rows][1:] < [3, 3]
 

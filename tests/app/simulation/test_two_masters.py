@@ -83,7 +83,7 @@ def scratch(tmp_path_factory):
 def test_a_uniform_pressure_has_no_dip_at_the_junction(scratch, junction):
     """At a vertex of the slave and near one; N by hand from a bar."""
     simulation = solved(scratch, [(-1.3, junction), (junction, 1.3)])[0]
-    values = contact_nodes(simulation.model).values
+    values = contact_nodes(simulation.model)
     first, second = (values["pressure"][values["pair"] == pair] for pair in (0, 1))
     pressure = first + second
     assert first[0] > 0.0 == first[-1] and second[0] == 0.0 < second[-1]

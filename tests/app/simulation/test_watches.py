@@ -86,15 +86,17 @@ def carried(data: dict) -> None:
 
 
 def crowned(data: dict) -> None:
-    """A roll that is nearly flat: gaps are what is left of the 10 m of its radius."""
+    """A free roll that is nearly flat: gaps are what is left of the 10 m of its radius."""
     layer = {"x": ["-8 mm", "8 mm"], "y": ["-0.1 mm", "0 mm"], "elements": [320, 2]}
     down = {"y": [[0.0, 0.0], [1.0, "-0.45 um"]]}
-    roll = {"shape": "circle", "centre": [0, 10], "radius": 10, "displacement": down}
+    turns = {"displacement": down, "rotation": {"moment": 0}}
+    roll = {"shape": "circle", "centre": [0, 10], "radius": 10} | turns
+    coulomb = {"law": "coulomb", "mu": 0.3}
     data |= {
         "geometry": {"kind": "blocks", "blocks": {"layer": layer}},
         "bodies": {"layer": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.3}},
         "tools": {"roll": roll},
-        "contact": [{"slave": "layer_top", "master": "roll", "friction": {"law": "frictionless"}}],
+        "contact": [{"slave": "layer_top", "master": "roll", "friction": coulomb}],
         "boundary": [{"surface": "layer_bottom", "displacement": {"x": 0, "y": 0}}],
         "stage": [{"name": "press", "duration": 1, "steps": 2}],
     }

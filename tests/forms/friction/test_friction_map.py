@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
-from tribox.forms.friction.parameters import FrictionMapParameters
+from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -478,6 +478,34 @@ def steady(law: FrictionMap, speed: float, film: np.ndarray, step: float = 1e-3)
         response = law.update(slip, step / speed, np.full(n, P), film, state)
         state = response.state
     return response
+
+
+PRINTED = {
+    # V: (literal at 10, 30, 180 nm), (weighted at 10, 30, 180 nm); Pa s, mu = 0.1, p = 3 MPa
+    1e-8: ((3.0e5, 9.0e5, 5.4e6), (2.88e5, 2971.0, 540.8)),
+    1e-6: ((3000.0, 9001.0, 5.4e4), (2883.0, 30.5, 6.20)),
+    1e-4: ((30.0, 90.8, 540.8), (28.9, 1.094, 0.854)),
+    1e-2: ((0.331, 1.70, 6.20), (0.320, 0.800, 0.801)),
+}
+
+
+@pytest.mark.parametrize("speed", PRINTED)
+def test_effective_viscosity_of_steady_sliding(speed):
+    film = np.array([10e-9, 30e-9, 180e-9])
+    values = {"mu_s": 0.1, "K_T": K_T, "V_star": 10.0, "V_star_at": 10e-9}
+    found = {}
+    for rule, expected in zip(("literal", "weighted"), PRINTED[speed], strict=True):
+        law = FrictionMap(
+            FrictionMapParameters(**with_preset("friction-map", values | {"flow_rule": rule}))
+        )
+        traction = np.linalg.norm(steady(law, speed, film).traction, axis=1)
+        found[rule] = traction * film / speed
+        np.testing.assert_allclose(found[rule], expected, rtol=5e-3)
+    # The thin film is on top, as in a friction map, under the weighted rule only
+    # (and where friction, not the film, makes the most of the traction).
+    assert (np.diff(found["literal"]) > 0).all()
+    if speed < 1e-2:
+        assert (np.diff(found["weighted"]) < 0).all()
 
 
 def test_a_film_up_to_D_min_is_dry_at_every_speed_without_a_warning():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tribox.app.build.case_notes import (
-    fixed_threshold_note,
-    tabulation_note,
-    threshold_speed_warning,
-    uniqueness_warning,
+    notes_on_fixed_threshold,
+    notes_on_tabulation,
+    notes_on_threshold,
+    notes_on_uniqueness,
 )
 from tribox.forms import closed_forms
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters, FrictionlessLaw
@@ -155,6 +155,14 @@ def test_each_mistake_is_found_where_it_is(mistake):
         assert [q for q, f in findings.items() if not f.good] == ["d_traction_d_slip"]
 
 
+def test_the_literal_rule_breaks_the_second_law():
+    """A falling alpha under the printed re-entry rule makes energy (docs/law.md)."""
+    literal = FrictionMap(FrictionMapParameters(**MAP, reentry="literal", film_onset_pressure=1e4))
+    findings = {f.quantity: f for f in check_law(literal, AT)}
+    assert not findings["dissipation, below 0"].good
+    assert findings["dissipation, its parts"].good
+
+
 # -- Checks of parameters against a run, and the closed forms of homogeneous sliding ---------------
 
 P = 3e6
@@ -166,26 +174,33 @@ BASE = FrictionMapParameters(
 )
 
 
+def noted(notes, parameters, *values, **more) -> str | None:
+    """The line that there is to say, if there is one; films are numbers or lists."""
+    if notes is not notes_on_fixed_threshold:
+        values = *values[:-1], np.atleast_1d(values[-1])
+    return next(iter(notes(parameters, *values, **more)), None)
+
+
 def test_uniqueness_is_told_with_its_numbers():
     # t_N (mu_s - mu_d) B = 6e4 B: unique up to B = 1e12/6e4 = 1.67e7 1/m.
     unique = dataclasses.replace(BASE, B=1.6e7)
-    assert uniqueness_warning(BASE, P, 10e-9) is None
-    assert uniqueness_warning(unique, P, 10e-9) is None
-    message = uniqueness_warning(dataclasses.replace(BASE, B=2e7), P, 10e-9)
+    assert noted(notes_on_uniqueness, BASE, P, 10e-9) is None
+    assert noted(notes_on_uniqueness, unique, P, 10e-9) is None
+    message = noted(notes_on_uniqueness, dataclasses.replace(BASE, B=2e7), P, 10e-9)
     assert message is not None and "\n" not in message
     for number in ("1e+12 Pa/m", "1.2e+12 Pa/m", "3e+06 Pa", "2.5e+06 Pa"):
         assert number in message
     # The literal rule: (1 - alpha) K_T, here 0.0033e12 at 30 nm; nothing to weaken at alpha = 1.
     literal = dataclasses.replace(unique, flow_rule="literal")
-    message = uniqueness_warning(literal, P, np.array([10e-9, 30e-9, 250e-9]))
+    message = noted(notes_on_uniqueness, literal, P, np.array([10e-9, 30e-9, 250e-9]))
     assert message is not None and "(1 - alpha) K_T = 3.3e+09 Pa/m" in message
-    assert uniqueness_warning(literal, P, 250e-9) is None
+    assert noted(notes_on_uniqueness, literal, P, 250e-9) is None
 
 
 def test_where_uniqueness_fails_stick_and_slip_coexist():
     """Two states, both within the threshold, that the same slip leads to."""
     law = FrictionMap(dataclasses.replace(BASE, B=1e8, mu_d=0.0))
-    assert uniqueness_warning(law.parameters, P, 0.0) is not None
+    assert noted(notes_on_uniqueness, law.parameters, P, 0.0) is not None
     reach = 0.12 * P / 1e12
     state = law.initial_state(1, 1)
     tractions = []
@@ -201,15 +216,15 @@ def test_where_uniqueness_fails_stick_and_slip_coexist():
 def test_a_threshold_speed_out_of_reach_is_told():
     printed = FrictionMapParameters(**with_preset("paper-printed", {"mu_s": 0.1, "K_T": 1e12}))
     within = {"position_error": 1e-15, "dt": 1e-4}
-    message = threshold_speed_warning(printed, np.array([10e-9, 180e-9]), **within)
+    message = noted(notes_on_threshold, printed, np.array([10e-9, 180e-9]), **within)
     assert message is not None and "\n" not in message
     for part in ("gamma = 4e-25", "8.3e-13 m/s", "1.8e-07 m", "within round-off", "1e-11 m/s"):
         assert part in message
-    slow = threshold_speed_warning(printed, 10e-9, position_error=1e-16, dt=10.0, slowest=1e-8)
+    slow = noted(notes_on_threshold, printed, 10e-9, position_error=1e-16, dt=10.0, slowest=1e-8)
     assert slow is not None and "below every speed of sliding (from 1e-08 m/s)" in slow
-    assert threshold_speed_warning(BASE, 10e-9, **within, slowest=1e-8) is None
+    assert noted(notes_on_threshold, BASE, 10e-9, **within, slowest=1e-8) is None
     # No threshold speed plays a part in a dry contact or in a thick film.
-    assert threshold_speed_warning(printed, np.array([0.0, 300e-9]), **within) is None
+    assert noted(notes_on_threshold, printed, np.array([0.0, 300e-9]), **within) is None
 
 
 FILM = np.array([0.0, 10e-9, 30e-9, 180e-9, 250e-9, 400e-9])
@@ -286,7 +301,7 @@ def test_presliding_length_is_where_the_asperities_give_way(rule, film):
     ],
 )
 def test_film_fractions_that_a_table_does_not_hold_are_told(changes, film, told):
-    note = tabulation_note(dataclasses.replace(BASE, **changes), np.array(film))
+    note = noted(notes_on_tabulation, dataclasses.replace(BASE, **changes), np.array(film))
     assert (note is None) is (told is None)
     if note is not None:
         assert told in note and "such values are no data" in note
@@ -294,8 +309,8 @@ def test_film_fractions_that_a_table_does_not_hold_are_told(changes, film, told)
 
 
 def test_a_threshold_speed_that_does_not_move_with_the_viscosity_names_the_gamma_that_does():
-    assert fixed_threshold_note(BASE, 0.8) is None
-    note = fixed_threshold_note(dataclasses.replace(BASE, eta_b=3.2), 0.8)
+    assert noted(notes_on_fixed_threshold, BASE, 0.8) is None
+    note = noted(notes_on_fixed_threshold, dataclasses.replace(BASE, eta_b=3.2), 0.8)
     assert note is not None and "V_star is given directly and does not move with eta_b" in note
     gamma = float(note.split("gamma = ")[1].split(" ")[0])
     moving = dataclasses.replace(BASE, V_star=None, V_star_at=None, gamma=gamma)
@@ -303,4 +318,4 @@ def test_a_threshold_speed_that_does_not_move_with_the_viscosity_names_the_gamma
     for viscosity, speed in ((0.8, 1e-3), (3.2, 0.5e-3)):
         parameters = dataclasses.replace(moving, eta_b=viscosity)
         assert threshold_speed(parameters, np.array([10e-9])) == pytest.approx(speed, rel=1e-3)
-        assert fixed_threshold_note(parameters, 0.8) is None
+        assert noted(notes_on_fixed_threshold, parameters, 0.8) is None

@@ -1,9 +1,11 @@
-"""Stribeck friction: bounds, limits."""
+"""Stribeck friction: bounds, energy, tangents, limits."""
 
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.law import Regime
@@ -17,19 +19,61 @@ def law(**changes: float) -> StribeckLaw:
     return StribeckLaw(StribeckParameters(**values))
 
 
-@pytest.mark.parametrize("delta", [0.5, 1.0, 2.0])
-def test_the_elastic_part_stays_within_the_threshold(delta):
-    """Energy and tangents: `test_law_check`."""
-    stribeck, rng = law(delta=delta, viscous=1e6), np.random.default_rng(3)
-    state = stribeck.initial_state(60, 2)
+laws = st.builds(
+    law,
+    delta=st.sampled_from([0.5, 1.0, 2.0]),
+    viscous=st.sampled_from([0.0, 1e6, 1e8]),
+    mu_d=st.sampled_from([0.01, 0.08, 0.15]),
+)
+
+
+@settings(derandomize=True, deadline=None, max_examples=80)
+@given(laws, st.integers(0, 10**6), st.sampled_from([2, 3]))
+def test_random_paths(stribeck, seed, dim):
+    n, rng = 60, np.random.default_rng(seed)
+    p, state = stribeck.parameters, stribeck.initial_state(60, dim)
     for _ in range(8):
         dt = 10 ** rng.uniform(-5, -2)
-        slip = rng.normal(size=(60, 2)) * V_S * dt * 10 ** rng.uniform(-1, 1, (60, 1))
-        pressure = P * rng.random(60) * (rng.random(60) > 0.1)
-        state = stribeck.update(slip, dt, pressure, np.zeros(60), state).state
-        mu = stribeck.parameters.coefficient(np.linalg.norm(slip, axis=1) / dt)[0]
-        elastic = K_T * np.linalg.norm(state.elastic_slip, axis=1)
-        assert (elastic <= mu * pressure * (1 + 1e-12)).all() and elastic.any()
+        slip = rng.normal(size=(n, dim)) * V_S * dt * 10 ** rng.uniform(-1, 1, (n, 1))
+        slip[rng.random(n) < 0.05] = 0.0
+        pressure = P * rng.random(n) * (rng.random(n) > 0.1)
+        area = rng.uniform(0.8, 1.2, n)
+
+        def traction(dx, dt=dt, pressure=pressure, state=state, area=area, slip=slip, dp=0.0):
+            return stribeck.update(
+                slip + dx, dt, pressure + dp, np.zeros(n), state, area_ratio=area
+            )
+
+        response = traction(0.0)
+        speed = np.linalg.norm(slip, axis=1) / dt
+        elastic = p.K_T * np.linalg.norm(response.state.elastic_slip, axis=1)
+        mu = p.coefficient(speed)[0]
+        assert (elastic <= mu * pressure * (1 + 1e-12)).all()
+        work = np.einsum("qi,qi->q", response.traction, slip)
+        before, after = stribeck.stored_energy(state), stribeck.stored_energy(response.state)
+        parts = response.dissipation
+        scale = np.abs(work) + before + after + np.abs(parts.total)
+        assert (np.abs(work - after + before - parts.total) <= 1e-12 * scale).all()
+        for part in (parts.coulomb, parts.viscous, parts.numerical, parts.opening):
+            assert (part >= -1e-12 * scale).all()
+        size = np.linalg.norm(slip, axis=1)
+        compared = 0
+        for j in range(dim):
+            h = 1e-4 * np.where(size > 0.0, size, 1.0)
+            step = np.zeros((n, dim))
+            step[:, j] = h
+            four = [traction(c * step) for c in (-2, -1, 1, 2)]
+            smooth = (size > 0.0) & np.all([r.regime == response.regime for r in four], axis=0)
+            a, b, c, d = (r.traction for r in four)
+            slope = (a - 8 * b + 8 * c - d) / (12 * h[:, None])
+            exact = response.d_traction_d_slip[:, :, j]
+            allowed = 1e-7 * np.abs(response.d_traction_d_slip).max(axis=(1, 2))
+            allowed += 1e-13 * (np.linalg.norm(response.traction, axis=1) + mu * pressure) / h
+            error = np.abs(slope - exact).max(axis=1)
+            assert (error <= allowed)[smooth].all()
+            compared += smooth.sum()
+        assert compared > 0.7 * dim * n
+        state = response.state
 
 
 def test_rest_is_static_and_fast_is_dynamic_friction():
