@@ -106,7 +106,7 @@ def pressed(**slide):
     """The small block after its first stage."""
     sim = simulation(**slide)
     for load_step in load_steps_of(sim.model.case.stage[0], None, 0.0):
-        sim.implicit.run(load_step, Observer())
+        sim.state.run(load_step, Observer(), sim.implicit.advance)
     return sim
 
 
