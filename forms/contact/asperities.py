@@ -87,9 +87,11 @@ class AsperityPressure(AveragedPressure):
 
     def facet_sums(self, values: Floats) -> Floats:
         """Σ_q f_q (…, f) of point values ``values`` (…, q), over all ranks; collective."""
-        rows, count = values.reshape(-1, len(self.facet_of)), len(self.places.facets)
-        local = np.array([np.bincount(self.facet_of, row, count) for row in rows], dtype=np.float64)
-        return self.vertices.total(local.reshape(*values.shape[:-1], count))
+        count = len(self.places.facets)
+        local: Floats = np.zeros((*values.shape[:-1], count))
+        for at in np.ndindex(values.shape[:-1]):
+            local[at] = np.bincount(self.facet_of, values[at], count)
+        return self.vertices.total(local)
 
     def covered(self, at: Projection) -> Bools:
         """Facets (f,) that have the master below all of them; collective."""

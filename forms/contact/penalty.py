@@ -10,10 +10,12 @@ generalised coordinates of :mod:`tribox.forms.contact.kinematics`; the tangent i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.forms.contact.compiled_plane import CompiledPlane, compiled_plane
@@ -399,11 +401,15 @@ class ContactTerm:
         A gap is rounded by about ε times the largest coordinate it comes from, which is the radius
         of a tool that is nearly flat. This rank's part, per unit thickness.
         """
-        slave = self.surface.slave
-        places = (slave.position, self.surface.master.position)
+        force = self.rule.point_stiffness() * self.surface.slave.weight * (trial.pressure > 0.0)
+        return float(force @ force) * (ROUNDED * np.finfo(float).eps * self._span) ** 2
+
+    @cached_property
+    def _span(self) -> float:
+        """Largest coordinate, m, of the undeformed pair on all ranks; collective."""
+        places = (self.surface.slave.position, self.surface.master.position)
         span = max(float(np.abs(at).max(initial=0.0)) for at in places)
-        force = self.rule.point_stiffness() * slave.weight * (trial.pressure > 0.0)
-        return float(force @ force) * (ROUNDED * np.finfo(float).eps * span) ** 2
+        return float(self.surface.vertices.comm.allreduce(span, op=MPI.MAX))
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.

@@ -355,8 +355,7 @@ class PairTangent:
         normal = trial.normal_contact
         if normal.grows is not None and normal.gap is not None and at.share_slope is not None:
             # Where a_A is what the master has, its change counts too: ∂g_A = (∂(σ g) − g_A ∂σ)/a_A.
-            of_share = np.einsum("pa,par->pr", at.share_slope[take], v.d_xi)
-            of_share = of_share.reshape(d_gap.shape)
+            of_share = _share_variation(trial, take, v).reshape(d_gap.shape)
             mean = np.where(normal.grows, normal.gap, 0.0)[self.surface.vertices.of_point[take]]
             less = np.einsum("prm,pri->pmi", rows, of_share)
             values -= np.einsum("pk,pmi->pkmi", share * mean, less)

@@ -123,7 +123,7 @@ class OuterFacets:
         ends: Longs = sides[count == 1]
         keys = np.sort(self._corners, axis=1)
         inside, covered = (_found(keys, np.sort(rows, axis=1)) >= 0 for rows in (mine, more))
-        at = _found(self._sides(self._corners), ends).reshape(len(keys), -1)
+        at = _found(self._sides(self._corners), ends).reshape(len(keys), len(self._shape.sides))
         normals = np.zeros((2, len(ends), self._normal.shape[1]))
         for normal, facets in zip(normals, (inside, ~inside & ~covered), strict=True):
             facet, side = np.nonzero((at >= 0) & facets[:, None])

@@ -206,19 +206,27 @@ class CompiledPieces:
     def at(self, piece: Ints, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """As :meth:`Pieces.at`."""
         out = tuple(np.empty((len(xi), 2)) for _ in range(3))
-        piece, xi = _ints(piece), np.ascontiguousarray(xi)
+        piece, xi = _ints(piece), _floats(xi)
         self._call("places", len(xi), *map(_at, (piece, xi, *out)))
         return out[0], out[1], out[2]
 
     def places(self, piece: Ints, xi: Floats) -> Floats:
         """As :meth:`Pieces.places`."""
-        out, piece, xi = np.empty((len(xi), 2)), _ints(piece), np.ascontiguousarray(xi)
+        out, piece, xi = (
+            np.empty((len(xi), 2)),
+            _ints(piece),
+            _floats(xi),
+        )
         self._call("places", len(xi), *map(_at, (piece, xi, out)), None, None)
         return out
 
     def nearest(self, points: Floats, piece: Ints) -> Floats:
         """As :meth:`Pieces.nearest`."""
-        out, points, piece = np.empty(len(points)), np.ascontiguousarray(points), _ints(piece)
+        out, points, piece = (
+            np.empty(len(points)),
+            _floats(points),
+            _ints(piece),
+        )
         self._call("nearest", len(points), *map(_at, (points, piece, out)))
         return out
 
@@ -232,7 +240,7 @@ class CompiledPieces:
             points: (q, i), m.
             tie: m, distances closer than this are equal.
         """
-        count, points = len(points), np.ascontiguousarray(points)
+        count, points = len(points), _floats(points)
         piece, xi = np.zeros(count, dtype=np.int32), np.zeros(count)
         held = np.zeros(count, dtype=np.uint8)
         found = map(_at, (piece, xi, held, self._room))
@@ -249,6 +257,10 @@ class CompiledPieces:
 
 def _at(array: Any) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.__array_interface__["data"][0])
+
+
+def _floats(array: Floats) -> Floats:
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
 def _ints(array: Ints) -> Ints:
