@@ -56,10 +56,10 @@ PROBES = {
     "tribox.geometry.surfaces.projection:FacetSurface.project": "projection",
     "tribox.forms.contact.penalty:relate": "kinematics",
     "tribox.forms.contact.penalty:ContactTerm.anchor": "kinematics",
-    "tribox.forms.contact.penalty:ContactTerm.tangent": "tangent blocks",
-    "tribox.forms.contact.penalty:ContactTerm.nodal_forces": "nodal forces",
+    "tribox.forms.contact.penalty:ContactTerm.add_tangent": "tangent blocks",
+    "tribox.forms.contact.penalty:ContactTerm.forces_at_nodes": "nodal forces",
     "tribox.app.equilibrium.equilibrium:Equilibrium._contact_forces": "merge into the residual",
-    "tribox.app.equilibrium.tangent:Tangent._add_blocks": "merge into the matrix",
+    "tribox.app.equilibrium.tangent:Tangent._add_contact": "merge into the matrix",
 }
 # Parts that the solution itself tells apart, and those of PETSc's events.
 TIMED = {
