@@ -6,13 +6,13 @@ commands that need no mesh do not load it.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -57,7 +57,7 @@ class Shape(Protocol):
         ...
 
 
-@contextmanager
+@contextlib.contextmanager
 def gmsh_session(name: str) -> Iterator[ModuleType]:
     """A new gmsh model called ``name``; at the end it is removed and gmsh's state restored.
 
@@ -539,14 +539,17 @@ WAITING = 10
 
 
 def _limit(pid: int, seconds: int, memory: int) -> None:
-    """Let a process use so much processor time (s) and memory (bytes)."""
-    try:
-        resource.prlimit(pid, resource.RLIMIT_CPU, (seconds, seconds + 1))
-        resource.prlimit(pid, resource.RLIMIT_AS, (memory, memory))
-    except ProcessLookupError:  # it has ended already
-        pass
-    except ValueError:  # a stricter limit is there
-        pass
+    """Let a process use so much processor time (s) and memory (bytes), or what a shell allows."""
+    wanted = {
+        resource.RLIMIT_CPU: (seconds, seconds + 1),
+        resource.RLIMIT_AS: (memory, memory),
+    }
+    with contextlib.suppress(ProcessLookupError):  # it may have ended already
+        for kind, (soft, hard) in wanted.items():
+            most = resource.prlimit(pid, kind)[1]
+            if most != resource.RLIM_INFINITY:  # only the system's administrator may raise it
+                soft, hard = min(soft, most), min(hard, most)
+            resource.prlimit(pid, kind, (soft, hard))
 
 
 def _environment() -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Damaged files cost a line, and never the program: gmsh reads them in a process of its own."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -42,6 +43,24 @@ def good(tmp_path_factory) -> bytes:
     path, block = tmp_path_factory.mktemp("good") / "mesh.msh", Block(1.0, 0.5, (2, 2))
     write_msh(TwoBlocks(block, block), path)
     return path.read_bytes()
+
+
+READ = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_CPU, (50, 50))
+from mpi4py import MPI
+from tribox.geometry.meshes.mesh import read
+read(Path(sys.argv[1]), MPI.COMM_SELF)
+"""
+
+
+def test_limits_that_a_shell_or_a_batch_system_sets_stay(good, tmp_path):
+    """Only the administrator may raise them: asked to, the system refused, and no mesh was read."""
+    (tmp_path / "mesh.msh").write_bytes(good)
+    call = [sys.executable, "-c", READ, str(tmp_path / "mesh.msh")]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_more_cells_than_allowed_are_refused(good, tmp_path):
