@@ -222,6 +222,28 @@ def _apart(points: Floats, projection: Projection, anchor: Anchor) -> Floats:
     return np.where(projection.clamped[:, None], projection.foot, points) - anchor.foot
 
 
+def on_facet(slip: Floats, at: Projection) -> Floats:
+    """Vectors (q, i) in the facets' planes whose images in the plane across n are ``slip`` (q, i).
+
+    Where the projection is clamped, n is not the facet's normal n_f: q = g_e − n (n_f·g_e)/(n_f·n)
+    gives (I − n⊗n) q = g_e again. A normal almost in the facet's plane
+    changes nothing.
+    """
+    rows = np.nonzero(at.clamped)[0]
+    if not len(rows):
+        return slip
+    out = slip.copy()
+    n, facet = at.normal[rows], unit_normals(at.tangents[rows])
+    between = np.einsum("qi,qi->q", n, facet)
+    share = np.where(
+        np.abs(between) > 0.1,
+        np.einsum("qi,qi->q", slip[rows], facet) / np.where(between == 0.0, 1.0, between),
+        0.0,
+    )
+    out[rows] -= share[:, None] * n
+    return out
+
+
 def in_plane(n: Floats, v: Floats) -> Floats:
     """(I − n⊗n) v."""
     out: Floats = v - _dot(n, v)[:, None] * n

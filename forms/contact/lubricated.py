@@ -32,7 +32,7 @@ from petsc4py import PETSc
 from tribox.forms.contact.asperities import AsperityPressure, FilmModel
 from tribox.forms.contact.kinematics import ContactKinematics
 from tribox.forms.contact.lubricated_tangent import LubricatedTangent, felt_speeds
-from tribox.forms.contact.penalty import ContactTerm, without_stiffness
+from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import (
     ContactMode,
     ContactTrial,
@@ -51,7 +51,12 @@ from tribox.forms.film.reynolds import (
     wedge_film,
 )
 from tribox.forms.friction.film_rheology import FilmRheology
-from tribox.forms.friction.law import FrictionLaw, FrictionResponse, Regime
+from tribox.forms.friction.law import (
+    FrictionLaw,
+    FrictionResponse,
+    Regime,
+    without_stiffness,
+)
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
 from tribox.geometry.surfaces.images import planes_of_symmetry
 from tribox.geometry.surfaces.projection import Projection

@@ -21,7 +21,14 @@ from petsc4py import PETSc
 from tribox.forms.contact.compiled_plane import CompiledPlane, compiled_plane
 from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries, compiled_tangent
 from tribox.forms.contact.interior_point import InteriorSlip
-from tribox.forms.contact.kinematics import Anchor, Carried, ContactKinematics, opposite, relate
+from tribox.forms.contact.kinematics import (
+    Anchor,
+    Carried,
+    ContactKinematics,
+    on_facet,
+    opposite,
+    relate,
+)
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
     AveragedPressure,
@@ -45,8 +52,9 @@ from tribox.forms.friction.law import (
     FrictionResponse,
     FrictionState,
     presliding_length,
+    without_stiffness,
 )
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, solve_small, unit_normals
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, solve_small
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface, RigidMaster
 
@@ -427,7 +435,7 @@ class ContactTerm:
         at = trial.projection
         slip = trial.response.state.elastic_slip
         metric = np.einsum("qai,qbi->qab", at.tangents, at.tangents)
-        covariant = np.einsum("qai,qi->qa", at.tangents, _on_facet(slip, at))
+        covariant = np.einsum("qai,qi->qa", at.tangents, on_facet(slip, at))
         # Contravariant components e^α: the elastic slip is convected with the master's tangents, as
         # if it were drawn on the facet, and comes back in `anchor`.
         components, length = solve_small(metric, covariant), np.linalg.norm(slip, axis=1)
@@ -589,36 +597,3 @@ def _entered(
             numerical=np.where(entering, rest, parts.numerical),
         ),
     )
-
-
-def without_stiffness(response: FrictionResponse) -> FrictionResponse:
-    """The same traction, as a load that does not change with motion and pressure."""
-    none = np.zeros_like(response.d_traction_d_slip)
-    return replace(
-        response,
-        d_traction_d_slip=none,
-        d_traction_d_elastic=none,
-        d_traction_d_pressure=np.zeros_like(response.d_traction_d_pressure),
-    )
-
-
-def _on_facet(slip: Floats, at: Projection) -> Floats:
-    """Vectors (q, i) in the facets' planes whose images in the plane across n are ``slip`` (q, i).
-
-    Where the projection is clamped, n is not the facet's normal n_f: q = g_e − n (n_f·g_e)/(n_f·n)
-    gives (I − n⊗n) q = g_e again. A normal almost in the facet's plane
-    changes nothing.
-    """
-    rows = np.nonzero(at.clamped)[0]
-    if not len(rows):
-        return slip
-    out = slip.copy()
-    n, facet = at.normal[rows], unit_normals(at.tangents[rows])
-    between = np.einsum("qi,qi->q", n, facet)
-    share = np.where(
-        np.abs(between) > 0.1,
-        np.einsum("qi,qi->q", slip[rows], facet) / np.where(between == 0.0, 1.0, between),
-        0.0,
-    )
-    out[rows] -= share[:, None] * n
-    return out

@@ -18,7 +18,7 @@ with :math:`\psi` from ``stored_energy``. The normal (penalty) part does not bel
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any, Protocol, Self
 
@@ -162,6 +162,17 @@ class FrictionResponse:
     regime: NDArray[np.int8]
     dissipation: Dissipation
     held_back: Floats | None = None
+
+
+def without_stiffness(response: FrictionResponse) -> FrictionResponse:
+    """The same traction, as a load that does not change with motion and pressure."""
+    none = np.zeros_like(response.d_traction_d_slip)
+    return replace(
+        response,
+        d_traction_d_slip=none,
+        d_traction_d_elastic=none,
+        d_traction_d_pressure=np.zeros_like(response.d_traction_d_pressure),
+    )
 
 
 class FrictionLaw(Protocol):
