@@ -89,7 +89,7 @@ def compare(u, solid):
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(1e-12 * largest, rounding))
     energy = slow.energy(u.x.array)
     assert cells.energy(u.x.array) == pytest.approx(energy, rel=1e-12, abs=rounding)
-    found = summed(u, cells)
+    found = summed(u, cells.loops)
     np.testing.assert_allclose(found, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
     return largest / np.abs(stiffness).max()
 
@@ -158,9 +158,9 @@ def test_carried_pressures(name):
     before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
     solid.carried.carry(before)
     wanted = dense(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
-    found = summed(u, cells_of(u, solid), solid.carried.excess())
+    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
-    plain = summed(u, cells_of(u, solid))
+    plain = summed(u, cells_of(u, solid).loops)
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
@@ -184,7 +184,7 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
     largest = np.nanmax(np.abs(theirs))
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
     finite = np.isfinite(dense(u, [part.tangent for part in solid.forms])).all()
-    assert np.isfinite(summed(u, cells)).all() == finite
+    assert np.isfinite(summed(u, cells.loops)).all() == finite
     u.x.array[3 * corner] = np.nan
     assert not cells.add(u.x.array, mine, None)
 
