@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.forms.bodies.element_matrices import summed
-from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
+from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, OTHERS, RINGS, body, stretched
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
 
@@ -41,6 +41,13 @@ def test_compiled_tangent_is_that_of_the_generated_kernel(name, cell, formulatio
 @pytest.mark.parametrize(("name", "cell", "formulation"), RINGS)
 def test_tangent_of_rings(name, cell, formulation, size):
     same_tangent(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
+
+
+@pytest.mark.parametrize(("material", "cell", "formulation", "section"), OTHERS)
+def test_tangent_of_points_alone(material, cell, formulation, section):
+    u, solid = body(cell, material, formulation, (3, 3), section=section)
+    for size in (0.1, 1e-4):
+        same_tangent(u, solid, size)
 
 
 def same_tangent(u, solid, size):

@@ -10,7 +10,7 @@ from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
-from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.compat import cell_nodes
 
 MATERIALS = {
@@ -50,7 +50,9 @@ def body(cell, material, formulation, distortion=0.15, comm=None):
     mesh = mesh if comm is None else on_all(comm, mesh)
     x = mesh.geometry.x
     x += distortion / 3.0 * np.sin(np.array([7.0, 11.0, 13.0]) * x[:, [1, 2, 0]] + x)
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
+    u = dolfinx.fem.Function(
+        dolfinx.fem.functionspace(mesh, ("Lagrange", DEGREE[formulation], (3,)))
+    )
     count = mesh.topology.index_map(3).size_local
     return u, Solid("body", u, np.arange(count, dtype=np.int32), material, formulation)
 
@@ -107,6 +109,36 @@ def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulatio
     for size in (0.5, 1e-2):
         deform(u, size, turned=True)
         compare(u, solid)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("name", MATERIALS)
+def test_second_order_by_differences(name, cell):
+    """Without the forms, which take a minute to compile: work of the forces, and their change."""
+    u, solid = body(cell, MATERIALS[name], "q2")
+    cells, along = cells_of(u, solid), np.random.default_rng(2).uniform(-1, 1, len(u.x.array))
+    deform(u, 0.5, turned=True)
+    at, step, ends = u.x.array.copy(), 2e-6, []
+    found = summed(u, cells.loops)
+    for sign in (1.0, -1.0):
+        u.x.array[:] = at + sign * step * along
+        force = np.zeros_like(at)
+        assert cells.add(u.x.array, force, None)
+        ends.append((cells.energy(u.x.array), force))
+    energy, forces = ((one - other) / (2.0 * step) for one, other in zip(*ends, strict=True))
+    force = np.zeros_like(at)
+    cells.add(at, force, None)
+    assert force @ along == pytest.approx(energy, rel=1e-7)
+    np.testing.assert_allclose(found @ along, forces, rtol=0, atol=1e-6 * np.abs(forces).max())
+    np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(found).max())
+    # A homogeneous deformation has the energy of first-order cells, which the forms have.
+    where = u.function_space.tabulate_dof_coordinates()
+    u.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
+    first, other = body(cell, MATERIALS[name], "q1")
+    where = first.function_space.tabulate_dof_coordinates()
+    first.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
+    wanted = cells_of(first, other).energy(first.x.array)
+    assert cells.energy(u.x.array) == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", MATERIALS)
