@@ -141,7 +141,7 @@ class CompiledCells:
             degree = 1  # the strain is constant, but for that of hoops
         if isinstance(solid, MemorySolid) and degree == solid.full_degree:
             return solid.point_cells.cells
-        return cells_of(self._space, solid.section, solid.cells, degree)[0]
+        return cells_of(self._space, solid.section, solid.cells, degree)
 
     def _loop(self, cells: Cells, part: int) -> PointCells:
         kernel = _kernel(self._solid.section, self._material, part)

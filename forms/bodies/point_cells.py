@@ -14,7 +14,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import basix
@@ -30,6 +29,7 @@ from tribox.geometry.meshes.places import centre, shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 LANES = 8  # cells that the compiled loops take at a time
+PIECE = 512 * LANES  # cells that tables are made of at a time
 NAMES: dict[Section, str] = {"plane-strain": "strain", "axisymmetric": "ring", "3D": "space"}
 
 
@@ -83,58 +83,69 @@ class _Work(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Cells:
     """What the loop is told of cells, in the order of a body."""
 
     nodes: Ints  # (c, a) local nodes
     number: Ints  # (c,) of each cell in the body
-    # (c, q·(dim z + 2)) of each point the shares (z, j), 1/m, of the slopes in the gradients, its
-    # weight, m² or m³, and in rings 1/x
+    # (c, q·(dim z + 2)) in lanes: of each point the shares (z, j), 1/m, of the slopes in the
+    # gradients, its weight, m² or m³, and in rings 1/x
     table: Floats
     # (q, a, 1 + z) functions of the nodes and their slopes in the reference cell
     shape: Floats
-    count: int  # of all points of the body
     centre: bool = False  # whether the points are the centres, of the volumetric energy
 
-    @cached_property
-    def lanes(self) -> list[NDArray[Any]]:
-        """Table, nodes and numbers as the loop takes them."""
-        return [in_lanes(rows) for rows in (self.table, self.nodes, self.number[:, None])]
+    @property
+    def count(self) -> int:
+        """Number of all points."""
+        return len(self.nodes) * len(self.shape)
+
+    @property
+    def weights(self) -> Floats:
+        """Weights (k,) of the points, m² or m³, of whole rings."""
+        blocks, points = len(self.table), len(self.shape)
+        rows = self.table.reshape(blocks, points, self.table.shape[1] // points, LANES)[:, :, -2]
+        return np.ascontiguousarray(rows.transpose(0, 2, 1)).reshape(-1)[: self.count]
 
     def part(self, take: Bools) -> Cells:
         """The cells (c,) to ``take`` by themselves."""
-        rows = {name: getattr(self, name)[take] for name in ("nodes", "number", "table")}
-        return replace(self, **rows)
+        at = np.nonzero(take)[0]
+        rows = self.table[at // LANES, :, at % LANES]
+        return replace(self, nodes=self.nodes[at], number=self.number[at], table=in_lanes(rows))
 
 
-def cells_of(
-    space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, degree: int
-) -> tuple[Cells, Floats]:
-    """The cells, and the weights (k,) of their points, m² or m³, of whole rings.
-
-    Args:
-        cells: (c,) local.
-    """
+def cells_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, degree: int) -> Cells:
+    """The cells (c,), local, with the points of a quadrature."""
     kind = space.mesh.topology.cell_name()
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
-    rows, weight = quadrature_rows(space, section, cells, degree)
-    table = [
-        np.column_stack([one.inverse.reshape(len(cells), points.shape[1] ** 2), volume, one.across])
-        for one, volume in zip(rows, weight, strict=True)
-    ]
+
     shape = shape_functions(kind, space.element.basix_element.degree, 1, points)
+    size = points.shape[1] ** 2
+    table = np.empty((-(-len(cells) // LANES), len(points) * (size + 2), LANES))
+    for at in range(0, len(cells), PIECE):  # what numpy makes on the way is many times as large
+        piece = cells[at : at + PIECE]
+        rows, weight = quadrature_rows(space, section, piece, degree)
+        parts = [
+            np.column_stack([one.inverse.reshape(len(piece), size), volume, one.across])
+            for one, volume in zip(rows, weight, strict=True)
+        ]
+        block, filled = at // LANES, in_lanes(np.concatenate(parts, axis=1))
+        table[block : block + len(filled)] = filled
+    return _cells(space, cells, table, shape)
+
+
+def _cells(space: dolfinx.fem.FunctionSpace, cells: Ints, table: Floats, shape: Floats) -> Cells:
+    """Of a table in lanes, and of functions and slopes (z, q, a)."""
     nodes = np.asarray(space.dofmap.list, dtype=np.int32)[cells]
-    number = np.arange(len(cells), dtype=np.int32)
     shape = np.ascontiguousarray(shape.transpose(1, 2, 0))
-    found = Cells(nodes, number, np.concatenate(table, axis=1), shape, weight.size)
-    return found, weight.T.reshape(-1)
+    return Cells(nodes, np.arange(len(cells), dtype=np.int32), table, shape)
 
 
 def centres_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints) -> Cells:
     """The centres of first-order cells (c,), where ``q1-sri`` takes the volumetric energy."""
     if section != "axisymmetric":
-        return replace(cells_of(space, section, cells, 1)[0], centre=True)
+        return replace(cells_of(space, section, cells, 1), centre=True)
     # A ring's gradients are those at the centroid of its volume: slopes at the centre and the mixed
     # second derivative have shares in them.
     kind, rows = space.mesh.topology.cell_name(), centre_rows(space, section, cells)
@@ -143,10 +154,7 @@ def centres_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints) 
     share = np.linalg.pinv(shape[1:, 0].T) @ rows.gradients
     volume = ring_volume(rows, section)
     table = np.column_stack([share.reshape(len(cells), 6), volume, rows.across])
-    nodes = np.asarray(space.dofmap.list, dtype=np.int32)[cells]
-    number = np.arange(len(cells), dtype=np.int32)
-    shape = np.ascontiguousarray(shape.transpose(1, 2, 0))
-    return Cells(nodes, number, table, shape, len(cells), centre=True)
+    return replace(_cells(space, cells, in_lanes(table), shape), centre=True)
 
 
 class PointCells:
@@ -162,8 +170,9 @@ class PointCells:
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
-        table, node, cell = (part.ctypes.data for part in cells.lanes)
-        blocks, (points, nodes, shapes) = len(cells.lanes[0]), cells.shape.shape
+        self._lanes = [in_lanes(rows) for rows in (cells.nodes, cells.number[:, None])]
+        node, cell = (rows.ctypes.data for rows in self._lanes)
+        blocks, (points, nodes, shapes) = len(cells.table), cells.shape.shape
         self._fixed: dict[str, int] = {
             "blocks": blocks,
             "lanes_of_last": len(cells.nodes) - (blocks - 1) * LANES,
@@ -171,7 +180,7 @@ class PointCells:
             "nodes": nodes,
             "parents": shapes - 1,
             "shape": cells.shape.ctypes.data,
-            "table": table,
+            "table": cells.table.ctypes.data,
             "node": node,
             "cell": cell,
         }
