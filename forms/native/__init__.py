@@ -15,7 +15,7 @@ SOURCES = (
     "space_kernel.c",
     "plane_contact.c",
     "space_contact.c",
-    "contact_tangent.c",
+    "space_pair.c",
     "plane_pair.c",
     "central_slip.c",
     "plastic_points.c",
