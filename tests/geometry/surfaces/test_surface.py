@@ -43,7 +43,7 @@ def contact_facts(comm, directory):
     trial = term.evaluate(x, 1.0)
     f = x.duplicate()
     f.set(0.0)
-    nodes, values = term.nodal_forces(trial)
+    nodes, values, _ = term.forces_at_nodes(trial)
     dofs = (nodes[..., None] * 2 + np.arange(2)).astype(PETSc.IntType)
     f.setValues(dofs.reshape(-1), values.reshape(-1), addv=PETSc.InsertMode.ADD_VALUES)
     f.assemble()
