@@ -36,7 +36,6 @@ from tribox.app.verify.contact import (
     mindlin_reversal,
     penalty,
 )
-from tribox.app.verify.curved import film_over_curve, film_over_sphere, pressed_curve
 from tribox.app.verify.flowing import considere, thick_tube, upset
 from tribox.app.verify.flowing_bending import cook, pure_bending
 from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
@@ -145,13 +144,10 @@ CASES: dict[str, Callable[[], Verification]] = {
     "upset": upset,
     "springback": pure_bending,
     "cook-membrane": cook,
-    "film-over-curve": film_over_curve,
-    "pressed-curve": pressed_curve,
     "cattaneo-mindlin": cattaneo_mindlin,
     "mindlin-reversal": mindlin_reversal,
     "isotropy": isotropy,
     "patch-space": patch_space,
-    "film-over-sphere": film_over_sphere,
     "hertz-point": hertz_point,
     "sphere-twist": sphere_twist,
     "curved-sliding": curved_sliding,
