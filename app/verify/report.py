@@ -114,8 +114,7 @@ def cell_pressures(simulation: Simulation) -> Floats:
     """Pressure −tr σ/3 of the elastomer's elements in their order of number, (c,), Pa."""
     model = simulation.model
     field = StressField(model.problem.u, model.problem.solids)
-    field.update()
-    return np.asarray(field.pressure.x.array[np.sort(model.named.cells(BODY))], dtype=np.float64)
+    return field.evaluate().pressure[np.sort(model.named.cells(BODY))]
 
 
 def neighbours(simulation: Simulation) -> NDArray[np.int64]:
