@@ -235,12 +235,12 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
         for (int a = 0; a < end; ++a, block += dim * dim)
             for (int i = 0; i < dim; ++i)
                 for (int k = 0; k < dim; ++k) {
-                    vec sum = M[dim * i][k] * B[a][0];
-                    for (int J = 1; J < dim; ++J)
+                    vec sum = block[dim * i + k];
+                    for (int J = 0; J < dim; ++J)
                         sum += M[dim * i + J][k] * B[a][J];
                     if (section == RING && i == 0)
                         sum += M[4][k] * B[a][2];
-                    block[dim * i + k] += sum;
+                    block[dim * i + k] = sum;
                 }
     }
 }
