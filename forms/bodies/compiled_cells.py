@@ -18,7 +18,14 @@ import dolfinx
 import numpy as np
 
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.bodies.materials import (
+    Hencky,
+    Material,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+)
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import (
     LANES,
@@ -36,12 +43,13 @@ from tribox.forms.native import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Floats
 
-_NUMBERS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3}  # of energies.h
+# Of energies.h.
+_NUMBERS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3, Ogden: 4}
 _WHOLE, _DISTORTION, _VOLUME = range(3)
 # Loops over first-order cells: name in the sources, the source, and the materials that they know.
 _FIRST_ORDER: dict[Section, tuple[str, str, int]] = {
     "plane-strain": ("plane", "plane_kernel.c", 3),
-    "3D": ("space", "space_kernel.c", 4),
+    "3D": ("space", "space_kernel.c", 5),
 }
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
@@ -55,9 +63,17 @@ class _Law(ctypes.Structure):
     _fields_ = (("material", ctypes.c_int64), ("part", ctypes.c_int64), ("c", ctypes.c_void_p))
 
 
+def _constants(material: Material) -> Floats:
+    """The material's constants as the sources have them."""
+    values = list(material.parameters().values())
+    if isinstance(material, Ogden):  # as many as it has terms, which must be told
+        values = [values[-1], len(material.mu), *values[:-1]]
+    return np.array(values, dtype=np.float64)
+
+
 def _kernel(section: Section, material: Material, part: int) -> Kernel:
     """What gives stress, moduli and energy of a part of the material's energy at points."""
-    constants = np.array(list(material.parameters().values()))
+    constants = _constants(material)
     law = _Law(_NUMBERS[type(material)], part, constants.ctypes.data)
     law.constants = constants
     source = "space_kernel.c" if section == "3D" else "elastic_points.c"
@@ -77,7 +93,7 @@ class _FirstOrder:
         triangles = nodes.shape[1] == 3  # which repeat their third node
         self._rows = in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
         self._table = in_lanes(table)
-        self._constants = np.array(list(material.parameters().values()))
+        self._constants = _constants(material)
         code = library(source)
         self._code = [getattr(code, f"tribox_{name}_{of}") for of in ("forces", "energy")]
         for function in self._code:

@@ -2,8 +2,7 @@
  * at a time; those in space are in space_kernel.c.
  *
  * With I = |F|^2 and J = det F of the in-plane F and the stretch s across it the invariants of energies.h
- * are I + s^2, I s^2 + J^2 and J s. Hencky's energy takes the logarithms of the in-plane stretches from
- * I and J (forms/bodies/materials.py). The stress is P = 2 W_I F + W_J cof F, and W_s across.
+ * are I + s^2, I s^2 + J^2 and J s. The stress is P = 2 W_I F + W_J cof F, and W_s across.
  */
 
 #include "point_lanes.h"
@@ -39,30 +38,101 @@ INLINE void by_chain(const Slopes *a, int second, vec I, vec J, vec s, PlaneSlop
     w->ss = J_s * J + 2.0 * s * I1_s + sI * I2_s + same;
 }
 
-/* Those of Hencky's energy; c: G, K. */
-INLINE void logarithmic(enum part part, const double *c, vec I, vec J, vec s, PlaneSlopes *w)
+/* cosh of the root of z >= 0, less one, and its first two derivatives; a series up to .25. */
+INLINE void cosh_of_root(vec z, vec *value, vec *slope, vec *curvature)
 {
-    const int d = part != VOLUME;
-    const double k = (part != DISTORTION ? c[1] : 0.0) - (d ? 2.0 / 3.0 * c[0] : 0.0);
-    vec r = 1.0 / (J * s), of_J = r * s, of_s = r * J, across = logarithm(s), plane = logarithm(J);
-    vec l = across + plane, first = k * l * r, second = k * (1.0 - l) * r * r;
-    w->q = first * s;
-    w->s = first * J;
-    w->JJ = second * s * s;
-    w->Js = second * J * s + first;
-    w->ss = second * J * J;
-    if (!d)
+    vec v = all(0.0), d = v, dd = v;
+    double factor = 1.0;
+    for (int n = 1; n <= 8; ++n)
+        factor *= (2 * n - 1) * (2 * n);
+    for (int n = 8; n >= 1; --n) {
+        v = (v + 1.0 / factor) * z; /* the sum from z^n on, over z^(n - 1) */
+        d = d * z + n / factor;
+        if (n > 1)
+            dd = dd * z + n * (n - 1) / factor;
+        factor /= (2 * n - 1) * (2 * n);
+    }
+    *value = v, *slope = d, *curvature = dd;
+    ivec large = (ivec)(z > 0.25);
+    if (any(large)) {
+        vec safe = choose(large, z, all(0.25)), root = square_root(safe), e = exponential(root);
+        vec up = 0.5 * (e + 1.0 / e), by = 0.5 * (e - 1.0 / e) / root;
+        *value = choose(large, up - 1.0, *value);
+        *slope = choose(large, 0.5 * by, *slope);
+        *curvature = choose(large, 0.25 * (up - by) / safe, *curvature);
+    }
+}
+
+/* Derivatives by m and y of energies in principal stretches, see `by_stretches`. */
+typedef struct {
+    vec m, y, mm, my, yy;
+} StretchSlopes;
+
+/* Those of the distortional part; the logarithm m, and x = y - 1. */
+INLINE void distort_stretches(const Law *law, vec m, vec x, StretchSlopes *w)
+{
+    const double *c = law->c;
+    vec value, slope;
+    squared_arcosh(x, &value, &slope);
+    vec curvature = curvature_of_squared_arcosh(x, slope);
+    if (law->material == HENCKY) {
+        w->m = 12.0 * c[0] * m;
+        w->mm = all(12.0 * c[0]);
+        w->y = 0.5 * c[0] * slope;
+        w->yy = 0.5 * c[0] * curvature;
         return;
-    vec value, slope, y = 0.5 * I * of_J, half = 0.5 * c[0] * of_J * of_J;
-    squared_arcosh(y - 1.0, &value, &slope);
-    vec curvature = curvature_of_squared_arcosh(y - 1.0, slope);
-    w->p = 0.5 * c[0] * slope * of_J;
-    w->q += (c[0] * plane - 0.5 * c[0] * slope * y) * of_J;
-    w->s += 2.0 * c[0] * across * of_s;
-    w->II = half * curvature;
-    w->IJ = -half * (curvature * y + slope);
-    w->JJ += c[0] * (1.0 - plane) * of_J * of_J + half * (curvature * y + 2.0 * slope) * y;
-    w->ss += 2.0 * c[0] * (1.0 - across) * of_s * of_s;
+    }
+#pragma GCC unroll 1
+    for (int p = 0; p < (int)c[1]; ++p) {
+        const double mu = c[2 * p + 2], alpha = c[2 * p + 3], a = 0.25 * alpha * alpha;
+        vec C, C1, C2, in = (2.0 * mu / alpha) * exponential(alpha * m);
+        vec across = (2.0 * mu / alpha) * exponential(-2.0 * alpha * m);
+        cosh_of_root(a * value, &C, &C1, &C2);
+        w->m += alpha * (in * (C + 1.0) - across);
+        w->mm += alpha * alpha * (in * (C + 1.0) + 2.0 * across);
+        w->y += in * C1 * a * slope;
+        w->my += alpha * in * C1 * a * slope;
+        w->yy += in * a * (C2 * a * slope * slope + C1 * curvature);
+    }
+}
+
+/* Derivatives of energies in principal stretches (Hencky's, Ogden's). With y = I/(2 J), the hyperbolic
+ * cosine of the difference of the in-plane logarithmic stretches, and m = (ln J - 2 ln s)/6, their mean
+ * less a third of all, the isochoric ones are m +- arcosh(y)/2 and -2 m. */
+INLINE void by_stretches(const Law *law, vec I, vec J, vec s, PlaneSlopes *w)
+{
+    const double *c = law->c;
+    vec r = 1.0 / (J * s), of_J = r * s, of_s = r * J, across = logarithm(s), plane = logarithm(J);
+    if (law->part != DISTORTION) {
+        vec l = across + plane, whole = J * s, first, second;
+        if (law->material == HENCKY) {
+            first = c[1] * l * r;
+            second = c[1] * (1.0 - l) * r * r;
+        } else {
+            first = 0.5 * c[0] * (whole - r);
+            second = 0.5 * c[0] * (1.0 + r * r);
+        }
+        w->q = first * s;
+        w->s = first * J;
+        w->JJ = second * s * s;
+        w->Js = second * whole + first;
+        w->ss = second * J * J;
+    }
+    if (law->part == VOLUME)
+        return;
+    StretchSlopes by = {};
+    vec y = 0.5 * I * of_J, square = of_J * of_J;
+    distort_stretches(law, (1.0 / 6.0) * (plane - 2.0 * across), y - 1.0, &by);
+    w->p = by.y * of_J;
+    w->q += ((1.0 / 6.0) * by.m - by.y * y) * of_J;
+    w->s -= (1.0 / 3.0) * by.m * of_s;
+    w->II = by.yy * square;
+    w->IJ = ((1.0 / 6.0) * by.my - by.yy * y - by.y) * square;
+    w->Is = (-1.0 / 3.0) * by.my * of_J * of_s;
+    w->JJ += ((by.yy * y - (1.0 / 3.0) * by.my + 2.0 * by.y) * y + (1.0 / 36.0) * by.mm -
+              (1.0 / 6.0) * by.m) * square;
+    w->Js += (1.0 / 3.0) * (by.my * y - (1.0 / 6.0) * by.mm) * of_J * of_s;
+    w->ss += ((1.0 / 9.0) * by.mm + (1.0 / 3.0) * by.m) * of_s * of_s;
 }
 
 /* The energy from H = F - 1: with x = J - 1 = tr H + det H and a = I - 2 J, a sum of squares, small
@@ -73,19 +143,33 @@ INLINE vec stored_in_plane(const Law *law, const vec *F, vec J, vec s)
     const int d = law->part != VOLUME;
     vec H = F[0] - 1.0, V = F[3] - 1.0, x = H + V + (H * V - F[1] * F[2]), y = s - 1.0;
     vec a = (H - V) * (H - V) + (F[1] + F[2]) * (F[1] + F[2]);
-    if (law->material != HENCKY) {
+    if (law->material != HENCKY && law->material != OGDEN) {
         vec ss = y * (y + 2.0), JJ = x * (x + 2.0), I = a + 2.0 * x;
         return stored(law->material, law->part, c, I + ss, I * (1.0 + ss) + 2.0 * ss + JJ,
                       JJ + ss + JJ * ss);
     }
-    vec plane, across, rest, value, slope, w = all(0.0);
+    vec plane, across, rest, rest_across, value, slope, w = all(0.0);
     logarithm_of_sum(x, &plane, &rest);
-    logarithm_of_sum(y, &across, &rest);
-    vec l = plane + across;
-    w += (0.5 * (law->part != DISTORTION ? c[1] : 0.0) - (d ? c[0] / 3.0 : 0.0)) * l * l;
-    if (d) {
-        squared_arcosh(0.5 * a / J, &value, &slope);
-        w += c[0] * (0.5 * (value + plane * plane) + across * across);
+    logarithm_of_sum(y, &across, &rest_across);
+    vec l = plane + across, m = (1.0 / 6.0) * (plane - 2.0 * across);
+    if (law->part != DISTORTION && law->material == HENCKY) {
+        w = 0.5 * c[1] * l * l;
+    } else if (law->part != DISTORTION) { /* J^2 - 1 - 2 ln J = e^2 + 2 (e - ln(1 + e)) */
+        vec e = x + y + x * y;
+        logarithm_of_sum(e, &l, &rest);
+        w = 0.25 * c[0] * (e * e + 2.0 * rest);
+    }
+    if (!d)
+        return w;
+    squared_arcosh(0.5 * a / J, &value, &slope);
+    if (law->material == HENCKY)
+        return w + c[0] * (0.5 * value + 6.0 * m * m);
+#pragma GCC unroll 1
+    for (int p = 0; p < (int)c[1]; ++p) {
+        const double mu = c[2 * p + 2], alpha = c[2 * p + 3];
+        vec C, C1, C2, in = exponential_from_one(alpha * m);
+        cosh_of_root(0.25 * alpha * alpha * value, &C, &C1, &C2);
+        w += mu / alpha * (2.0 * (in + C + in * C) + exponential_from_one(-2.0 * alpha * m));
     }
     return w;
 }
@@ -102,8 +186,8 @@ INLINE void update(enum section section, const Law *law, const vec *F, const vec
         energies[0] = stored_in_plane(law, F, J, s);
         energies[1] = energies[2] = all(0.0);
     }
-    if (law->material == HENCKY) {
-        logarithmic(law->part, law->c, I, J, s, &w);
+    if (law->material == HENCKY || law->material == OGDEN) {
+        by_stretches(law, I, J, s, &w);
     } else {
         Slopes of = {};
         slopes(law->material, law->part, law->c, J * s, I + s * s, I * s * s + J * J, moduli != 0, &of);

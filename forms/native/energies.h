@@ -1,6 +1,8 @@
 /* Strain energies of isotropic bodies as functions of J = det F, I1 = |F|^2 and I2 = |cof F|^2. */
 
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH };
+#include "principal_powers.h"
+
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH, OGDEN };
 enum part { WHOLE, DISTORTION, VOLUME };
 
 #define TERMS 10 /* of the series for the logarithmic strain */
@@ -101,6 +103,10 @@ INLINE void distort(enum material material, const double *c, vec J, vec r, vec I
         vec z = x - 3.0;
         s->I1 = c[0] + z * (2.0 * c[1] + z * (3.0 * c[2]));
         s->I11 = 2.0 * c[1] + z * (6.0 * c[2]);
+    } else if (material == OGDEN) { /* c: K, number of terms, and of each mu and alpha */
+        Jet sum = power_sum((int)c[1], c + 2, x - 3.0, y - 3.0);
+        s->I1 = sum.x, s->I2 = sum.y;
+        s->I11 = sum.xx, s->I12 = sum.xy, s->I22 = sum.yy;
     } else { /* c: G, K */
         squared_logarithm(x, y, second, s);
         for (vec *value = &s->I1; value <= &s->I22; ++value)
@@ -117,11 +123,17 @@ INLINE int needs_volume(enum material material, enum part part)
     return material == HENCKY || part != VOLUME;
 }
 
+/* K of Simo and Taylor's volumetric energy. */
+INLINE double bulk_modulus(enum material material, const double *c)
+{
+    return material == YEOH ? c[3] : material == OGDEN ? c[0] : c[2];
+}
+
 /* Adds the volumetric part of an energy. */
 INLINE void dilate(enum material material, const double *c, vec J, vec r, Slopes *s)
 {
-    if (material == MOONEY_RIVLIN || material == YEOH) {
-        const double K = material == YEOH ? c[3] : c[2];
+    if (material == MOONEY_RIVLIN || material == YEOH || material == OGDEN) {
+        const double K = bulk_modulus(material, c);
         s->J += 0.5 * K * (J - r);
         s->JJ += 0.5 * K * (1.0 + r * r);
         return;
@@ -149,10 +161,10 @@ INLINE vec exponential_from_one(vec x)
 /* The energy from I1 - 3, I2 - 3 and J^2 - 1. */
 INLINE vec stored(enum material material, enum part part, const double *c, vec I1, vec I2, vec JJ)
 {
-    const int simo_taylor = material == MOONEY_RIVLIN || material == YEOH;
+    const int simo_taylor = material == MOONEY_RIVLIN || material == YEOH || material == OGDEN;
     vec l = 0.5 * logarithm_from_one(JJ), w = all(0.0);
     if (part != DISTORTION)
-        w = simo_taylor ? 0.25 * c[material == YEOH ? 3 : 2] * (JJ - 2.0 * l) : 0.5 * c[1] * l * l;
+        w = simo_taylor ? 0.25 * bulk_modulus(material, c) * (JJ - 2.0 * l) : 0.5 * c[1] * l * l;
     if (part == VOLUME)
         return w;
     if (material == NEO_HOOKEAN)
@@ -163,6 +175,8 @@ INLINE vec stored(enum material material, enum part part, const double *c, vec I
         return w + c[0] * x + c[1] * y;
     if (material == YEOH)
         return w + x * (c[0] + x * (c[1] + x * c[2]));
+    if (material == OGDEN)
+        return w + power_sum((int)c[1], c + 2, x, y).value;
     vec b = 1.0 / (x + y + 8.0), q = (x + y) * b, t = (y - x) * b, o = t * t;
     vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o;
     vec p = e1, p1 = all(3.0), p2 = all(0.0), sum = p; /* p_1, p_0, p_-1 and so on */

@@ -1,5 +1,5 @@
-/* Loops over material points that remember, eight at a time: points by themselves, and those of
- * cells of any kind with the forces and the tangent of the cells.
+/* Loops over material points, eight at a time: points by themselves, and those of cells of any kind
+ * with the forces, the energy and the tangent of the cells.
  *
  * What the points do is a kernel, see Update of point_lanes.h: a cell's deformation gradients, its
  * points' stress and moduli, and its matrix never leave the processor's caches. With the gradients
@@ -161,12 +161,13 @@ INLINE void gradients(enum section section, int nodes, int parents, const double
     }
 }
 
-/* F from the derivatives of the displacement by parent coordinates. */
+/* F from the derivatives by parent coordinates of the displacement relative to a node, that of which
+ * is `radial` across. */
 INLINE void deformation(enum section section, int nodes, int parents, const double *shape,
-                        const vec *table, vec (*u)[3], vec *F)
+                        const vec *table, vec (*u)[3], vec radial, vec *F)
 {
     const int dim = section == SPACE ? 3 : 2;
-    vec d[9], hoop = all(0.0);
+    vec d[9], hoop = radial;
     for (int p = 0; p < dim * parents; ++p)
         d[p] = all(0.0);
 #pragma GCC unroll 1
@@ -234,12 +235,12 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
         for (int a = 0; a < end; ++a, block += dim * dim)
             for (int i = 0; i < dim; ++i)
                 for (int k = 0; k < dim; ++k) {
-                    vec sum = M[dim * i][k] * B[a][0];
-                    for (int J = 1; J < dim; ++J)
+                    vec sum = block[dim * i + k];
+                    for (int J = 0; J < dim; ++J)
                         sum += M[dim * i + J][k] * B[a][J];
                     if (section == RING && i == 0)
                         sum += M[4][k] * B[a][2];
-                    block[dim * i + k] += sum;
+                    block[dim * i + k] = sum;
                 }
     }
 }
@@ -327,7 +328,7 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
     const int points = (int)w->points, size = dim * parents + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
-    vec B[nodes][3], at[nodes][3];
+    vec B[nodes][3], at[nodes][3], radial;
     double *row[LANES];
     int64_t number[LANES], first[LANES];
     ivec bad = {};
@@ -339,6 +340,11 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
         for (int i = 0; i < dim; ++i)
             at[a][i] = column(row, i);
     }
+    radial = at[0][0];
+#pragma GCC unroll 1
+    for (int a = nodes - 1; a >= 0; --a) /* how far the cell has moved rounds nothing */
+        for (int i = 0; i < dim; ++i)
+            at[a][i] -= at[0][i];
     for (int l = 0; l < LANES; ++l)
         first[l] = w->cell[n * LANES + l];
     for (int q = 0; q < points; ++q, table += size * LANES) {
@@ -346,7 +352,7 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
         __builtin_memcpy(tabled, table, size * sizeof(vec));
         weight = tabled[dim * parents];
         const double *shape = w->shape + q * nodes * (1 + parents);
-        deformation(section, nodes, parents, shape, tabled, at, F);
+        deformation(section, nodes, parents, shape, tabled, at, radial, F);
         if (w->F) {
             for (int l = 0; l < LANES; ++l)
                 number[l] = first[l] * points + q;

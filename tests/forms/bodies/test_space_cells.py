@@ -9,7 +9,14 @@ from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce
-from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
+from tribox.forms.bodies.materials import (
+    Hencky,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+    shear_and_bulk,
+)
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.compat import cell_nodes
 
@@ -25,6 +32,7 @@ INCOMPRESSIBLE = {
     "hencky": Hencky(*shear_and_bulk(1.0, 0.499)),
     "yeoh": Yeoh(0.5, -0.04, 0.02, 500.0),
 }
+OGDEN = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), 5.0)
 # Full integration differs by the points alone, so that one material shows it.
 KINDS = [
     *((name, cell, kind) for name in MATERIALS for cell, kind in
@@ -112,10 +120,10 @@ def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulatio
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("name", MATERIALS)
-def test_second_order_by_differences(name, cell):
+@pytest.mark.parametrize("material", [*MATERIALS.values(), OGDEN], ids=[*MATERIALS, "ogden"])
+def test_second_order_by_differences(material, cell):
     """Without the forms, which take a minute to compile: work of the forces, and their change."""
-    u, solid = body(cell, MATERIALS[name], "q2")
+    u, solid = body(cell, material, "q2")
     cells, along = cells_of(u, solid), np.random.default_rng(2).uniform(-1, 1, len(u.x.array))
     deform(u, 0.5, turned=True)
     at, step, ends = u.x.array.copy(), 2e-6, []
@@ -134,7 +142,7 @@ def test_second_order_by_differences(name, cell):
     # A homogeneous deformation has the energy of first-order cells, which the forms have.
     where = u.function_space.tabulate_dof_coordinates()
     u.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
-    first, other = body(cell, MATERIALS[name], "q1")
+    first, other = body(cell, material, "q1")
     where = first.function_space.tabulate_dof_coordinates()
     first.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
     wanted = cells_of(first, other).energy(first.x.array)
@@ -169,7 +177,7 @@ def test_a_cell_by_hand():
         assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
 
 
-@pytest.mark.parametrize(("name", "formulation"), HEXAHEDRA)
+@pytest.mark.parametrize(("name", "formulation"), [*HEXAHEDRA, ("mooney-rivlin", "q2")])
 def test_the_energy_of_small_strains(name, formulation):
     """Simple shear by 1e-7 of a body that has moved far: G γ²/2, though F is 1 + 1e-7.
 
