@@ -18,7 +18,7 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.report import contents
 from tribox.app.results import read
 from tribox.app.results.saving import Saving
-from tribox.app.run.progress import Reporter
+from tribox.app.run.progress import Reporter, StageBars
 from tribox.app.run.run import run_case
 from tribox.app.run.sweep_runs import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
@@ -118,6 +118,21 @@ def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
         assert (line in terminal) is (line not in passing), line
     assert "1/2 press" in terminal and "━" in terminal
     assert "time step 400, " in terminal
+
+
+def test_of_a_run_that_goes_on_the_stages_stand_where_they_were(case_file, block):
+    """What was done before counts as done, and says nothing of the pace."""
+    console = Console(file=Terminal(), width=100, highlight=False, force_terminal=True)
+    bars = StageBars(load_case(case_file(block)), console)
+    bars.go_on([(1.0, 1.0 / 3.0)], 1.25, 0.05)
+    before, here = bars._bars.tasks
+    assert before.completed == 1.0 and before.fields["place"] == "done"
+    assert here.completed == pytest.approx(0.25) and here.time_remaining is None
+    assert here.fields["place"] == "0.25/1 s" and not bars.ended
+    bars.at(2.0, 0.05)
+    bars.end_load_step()
+    assert bars.ended and here.completed == 1.0
+    bars.close()
 
 
 # -- What is told of rigid tools at the end of a run: on the terminal, and in the report -----------
