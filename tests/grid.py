@@ -15,10 +15,10 @@ from mpi4py import MPI
 from tribox.geometry.compat import cell_nodes
 
 
-def coordinate_element(cell: str, dim: int) -> ufl.Mesh:
-    """The domain of meshes of straight cells, as `generate` makes them."""
-    variant = basix.LagrangeVariant.equispaced
-    return ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, lagrange_variant=variant, shape=(dim,)))
+def coordinate_element(cell: str, dim: int, order: int = 1) -> ufl.Mesh:
+    """The domain of meshes of straight cells, as `generate` makes them, or of curved ones."""
+    kind = {"lagrange_variant": basix.LagrangeVariant.equispaced, "shape": (dim,)}
+    return ufl.Mesh(basix.ufl.element("Lagrange", cell, order, **kind))
 
 
 def grid(

@@ -6,10 +6,11 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
+from mpi4py import MPI
 
 import tribox.forms.native
 import tribox.geometry.native.compiler
-from tests.grid import grid
+from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import CompiledCells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.loads import FollowerPressure, reference_area
@@ -44,9 +45,19 @@ def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=Non
     if section == "axisymmetric":
         x[:, 0] += 0.3
     element = ("Lagrange", DEGREE[formulation], (2,))
+    mesh = mesh if DEGREE[formulation] == 1 else bent(mesh)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
     all_cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     return u, Solid("body", u, all_cells, material, formulation, section=section)
+
+
+def bent(mesh):
+    """The same cells with curved sides."""
+    domain = coordinate_element(mesh.topology.cell_name(), 2, order=2)
+    nodes = dolfinx.fem.functionspace(mesh, domain.ufl_coordinate_element())
+    x = nodes.tabulate_dof_coordinates()[:, :2]
+    cells = np.asarray(nodes.dofmap.list, dtype=np.int64)
+    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, x=x + 0.03 * np.sin(7.0 * x), e=domain)
 
 
 def stretched(u, size, seed=0):
