@@ -211,9 +211,9 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
-    softer contacts are tried sooner. Bodies that forces alone bring together find each other sooner
-    by springs, which would only hold back metal that tools bend. Where a shorter step of metal has
-    failed as the longer one did, it is relaxed.
+    softer contacts are tried sooner unless a step was found from inside. Bodies that forces alone
+    bring together find each other sooner by springs, which would only hold back metal that tools
+    bend. Where a shorter step of metal has failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -230,7 +230,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
         return (*held, SoftContact(), inside)
-    if rubs and is_moved(attempt):
+    if rubs and is_moved(attempt) and attempt.newton.inside.opening is None:
         return (*held, SoftContact(), inside)
     if attempt.pressed:
         return (inside, SoftContact(), *held, *relaxed)

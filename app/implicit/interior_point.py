@@ -16,6 +16,7 @@ exact laws, by which the step is solved in the end.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,6 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.predictor import Attempt
 from tribox.forms.contact.interior_point import TINY, InteriorPoint, InteriorSlip
 from tribox.forms.contact.penalty import ContactTerm
@@ -65,6 +67,7 @@ PRESSED = 30.0  # mean pressure over that of a gap that is rounding, from which 
 MOST_WAY, LEAST_WAY, NO_WAY = 0.3, 1e-6, 0.01  # in facets: bounds of the way, and without any
 REACH = 3.0  # gap in facets, and in least gaps less one, up to which vertices feel each other
 SETTLED = 1.0  # relative residual above which the bodies move before pressures change
+STRIDE = 1e-6  # of a step, over which the rates of gaps at its start are taken
 SOLVED = 0.3  # relative residual below which μ falls
 NEAR = 1e-3  # relative residual of the exact law that is near enough for Newton's method on it
 NOWHERE = 1e6  # m; gap of points that have no master below them
@@ -126,7 +129,7 @@ def order(attempt: Attempt) -> list[int]:
     wrong ones: once a step was found otherwise, the central path begins at the linear step. Before
     anything presses none is followed: neither start knows of a first contact.
     """
-    last = attempt.newton.inside.opening
+    last = attempt.newton.inside.opening or 0
     if not attempt.newton.problem.flows:
         return sorted(range(len(OPENINGS)), key=lambda number: number != last)
     first = min(last, 1) if attempt.pressed else 2
@@ -142,7 +145,7 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     newton, problem, trial = attempt.newton, attempt.newton.problem, attempt.trial
     least = SHRINKS_FLOWING if problem.flows else SHRINKS
     points = starting_points(attempt, opening.barrier)
-    step = attempt.step.inside(points)
+    step, start = attempt.step.inside(points), attempt.x.copy()
     iterations = attempt.predictor.restart(attempt.x, trial, step)
     exact, limit = np.inf, min(LIMIT, newton.options.max_iterations)
     while iterations < limit:
@@ -151,18 +154,43 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
             return iterations, False
         settled = left < SETTLED
         if settled or problem.flows:
-            points = _advanced(problem, points, least if left < SOLVED else 1.0, opening.kept)
+            gaps = linear_gaps(problem, step, start, trial)
+            shrinks = least if left < SOLVED else 1.0
+            points = _advanced(problem, points, shrinks, opening.kept, gaps)
             step = attempt.step.inside(points)
         if left < NEAR**0.5:
             last, exact = exact, newton.residual_of(attempt.step)
             if exact < NEAR or ENDED * last < exact < CLOSE:
                 return iterations, True
+        trial.copy(start)
         if problem.flows:
             newton.step_to_least_energy(step, TURNED * shortest_facet(problem), EASED)
         else:
             newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
     return iterations, newton.residual_of(attempt.step) < NEAR
+
+
+def linear_gaps(
+    problem: Equilibrium, step: StepMode, start: PETSc.Vec, trial: PETSc.Vec
+) -> list[Floats]:
+    """Gaps (v,) or (q,), m, of each pair that a Newton step from ``start`` to ``trial`` expects.
+
+    Those that it comes to over a curved tool differ by far more than the contact is deep: pressures
+    from them are a hundred times too high, and turn with the tools in the next tangent. Collective.
+    """
+    near = trial.copy()
+    near.axpy(-1.0, start)
+    most = 2.0 * near.norm(PETSc.NormType.INFINITY)
+    near.aypx(STRIDE, start)
+    out = []
+    for term, mode in step.pairs(problem.contacts):
+        before, ahead, there = (_gap(term.evaluate(x, step.dt, mode)) for x in (start, near, trial))
+        change = (ahead - before) / STRIDE
+        # Where a point passes the end of a master there is no rate.
+        out.append(np.where(np.abs(change) <= most, before + change, there))
+    near.destroy()
+    return out
 
 
 def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
@@ -188,7 +216,8 @@ def followed(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         shrinks = 1.0
         if left < EASED and left <= GAINED * before:
             shrinks = SHRINKS_FAST if left < EASY else SHRINKS_FLOWING
-        points = _advanced(problem, points, shrinks, opening.kept)
+        gaps = [_gap(trial) for trial in problem.trials]
+        points = _advanced(problem, points, shrinks, opening.kept, gaps)
         step = attempt.step.inside(points)
         if left < NEARER**0.5:
             last, exact = exact, newton.residual_of(attempt.step)
@@ -289,18 +318,33 @@ def _gap(trial: ContactTrial) -> Floats:
     return np.where(trial.projection.on_surface, trial.projection.gap, NOWHERE)
 
 
-def _advanced(problem: Equilibrium, points: Points, shrinks: float, kept: float) -> Points:
-    """The points after the step evaluated last, with a barrier ``shrinks`` times as high."""
-    pairs = zip(problem.contacts, problem.trials, points, strict=True)
+def _advanced(
+    problem: Equilibrium,
+    points: Points,
+    shrinks: float,
+    kept: float,
+    gaps: Sequence[Floats],
+) -> Points:
+    """The points after the step evaluated last, with a barrier ``shrinks`` times as high.
+
+    ``gaps``: m, of each pair after it, see :func:`linear_gaps`.
+    """
+    pairs = zip(problem.contacts, problem.trials, points, gaps, strict=True)
     return [
-        None if at is None else _next(term, trial, at, shrinks, kept) for term, trial, at in pairs
+        None if at is None else _next(term, trial, at, shrinks, kept, gap)
+        for term, trial, at, gap in pairs
     ]
 
 
 def _next(
-    term: ContactTerm, trial: ContactTrial, at: InteriorPoint, shrinks: float, kept: float
+    term: ContactTerm,
+    trial: ContactTrial,
+    at: InteriorPoint,
+    shrinks: float,
+    kept: float,
+    gap: Floats,
 ) -> InteriorPoint:
-    out = at.advanced(_gap(trial), term.penalty, shrinks * at.barrier, kept)
+    out = at.advanced(gap, term.penalty, shrinks * at.barrier, kept)
     if at.slip is None:
         return out
     moved = trial.kinematics.slip + trial.kinematics.elastic_slip

@@ -100,7 +100,7 @@ class Inside:
     """Steps that were found from inside (:mod:`tribox.app.implicit.interior_point`)."""
 
     last: bool = False  # whether the last step was, as the next one may be
-    opening: int = 0  # the one that worked last
+    opening: int | None = None  # the one that worked last; None before any
 
 
 @dataclass(frozen=True, slots=True)
