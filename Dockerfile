@@ -25,7 +25,7 @@ RUN set -eu; \
     apt-get update; \
     DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         gcc libc6-dev libmetis5 tini \
-        python3-dolfinx-real python3-petsc4py-real python3-gmsh python3-adios4dolfinx python3-meshio \
+        python3-dolfinx-real python3-petsc4py-real python3-gmsh python3-meshio \
         python3-scipy python3-pandas python3-matplotlib python3-pydantic python3-pint python3-rich \
         python3-typer python3-jinja2 python3-pyvista libopenblas0-serial python3-hypothesis \
         python3-mypy python3-pytest python3-pytest-timeout python3-pytest-xdist \

@@ -109,8 +109,7 @@ def test_tools_pairs_and_conditions_are_in_the_picture(tmp_path):
 
 ROOT = Path(__file__).parents[3]
 NOT_NEEDED = (
-    *("pandas", "gmsh", "pyvista", "adios2", "pint", "jinja2", "numba",
-     "IPython"),
+    *("pandas", "gmsh", "pyvista", "pint", "jinja2", "numba", "IPython"),
     *("matplotlib.pyplot", "matplotlib.animation", "mpl_toolkits.axes_grid1"),
     *("scipy.optimize", "scipy.integrate", "scipy.interpolate", "scipy.stats", "scipy.cluster"),
 )  # fmt: skip
