@@ -14,7 +14,7 @@ SOURCES = (
     "elastic_points.c",
     "plane_contact.c",
     "space_contact.c",
-    "contact_tangent.c",
+    "space_pair.c",
     "plane_pair.c",
     "central_slip.c",
     "plastic_points.c",

@@ -8,7 +8,7 @@ import ufl
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
-from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
+from tribox.forms.bodies.internal_force import GeneratedForce
 from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
@@ -227,26 +227,3 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
     assert np.isfinite(summed(u, cells.loops)).all() == finite
     u.x.array[3 * corner] = np.nan
     assert not cells.add(u.x.array, mine, None)
-
-
-def forces_by_place(comm, directory):
-    """Norm and moment of all nodal forces, and the energy, on the ranks of ``comm``."""
-    u, solid = body("hexahedron", MATERIALS["hencky"], "q1-sri", comm=comm)
-    deform(u, 0.3)
-    u.x.scatter_forward()
-    internal, force = InternalForce(u, [solid]), dolfinx.fem.Function(u.function_space)
-    assert internal.compiled and internal.evaluate(u.x.array, force.x.array)
-    force.x.scatter_reverse(dolfinx.la.InsertMode.add)
-    owned = u.function_space.dofmap.index_map.size_local
-    f = force.x.array[: 3 * owned].reshape(-1, 3)
-    x = u.function_space.tabulate_dof_coordinates()[:owned]
-    sums = [np.sum(f**2), np.sum(f * np.sin(5.0 * x)), internal.energy(u.x.array)]
-    return comm.allreduce(np.array(sums)).tolist()
-
-
-@pytest.mark.mpi(forces_by_place, 2, 3)
-def test_forces_do_not_depend_on_the_ranks(on_ranks):
-    alone = on_ranks(forces_by_place, 1)
-    assert 0.0 not in alone
-    for ranks in (2, 3):
-        np.testing.assert_allclose(on_ranks(forces_by_place, ranks), alone, rtol=1e-12)
