@@ -29,14 +29,14 @@ from tribox.app.equilibrium.slanted import room_of
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
 from tribox.forms.bodies.loads import Load
-from tribox.forms.contact.compiled_tangent import Entries
 from tribox.forms.contact.lubricated import LubricatedTerm
+from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.contact.tangent import Coupling
 from tribox.geometry.compat import add_matrix
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Bools, Ints, Longs
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 
@@ -69,7 +69,6 @@ class Tangent:
         self.constraints = constraints
         self.bodies, self.contacts, self.loads = bodies, contacts, loads
         self.pattern_changes = 0
-        self._known_places: list[BlockPlaces] = []  # of blocks added lately
         self.windows: list[ContactWindow | None] = [None] * len(contacts)
         self._raw: PETSc.Mat | None = None
         self._mapped: tuple[bool, ...] = ()  # platens whose unknowns are sent to their leaders
@@ -169,11 +168,9 @@ class Tangent:
         if is_direct(A) and np.dtype(PETSc.IntType) == np.int32:
             with pattern_in_place(A) as (indptr, indices), values_in_place(A) as values:
                 entries = Entries(indptr, indices, values, self._first_of)
-                blocks, couplings = term.add_tangent(trial, entries)
+                couplings = term.add_tangent(trial, entries)
         else:
-            blocks, couplings = term.add_tangent(trial, None)
-        for nodes, added in blocks:
-            self._add_blocks(A, nodes, added)
+            couplings = term.add_tangent(trial, Entries.none())
         for coupling in couplings:
             self._add_coupling(A, coupling)
 
@@ -188,49 +185,36 @@ class Tangent:
         mine &= np.all(numbers == numbers[:, :1] + np.arange(unknowns.dim), axis=1)
         return np.where(mine, numbers[:, 0], -1).astype(np.int32)
 
-    def _add_blocks(
-        self,
-        A: PETSc.Mat,
-        nodes: Longs,
-        blocks: Floats | None,
-        platens: Sequence[Platen] | None = None,
+    def _add_room(self, A: PETSc.Mat, nodes: Longs, platens: Sequence[Platen] | None) -> None:
+        """Add zeros that couple the global nodes (p, m) of each p; platens: see `_add_coupling`."""
+        distinct, number = np.unique(nodes, return_inverse=True)
+        table, dim = (
+            _incidence(number.reshape(nodes.shape), len(distinct)),
+            self.constraints.unknowns.dim,
+        )
+        room = scipy.sparse.kron(table.T @ table, np.ones((dim, dim)), "bsr").tocsr()
+        room.data[:] = 0.0
+        self._add_coupling(A, Coupling(distinct, distinct, room), platens)
+
+    def _add_coupling(
+        self, A: PETSc.Mat, coupling: Coupling, platens: Sequence[Platen] | None = None
     ) -> None:
-        """Add point blocks (q, m, i, n, j) (None: zeros, for the pattern) to global rows.
+        """Add a sparse part of the tangent to global rows.
 
         Those of platens (None: that act at present) go to the rows of the leaders.
         """
-        dim = self.constraints.unknowns.dim
-        places = BlockPlaces(nodes, dim) if blocks is None else self._places(nodes)
-        A.setValuesIJV(
-            places.indptr.astype(PETSc.IntType),
-            self.constraints.condensed(places.columns, platens).astype(PETSc.IntType),
-            places.add_up(blocks),
-            addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=self.constraints.condensed(places.rows, platens).astype(PETSc.IntType),
+        matrix = coupling.matrix
+        rows, columns = (
+            self.constraints.condensed(self.constraints.unknowns.of_nodes(nodes), platens)
+            for nodes in (coupling.rows, coupling.columns)
         )
-
-    def _add_coupling(self, A: PETSc.Mat, coupling: Coupling) -> None:
-        """Add a sparse part of the tangent to global rows."""
-        of_nodes, matrix = self.constraints.unknowns.of_nodes, coupling.matrix
-        columns = of_nodes(coupling.columns).reshape(-1)[matrix.indices]
         A.setValuesIJV(
             matrix.indptr.astype(PETSc.IntType),
-            self.constraints.condensed(columns).astype(PETSc.IntType),
+            columns.reshape(-1).astype(PETSc.IntType)[matrix.indices],
             matrix.data,
             addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=self.constraints.condensed(of_nodes(coupling.rows).reshape(-1)).astype(
-                PETSc.IntType
-            ),
+            rowmap=rows.reshape(-1).astype(PETSc.IntType),
         )
-
-    def _places(self, nodes: Longs) -> BlockPlaces:
-        """Places of blocks in the matrix: those of an earlier call while nodes stay the same."""
-        for places in self._known_places:
-            if np.array_equal(places.nodes, nodes):
-                return places
-        places = BlockPlaces(nodes, self.constraints.unknowns.dim)
-        self._known_places = [places, *self._known_places[: 2 * len(self.contacts) - 1]]
-        return places
 
     # -- pattern ------------------------------------------------------------------------------
 
@@ -258,7 +242,7 @@ class Tangent:
         A = A if self._raw is None else self._raw
         extra, pairs = self._empty_like(A), self._coupled_pairs()
         beside = self.constraints.unknowns.beside_nodes
-        self._add_blocks(extra, beside[:, None], None, [])  # no cell gives them a diagonal
+        self._add_room(extra, beside[:, None], [])  # no cell gives them a diagonal
         for acting in self.platen_sets or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
@@ -268,7 +252,7 @@ class Tangent:
             for index, nodes in enumerate(pairs):
                 new = nodes if room is None else without(nodes, room[index])
                 if len(new):
-                    self._add_blocks(extra, new, None, platens)
+                    self._add_room(extra, new, platens)
             self._rooms[acting] = pairs
         extra.assemble()
         widen(A, extra)
@@ -426,55 +410,6 @@ def _present(matrix: scipy.sparse.spmatrix) -> scipy.sparse.csr_matrix:
     out.sum_duplicates()
     out.data = np.ones_like(out.data)
     return out
-
-
-class BlockPlaces:
-    """Where blocks that couple the nodes of each point go in a sparse matrix of unknowns.
-
-    Finding the places takes far longer than adding up the blocks in them, and they stay the same
-    as long as the points keep their nodes.
-
-    Attributes:
-        nodes: (q, m) global nodes of the points.
-        indptr, columns: rows of the matrix, sorted by node; unknowns are global.
-        rows: global unknown of each of these rows.
-    """
-
-    def __init__(self, nodes: Longs, dim: int) -> None:
-        """Find the places of blocks (q, m, i, n, j), with ``dim`` unknowns i and j at a node."""
-        self.nodes = nodes
-        distinct, number = np.unique(nodes, return_inverse=True)
-        number = number.reshape(nodes.shape)
-        count = len(distinct)
-        key = number[:, :, None] * count + number[:, None, :]
-        pairs, place = np.unique(key.reshape(-1), return_inverse=True)
-        row, column = np.divmod(pairs, max(count, 1))
-        width = np.bincount(row, minlength=count)
-        first = np.cumsum(width) - width
-        axes = np.arange(dim)
-        lengths = np.repeat(dim * width, dim)
-        self.indptr = np.append(0, np.cumsum(lengths))
-        self.rows = (distinct[:, None] * dim + axes).reshape(-1)
-        # Entry (i, j) of a pair of nodes: its row's start, then its place among the row's columns.
-        start = (
-            self.indptr[:-1].reshape(count, dim)[row]
-            + dim * (np.arange(len(row)) - first[row])[:, None]
-        )
-        entries = start[:, :, None] + axes
-        self.columns = np.empty(self.indptr[-1], dtype=np.int64)
-        self.columns[entries] = (distinct[column][:, None] * dim + axes)[:, None, :]
-        self._entries, self._pair = entries, place.reshape(key.shape)
-        self._entry: Longs | None = None  # of each number of the blocks; a pattern needs none
-
-    def add_up(self, blocks: Floats | None) -> Floats:
-        """Values of the matrix's entries from blocks (q, m, i, n, j); None: zeros."""
-        if blocks is None:
-            return np.zeros(len(self.columns))
-        if self._entry is None:
-            # (q, m, n, i, j), as the pairs have them, to (q, m, i, n, j).
-            self._entry = self._entries[self._pair].transpose(0, 1, 3, 2, 4).reshape(-1)
-        summed = np.bincount(self._entry, blocks.reshape(-1), len(self.columns))
-        return np.asarray(summed, dtype=np.float64)
 
 
 def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:

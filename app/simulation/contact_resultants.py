@@ -13,7 +13,6 @@ from petsc4py import PETSc
 from tribox.app.build.contact_notes import OVERLAP, PairAtStart
 from tribox.app.build.model import Model
 from tribox.app.errors import SolutionError
-from tribox.forms.contact.kinematics import relate
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
@@ -165,7 +164,9 @@ def _way(term: ContactTerm, trial: ContactTrial) -> Floats:
     opened = ~k.closed & (term.state.friction_traction != 0.0).any(axis=1)
     if trial.anchor is None or not opened.any():
         return k.slip
-    return relate(trial.position, trial.projection, trial.anchor, k.closed | opened).slip
+    assert trial.nodes is not None
+    closed = k.closed | opened
+    return term.related(trial.position, trial.nodes, trial.projection, closed)[1].slip
 
 
 def fading_loss(term: ContactTerm, trial: ContactTrial) -> float:

@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tribox.forms.contact.kinematics import Carried, in_plane, relate
+from tribox.forms.contact.kinematics import Carried, in_plane
 from tribox.forms.contact.penalty import ContactTerm, carried_by
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
@@ -142,7 +142,7 @@ class ExplicitContact:
         if not term.active:
             normal = normal.opened()
         self._enter_damping(normal, projection.gap, mode)
-        kinematics = relate(points, projection, term.anchor(nodes), normal.closed)
+        kinematics = term.related(points, nodes, projection, normal.closed)[1]
         film = term.film.at(normal.pressure)[0]
         term.cover_rim(normal, projection)
         response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)

@@ -101,7 +101,7 @@ class LubricatedTerm(ContactTerm):
         if surface.dim != 2:
             raise ValueError("a film as an unknown needs the plane or axial symmetry")
         super().__init__(surface, law, 1.0, modulus=modulus)
-        self.model, self.compiled = model, None
+        self.model = model
         self.forgets = model.steady
         self.rule = self.asperities = AsperityPressure(surface, model)
         self.linearised = LubricatedTangent(surface, self.rule)

@@ -14,90 +14,59 @@ vertices of a facet, i space, m nodes of the pair, c columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse
 
 from tribox.forms.contact.asperities import AsperityPressure
-from tribox.forms.contact.kinematics import Variations
+from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.state import ContactState, ContactTrial, Lubrication
-from tribox.forms.contact.tangent import PairTangent
-from tribox.forms.contact.vertex_rows import Coupling, VertexRows, with_others
+from tribox.forms.contact.tangent import PairTangent, PointGroups
+from tribox.forms.contact.vertex_rows import Coupling, with_others
 from tribox.forms.film.places import FilmPart
 from tribox.forms.film.reynolds import wedge_film
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
-_T = TypeVar("_T")
 
-
-@dataclass(frozen=True, slots=True)
 class LubricatedTangent(PairTangent):
     """Makes the tangent of a pair whose film is an unknown."""
 
-    _made: dict[str, list[tuple[ContactTrial, Longs, Any]]] = field(
-        default_factory=lambda: {"varied": [], "rows": []}, repr=False
-    )
-    _pulls: list[tuple[FilmPart, VertexRows]] = field(default_factory=list, repr=False)
-
-    def varied(self, trial: ContactTrial, take: Longs) -> Variations:
-        """See :class:`PairTangent`; kept, as tractions and speeds ask for those of all points."""
-        return self._once("varied", trial, take, lambda: PairTangent.varied(self, trial, take))
-
-    def generalised_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> tuple[Floats, Longs]:
-        """See :class:`PairTangent`; kept likewise."""
-        return self._once(
-            *("rows", trial, take), lambda: PairTangent.generalised_rows(self, state, trial, take)
-        )
-
-    def _once(self, kind: str, trial: ContactTrial, take: Longs, make: Callable[[], _T]) -> _T:
-        """What was made of these points of the trial, or is now."""
-        kept = self._made[kind]
-        for of, points, known in kept:
-            if of is trial and np.array_equal(points, take):
-                found: _T = known
-                return found
-        made = make()
-        kept[:] = [(trial, take, made), *kept[:1]]
-        return made
-
-    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
+    def _see_all(self, state: ContactState, trial: ContactTrial) -> None:
         """See :class:`PairTangent`: what the gradient draws turns with the normal."""
-        out, v = PairTangent.traction_variation(self, trial, take)
+        super()._see_all(state, trial)
         film = trial.normal_contact.lubrication
-        if film is not None:
-            drawn = (film.turned * film.drawn)[take]
-            turned = np.stack([v.d_normal[:, 1], -v.d_normal[:, 0]], axis=1)
-            out = out - drawn[:, None, None] * turned
-        return out, v
+        self._pair.set(drawn=None if film is None else film.turned * film.drawn)
 
-    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
+    def _through_vertices(
+        self, state: ContactState, trial: ContactTrial, entries: Entries
+    ) -> list[Coupling]:
         """See :class:`PairTangent`: the sum over the vertices, which the film all couples."""
         normal, film = trial.normal_contact, trial.normal_contact.lubrication
         if film is None or not film.members.any():
-            return None
-        take, needs = np.nonzero(trial.kinematics.closed)[0], normal.needs()
-        gaps = self._gap_rows(state, trial, needs)
+            return []
+        count, needs = len(self.surface.nodes), normal.needs()
+        every = self._grouped(trial, state, trial.coupled())
+        known = self._places(every, self.surface.vertices.of_point, needs)
+        gaps = self._gap_rows(trial, every, known).matrix(count)
         gaps.data /= np.repeat(self.area_of(trial), np.diff(gaps.indptr))
+        closed = self._grouped(trial, state, trial.kinematics.closed)
+        known = self._places(closed, self.surface.vertices.of_point, needs)
         own, pressed, filled = (
-            self._vertex_rows(trial, take, vectors, needs)
-            for vectors in self._field_vectors(trial, film, take)
+            self._rows(closed, known, vectors).matrix(count)
+            for vectors in self._field_vectors(trial, film, closed.take)
         )
-        pulled, speeds = self._pull_rows(state, trial, take), self._speed_rows(state, trial, take)
-        left = self.of_nodes(stacked([own, pressed, filled, pulled]), trial)
-        right = self.of_nodes(stacked([gaps, speeds]), trial)
+        pulled, speeds = self._pull_rows(state, film, closed), self._speed_rows(trial, closed.take)
+        left = stacked([own, pressed, filled, pulled])
         # Every rank has a part of the points around the film, which feels all of them.
-        every, vertices = np.ones(right.shape[0], dtype=bool), gaps.shape[0]
+        right, vertices = stacked([gaps, speeds]), gaps.shape[0]
+        every_row = np.ones(right.shape[0], dtype=bool)
         nodes, dim, comm = self.surface.nodes, self.surface.dim, self.surface.vertices.comm
-        right, others = with_others(right, (every, every), nodes, dim, comm)
+        right, others = with_others(right, (every_row, every_row), nodes, dim, comm)
         # What is multiplied by the rows of t is dense.
         (left, rows), (right, columns) = _used(left, nodes, dim), _used(right, others, dim)
         if film.solution is None:
-            return Coupling(rows, columns, (left[:vertices].T @ right).tocsr())
+            return [Coupling(rows, columns, (left[:vertices].T @ right).tocsr())]
         felt = self._through_film(state, trial, right.shape[0] - vertices)
         fields = np.concatenate([right[:vertices].toarray(), (right.T @ felt.T).T])
         product = np.asarray(left.T @ fields)
@@ -105,7 +74,7 @@ class LubricatedTangent(PairTangent):
         start = np.arange(height + 1, dtype=np.int32) * np.int32(width)
         index = np.tile(np.arange(width, dtype=np.int32), height)
         matrix = scipy.sparse.csr_matrix((product.reshape(-1), index, start), product.shape)
-        return Coupling(rows, columns, matrix)
+        return [Coupling(rows, columns, matrix)]
 
     def _through_film(self, state: ContactState, trial: ContactTrial, speeds: int) -> Floats:
         """Change of pressure and filling (v,) and of the pull (f′,), one below the other.
@@ -165,60 +134,35 @@ class LubricatedTangent(PairTangent):
         return own, pressed, shape * film.by_filled[take][:, None, :]
 
     def _pull_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
+        self, state: ContactState, film: Lubrication, closed: PointGroups
     ) -> scipy.sparse.csr_matrix:
-        """Rows (f′, m·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
-        film, surface, slave = trial.normal_contact.lubrication, self.surface, self.surface.slave
-        assert film is not None and isinstance(self.rule, AsperityPressure)
-        inside = film.part.inside
-        number = (np.cumsum(inside) - 1)[self.rule.facet_of[take]]
-        facet = trial.projection.facet[take]
-        master = surface.target.weights(facet, trial.projection.xi[take])
-        shape = np.concatenate([slave.shape[take], -master], axis=1)
-        share = film.sign * 0.5 * (slave.weight * state.area_ratio)[take]
-        values = (share[:, None] * shape)[:, :, None] * film.along[take][:, None, :]
-        for part, known in self._pulls:
-            if part is film.part and known.fits(take, facet, known.needs):
-                return known.matrix(values[:, None])
-        key = number * np.int64(len(surface.target.stencil)) + facet
-        nodes = np.concatenate([surface.slave_rows[take], self._master_rows(facet)], axis=1)
+        """Rows (f′, n·i) of −∂t/∂G for the mean of h ∂p_f/∂s of the film's facets."""
+        assert isinstance(self.rule, AsperityPressure)
+        inside, face, take = film.part.inside, self.rule.facet_of, closed.take
+        number = np.maximum(np.cumsum(inside) - 1, 0)[face]
         needs: Bools = np.ones(int(np.count_nonzero(inside)), dtype=bool)
-        numbers, size = (key, number[:, None], nodes), (self._places, surface.dim)
-        found = VertexRows(take, facet, needs, numbers, size)
-        self._pulls[:] = [(film.part, found), *self._pulls[:1]]
-        return found.matrix(values[:, None])
+        if not len(needs):
+            return scipy.sparse.csr_matrix((0, self.surface.dim * len(self.surface.nodes)))
+        share = np.where(inside[face[take]], film.sign * 0.5 * state.area_ratio[take], 0.0)
+        known = self._places(closed, number[:, None], needs)
+        rows = self._rows(closed, known, (share[:, None] * film.along[take])[:, None])
+        return rows.matrix(len(self.surface.nodes))
 
-    def _of_facets(
-        self, number: Longs, nodes: Longs, values: Floats, count: int
-    ) -> scipy.sparse.csr_matrix:
-        """Rows (f, m·i) of facets ``number`` (p,) from values (p, m, i) at nodes (p, m)."""
-        dim = self.surface.dim
-        size = count, self._places * dim
-        place = number[:, None, None] * size[1] + nodes[:, :, None] * dim + np.arange(dim)
+    def _speed_rows(self, trial: ContactTrial, take: Longs) -> scipy.sparse.csr_matrix:
+        """S: change (f′, n·i) of half the sliding speed that the film's facets feel."""
+        film, count, dim = trial.normal_contact.lubrication, len(self.surface.nodes), 2
+        assert film is not None and isinstance(self.rule, AsperityPressure)
+        if film.step is None or film.solution is None:
+            return scipy.sparse.csr_matrix((0, count * dim))
+        face, total, inside = self.rule.facet_of[take], self.rule.whole, film.part.inside
+        number, share, _ = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
+        take, facet = take[inside[face]], (np.cumsum(inside) - 1)[face[inside[face]]]
+        scale = (share / total[inside])[facet] * self.surface.slave.weight[take]
+        nodes, values = self.slip_rows(take, (-0.5 / trial.dt * scale)[:, None] * film.along[take])
+        size = int(number.max(initial=-1)) + 1, count * dim
+        place = number[facet][:, None, None] * size[1] + nodes[:, :, None] * dim + np.arange(dim)
         summed = np.bincount(place.reshape(-1), values.reshape(-1), size[0] * size[1])
         return scipy.sparse.csr_matrix(summed.reshape(size))
-
-    def _speed_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> scipy.sparse.csr_matrix:
-        """S: change (f′, m·i) of half the sliding speed that the film's facets feel."""
-        film, surface = trial.normal_contact.lubrication, self.surface
-        assert film is not None and trial.anchor is not None
-        assert isinstance(self.rule, AsperityPressure)
-        if film.step is None or film.solution is None:
-            return scipy.sparse.csr_matrix((0, self._places * surface.dim))
-        face, total = self.rule.facet_of, self.rule.whole
-        inside = film.part.inside
-        number, share, _ = felt_speeds(not np.isfinite(film.step.dt), film.part, total)
-        facet = (np.cumsum(inside) - 1)[face[take]]
-        v = self.varied(trial, take)
-        rows, places = self.generalised_rows(state, trial, take)
-        d_slip = np.einsum("pi,pir->pr", film.along[take], v.d_slip)
-        d_slip = d_slip.reshape(len(take), rows.shape[1], surface.dim)
-        scale = (share / total[inside])[facet] * surface.slave.weight[take] * (-0.5 / trial.dt)
-        scale = np.where(inside[face[take]], scale, 0.0)
-        values = rows.mT @ (scale[:, None, None] * d_slip)
-        return self._of_facets(number[facet], places, values, int(number.max(initial=-1)) + 1)
 
 
 def felt_speeds(steady: bool, part: FilmPart, weight: Floats) -> tuple[Longs, Floats, Floats]:

@@ -18,8 +18,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.forms.contact.compiled_plane import CompiledPlane, compiled_plane
-from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries, compiled_tangent
 from tribox.forms.contact.interior_point import InteriorSlip
 from tribox.forms.contact.kinematics import (
     Anchor,
@@ -27,8 +25,8 @@ from tribox.forms.contact.kinematics import (
     ContactKinematics,
     on_facet,
     opposite,
-    relate,
 )
+from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.pressure import (
     ROUNDOFF_DEPTH,
     AveragedPressure,
@@ -91,8 +89,7 @@ class ContactTerm:
         active: whether the surfaces feel each other; changed, as ``law`` may be, by :meth:`renew`.
         offset: (q,), m, by which the gap that is felt is wider than that between the surfaces:
             less than 0 where one is to be larger than it is drawn; None: nowhere.
-        rule: from gaps to pressure, with the penalty; linearised: the tangent; compiled: loops for
-            it, None without.
+        rule: from gaps to pressure, with the penalty; linearised: loops for slip, forces, tangent.
         neighbours: other contacts with the same slave (:mod:`tribox.forms.contact.shared_slave`).
         beside: (v, b) global nodes of the entries of blocks that belong to the slave's vertices,
             and couple with all that these do; None without any.
@@ -150,8 +147,6 @@ class ContactTerm:
         """Lay out the tangent over the master's facets that are known."""
         surface, self._known_parts = self.surface, self.surface.parts
         self.linearised = PairTangent(surface, self.rule)
-        loops = compiled_plane if surface.dim == 2 else compiled_tangent
-        self.compiled: CompiledPlane | CompiledTangent | None = loops(surface)
 
     @classmethod
     def between(
@@ -219,7 +214,7 @@ class ContactTerm:
         normal = self.rule.evaluate(current, mode, ROUNDOFF_DEPTH)
         if not self.active:
             normal = normal.opened()
-        anchor, kinematics = self._related(points, nodes, current, normal.closed)
+        anchor, kinematics = self.related(points, nodes, current, normal.closed)
         film, response = self._loaded(normal, current, kinematics, dt, mode)
         return ContactTrial(
             position=points,
@@ -240,15 +235,12 @@ class ContactTerm:
             nodes=nodes,
         )
 
-    def _related(
+    def related(
         self, points: Floats, nodes: Floats, at: Projection, closed: Bools
     ) -> tuple[Anchor, ContactKinematics]:
         """Places of the last step, and slip, of points (q, i), m, over nodes (n, i), m."""
-        if isinstance(self.compiled, CompiledPlane):
-            brought = None if self._left is None else self._left.brought
-            return self.compiled.relate(points, nodes, at, self.state, closed, brought)
-        anchor = self.anchor(nodes)
-        return anchor, relate(points, at, anchor, closed)
+        brought = None if self._left is None else self._left.brought
+        return self.linearised.relate(points, nodes, at, self.state, closed, brought)
 
     def _loaded(
         self,
@@ -381,24 +373,6 @@ class ContactTerm:
             return response
         return _entered(response, entering, kinematics.slip, self.law.stored_energy(response.state))
 
-    def anchor(self, nodes: Floats) -> Anchor:
-        """Places of the last converged step on the master's current ``nodes`` (n, i), m."""
-        state = self.state
-        foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
-        # Along the tangents, moved with the facet: past the end of a master it goes on straight.
-        foot = foot + np.einsum("qb,qbi->qi", state.ahead, tangents)
-        components = state.slip_components
-        brought = None if self._left is None else self._left.brought
-        if brought is None:
-            image = np.einsum("qb,qbi->qi", components, tangents)
-            return Anchor(foot, components, image, state.slip_length)
-        before, taken = brought
-        components = np.where(taken[:, None], 0.0, components)
-        image = np.einsum("qb,qbi->qi", components, tangents)
-        image = np.where(taken[:, None], before.elastic_slip, image)
-        length = np.linalg.norm(before.elastic_slip, axis=1)
-        return Anchor(foot, components, image, np.where(taken, length, state.slip_length))
-
     def coupled_pairs(self) -> Longs | None:
         """Pairs (p, 2) of global nodes that are coupled wherever bodies move, if they are known."""
         return None
@@ -406,18 +380,22 @@ class ContactTerm:
     def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square, N², of what rounding leaves of the forces of a trial at ``x``; collective.
 
-        A gap is rounded by about ε times the largest coordinate it comes from, which is the radius
-        of a tool that is nearly flat. This rank's part, per unit thickness.
+        This rank's part, per unit thickness.
         """
         force = self.rule.point_stiffness() * self.surface.slave.weight * (trial.pressure > 0.0)
-        return float(force @ force) * (ROUNDED * np.finfo(float).eps * self._span) ** 2
+        return float(force @ force) * self.rounded_gap**2
 
     @cached_property
-    def _span(self) -> float:
-        """Largest coordinate, m, of the undeformed pair on all ranks; collective."""
+    def rounded_gap(self) -> float:
+        """What gaps are rounded by, m; collective.
+
+        That is about ε times the largest undeformed coordinate they come from, which is the radius
+        of a tool that is nearly flat.
+        """
         places = (self.surface.slave.position, self.surface.master.position)
         span = max(float(np.abs(at).max(initial=0.0)) for at in places)
-        return float(self.surface.vertices.comm.allreduce(span, op=MPI.MAX))
+        span = self.surface.vertices.comm.allreduce(span, op=MPI.MAX)
+        return float(ROUNDED * np.finfo(float).eps * span)
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.
@@ -486,77 +464,22 @@ class ContactTerm:
         self.state = state
         self._last = None
 
-    def nodal_forces(self, trial: ContactTrial) -> tuple[Longs, Floats]:
-        """Global nodes (q, m) and the residual −Gᵀ(w t) there (q, m, i), N per unit thickness."""
-        slave = self.surface.slave
-        at = trial.projection
-        master = self.surface.target.weights(at.facet, at.xi)
-        force = -(slave.weight[:, None] * trial.traction)
-        if trial.carried is not None:
-            tool = np.broadcast_to(self.surface.master.nodes, (len(force), 2))
-            parts = (
-                slave.shape[:, :, None] * force[:, None, :],
-                trial.carried.forces(master, -force),
-            )
-            return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
-        shape = np.concatenate([slave.shape, -master], axis=1)
-        nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
-        values: Floats = shape[:, :, None] * force[:, None, :]
-        if (images := self.surface.images) is None:
-            return nodes, values
-        # Forces on images are their nodes'; what that turns round comes from the planes.
-        rows = self.surface.target.stencil[at.facet]
-        own = len(self.surface.master.nodes) - len(images.of)
-        image, is_image = np.maximum(rows - own, 0), rows >= own
-        signs = np.where(is_image[:, :, None], images.signs[image], 1.0)
-        beyond = values[:, slave.shape.shape[1] :]
-        turned = (1.0 - signs) * beyond
-        beyond *= signs
-        every = [values]
-        for axis in range(self.surface.dim):
-            only = np.zeros_like(turned)
-            only[:, :, axis] = turned[:, :, axis]
-            plane = np.where(is_image, images.across[image, axis], rows)
-            nodes = np.concatenate([nodes, self.surface.master.nodes[plane]], axis=1)
-            every.append(only)
-        return nodes, np.concatenate(every, axis=1)
-
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """The residual summed up at global nodes, (n,) and (n, i), N per unit thickness.
 
         The third is the sum of the squares of what each point adds, but for moments on a tool,
         which grow with how far off its centre lies. A node may occur twice.
         """
-        if self.compiled is not None:
-            return self.surface.nodes, *self.compiled.forces(trial)
-        nodes, values = self.nodal_forces(trial)
-        forces = values if trial.carried is None else values[:, :-1]
-        squared = float(np.sum(forces**2))
-        return nodes.reshape(-1), values.reshape(-1, self.surface.dim), squared
+        return self.surface.nodes, *self.linearised.forces(trial)
 
-    def add_tangent(
-        self, trial: ContactTrial, entries: Entries | None
-    ) -> tuple[list[tuple[Longs, Floats]], list[Coupling]]:
-        """Add the tangent to a part of a matrix as far as loops can; the rest; collective.
+    def add_tangent(self, trial: ContactTrial, entries: Entries) -> list[Coupling]:
+        """Add the tangent to a part of a matrix; what is not in that part; collective.
 
         Args:
             trial: whose tangent is to be added.
-            entries: part of the matrix; None: nothing is added.
+            entries: part of the matrix.
         """
-        if entries is not None and self.compiled is not None:
-            rest = self.compiled.add(self.linearised, self.state, trial, entries)
-            if rest is not None:
-                return rest
-        blocks, coupling = self.tangent(trial), self.coupling(trial)
-        return blocks, [] if coupling is None else [coupling]
-
-    def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
-        """See :meth:`tribox.forms.contact.tangent.PairTangent.point_blocks`."""
-        return self.linearised.point_blocks(self.state, trial)
-
-    def coupling(self, trial: ContactTrial) -> Coupling | None:
-        """See :meth:`tribox.forms.contact.tangent.PairTangent.vertex_coupling`; collective."""
-        return self.linearised.vertex_coupling(self.state, trial)
+        return self.linearised.add(self.state, trial, entries)
 
     def interface_energy(self, trial: ContactTrial) -> float:
         """Penalty and elastic-slip energy of this rank's points, J per unit thickness."""

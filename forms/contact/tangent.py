@@ -1,4 +1,4 @@
-"""The tangent of one contact pair.
+"""Slip, forces and tangent of one contact pair, by compiled loops.
 
 With the rows G of the generalised coordinates z = (a, b_α, c, d) of
 :mod:`tribox.forms.contact.kinematics`,
@@ -10,245 +10,236 @@ C is block diagonal per point: its rows a hold w ∂t/∂z at fixed averaged pre
 the averaged pressure, with H_A = 1 where they are active and
 
     R_A = Σ_q w N_A G_aᵀ n = m_A ∂g_A/∂u,
-    L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A),
+    L_A = Σ_q w G_aᵀ (K_A H_A N_A (n − ∂T/∂t_N) + ∂T/∂χ ∂χ/∂g_A);
 
-one sparse product; χ is the film's cover at the rim (:mod:`tribox.forms.contact.pressure`). Point
-by point there is no such sum, and ∂t/∂z holds K_N ∂g/∂z.
+χ is the film's cover at the rim (:mod:`tribox.forms.contact.pressure`). Point by point there is no
+such sum, and ∂t/∂z holds K_N ∂g/∂z.
+
+Axis letters: q points of the slave, p some of them, g groups of points that touch the same facets,
+k vertices of a slave facet, v vertices, m nodes that move a point, n nodes of the pair, i space.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import ctypes
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
-from tribox.forms.contact.kinematics import Variations, vary
+from tribox.forms.contact.kinematics import Anchor, ContactKinematics
+from tribox.forms.contact.pair_loops import (
+    MOST,
+    Entries,
+    PairFields,
+    Target,
+    packed,
+    pair_library,
+    require_room,
+    start_of,
+)
 from tribox.forms.contact.pressure import AveragedPressure, NormalRule
 from tribox.forms.contact.state import ContactState, ContactTrial
-from tribox.forms.contact.vertex_rows import Coupling, VertexRows, adding_up, completed
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
-from tribox.geometry.surfaces.rigid_pieces import left_of
-from tribox.geometry.surfaces.slave_points import CHORDS
+from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed
+from tribox.forms.friction.law import FrictionState
+from tribox.geometry.surfaces.facets import Bools, Floats, Longs
+from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.surface import ContactSurface
 
 __all__ = ["Coupling", "PairTangent"]
 
-# Entries of point blocks that must be saved for a second group of them to pay for its overhead.
-WORTH_FOLDING = 50_000
-
 
 @dataclass(frozen=True, slots=True)
+class PointGroups:
+    """Points ``take`` (p,) by groups: ``group`` (p,), and a point of each group (g,)."""
+
+    take: Longs
+    key: Longs  # (p,), the same within a group
+    group: Longs
+    point: Longs
+
+    @classmethod
+    def of(cls, take: Longs, key: Longs) -> PointGroups:
+        """Points with the same ``key`` (p,) make up a group."""
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        return cls(take, key, group.reshape(-1).astype(np.int64), take[first])
+
+    def ordered(self) -> tuple[Longs, Longs]:
+        """Where the points of the groups begin, (g + 1,), and these points, one by one."""
+        count = np.bincount(self.group, minlength=len(self.point))
+        order = self.take[np.argsort(self.group, kind="stable")]
+        return np.append(0, np.cumsum(count)).astype(np.int64), packed(order, np.int64)
+
+
 class PairTangent:
-    """Makes the tangent of one pair."""
+    """The loops for one pair.
 
-    surface: ContactSurface  # of the pair
-    rule: NormalRule  # from gaps to pressure
-    _known: dict[bool, list[VertexRows]] = field(
-        default_factory=lambda: {False: [], True: []}, repr=False
-    )
+    Attributes:
+        surface: of the pair; rule: from gaps to pressure.
+    """
 
-    @property
-    def _places(self) -> int:
-        """Number of the pair's nodes, those of a tool replaced by its control points."""
-        return self.surface.first_master + len(self.surface.master.position)
+    def __init__(self, surface: ContactSurface, rule: NormalRule) -> None:
+        """Lay out what does not change.
 
-    # -- point by point -----------------------------------------------------------------------
-
-    def varied(self, trial: ContactTrial, take: Longs) -> Variations:
-        """Variation of the kinematics of the closed points ``take`` (p,)."""
-        assert trial.anchor is not None
-        at, anchor = trial.projection.of(take), trial.anchor.of(take)
-        return vary(trial.position[take], at, anchor)
-
-    def traction_variation(self, trial: ContactTrial, take: Longs) -> tuple[Floats, Variations]:
-        """∂t/∂z (p, i, r·j) of the closed points ``take`` (p,), and that of their kinematics.
-
-        t = t_N n − T changes through gap, normal, slip and elastic slip; through an averaged
-        pressure elsewhere, see :meth:`vertex_coupling`.
+        Raises:
+            ValueError: facets with more nodes than the loops have room for.
         """
-        v = self.varied(trial, take)
-        r, normal = trial.response, trial.kinematics.normal[take]
-        out: Floats = trial.normal_contact.spring[take][:, None, None] * v.d_normal
-        if not isinstance(self.rule, AveragedPressure):
-            assert trial.normal_contact.stiffness is not None
-            d_pressure = -trial.normal_contact.stiffness[take][:, None] * v.d_gap
-            by_pressure = normal - r.d_traction_d_pressure[take]
-            out += by_pressure[:, :, None] * d_pressure[:, None, :]
-        out -= r.d_traction_d_slip[take] @ v.d_slip
-        out -= r.d_traction_d_elastic[take] @ v.d_elastic
-        if trial.projection.share_slope is not None:
-            out += (
-                self.per_share(trial, take)[:, :, None] * _share_variation(trial, take, v)[:, None]
-            )
-        return out, v
-
-    def per_share(self, trial: ContactTrial, take: Longs) -> Floats:
-        """∂t/∂σ (p, i), Pa: change of the traction with the share of a point over the master."""
-        at, normal = trial.projection, trial.normal_contact
-        assert at.share is not None
-        share = at.share[take]
-        per_share = np.where(share > 0.0, 1.0 / np.where(share > 0.0, share, 1.0), 0.0)
-        by_pressure = trial.kinematics.normal[take] - trial.response.d_traction_d_pressure[take]
-        out: Floats = (per_share * normal.spring[take])[:, None] * by_pressure
-        if normal.cover is not None:
-            cover = np.broadcast_to(normal.cover, at.share.shape)[take]
-            out -= (per_share * cover)[:, None] * _film_per_cover(trial, take)
-        return out
-
-    def point_blocks(self, state: ContactState, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
-        """Global nodes (p, m) and the blocks −Gᵀ C G (p, m, i, n, j) of closed points.
-
-        Points with the same nodes are added up where that saves much, and points that are still on
-        the master facet of the last step need its nodes once only, so there may be two groups of
-        blocks. Open points contribute nothing and are left out.
-        """
-        return self.blocks_of(state, trial, np.nonzero(trial.kinematics.closed)[0])
-
-    def blocks_of(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> list[tuple[Longs, Floats]]:
-        """The same of some closed points ``take`` (p,)."""
-        if trial.carried is not None:
-            return self._tool_blocks(state, trial, take) if len(take) else []
-        size = self.surface.target.stencil.shape[1] * self.surface.dim
-        stayed = trial.projection.facet[take] == state.facet[take]
-        if trial.projection.rays is not None:
-            return [self._blocks(state, trial, take)] if len(take) else []
-        if 5 * np.count_nonzero(stayed) * size**2 < WORTH_FOLDING:
-            return [self._blocks(state, trial, take)] if len(take) else []
-        parts = [(take[stayed], True), (take[~stayed], False)]
-        return [
-            _added_up(
-                self.point_facets(state, trial, part), *self._blocks(state, trial, part, folded)
-            )
-            for part, folded in parts
-            if len(part)
-        ]
-
-    def _blocks(
-        self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
-    ) -> tuple[Longs, Floats]:
-        """Nodes and blocks of points; ``folded``: their facet is still that of the last step."""
-        places, blocks = self._placed_blocks(state, trial, take, folded)
-        if (every := self.surface.signs) is not None:
-            signs = every[places]
-            blocks = signs[:, :, :, None, None] * blocks * signs[:, None, None]
-        return self.surface.nodes[places], blocks
-
-    def of_nodes(
-        self, rows: scipy.sparse.csr_matrix, trial: ContactTrial
-    ) -> scipy.sparse.csr_matrix:
-        """Rows (v, m·i) for control points of a tool, or for images, taken to the pair's nodes."""
-        if trial.carried is not None:
-            return (rows @ trial.carried.operator(self.surface.first_master)).tocsr()
-        if (signs := self.surface.signs) is not None:
-            return (rows @ scipy.sparse.diags(signs.reshape(-1))).tocsr()
-        return rows
-
-    def _tool_blocks(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> list[tuple[Longs, Floats]]:
-        """The same with a tool as master; points of a slave facet are added up."""
-        surface, carried = self.surface, trial.carried
-        assert carried is not None
-        places, blocks = self._placed_blocks(state, trial, take)
-        added = _added_up(surface.slave.facet[take].astype(np.int64), places, blocks)
-        places, blocks = carried.blocks(*added, surface.first_master)
-        at = trial.projection.of(take)
-        force = surface.slave.weight[take][:, None] * trial.traction[take]
-        bending = carried.bending(surface.target.weights(at.facet, at.xi).T @ force)
-        return [(surface.nodes[places], blocks), (surface.nodes[None, -2:], bending)]
-
-    def _placed_blocks(
-        self, state: ContactState, trial: ContactTrial, take: Longs, folded: bool = False
-    ) -> tuple[Longs, Floats]:
-        """Numbers (p, m) of the pair's nodes, or control points after them, and blocks."""
-        rows, places = self.generalised_rows(state, trial, take)
-        if folded:
-            m = self.surface.target.stencil.shape[1]
-            last, rows, places = rows[:, :, -m:], rows[:, :, :-m].copy(), places[:, :-m]
-            rows[:, :, -m:] += last
-        q, coordinates, m = rows.shape
-        dim = self.surface.dim
-        lead = 1 + self.surface.shape.directions
-        weight = self.surface.slave.weight[take]
-        # Only rows a and b carry virtual work.
-        load = np.empty((q, lead, dim, coordinates * dim))
-        d_traction, v = self.traction_variation(trial, take)
-        load[:, 0] = weight[:, None, None] * d_traction
-        # Geometric stiffness: in the virtual work t·(δu¹ − δu²(ξ̄)) the place moves, −t·δu²,β Δξ^β.
-        moved = weight[:, None] * trial.traction[take]
-        load[:, 1:] = -moved[:, None, :, None] * v.d_xi[:, :, None, :]
-        left = rows[:, :lead].transpose(0, 2, 1) @ load.reshape(q, lead, -1)
-        left = left.reshape(q, m * dim, coordinates, dim).transpose(0, 1, 3, 2)
-        blocks = -(left.reshape(q, m * dim * dim, coordinates) @ rows)
-        return places, blocks.reshape(q, m, dim, dim, m).transpose(0, 1, 2, 4, 3)
-
-    def point_facets(self, state: ContactState, trial: ContactTrial, take: Longs) -> Longs:
-        """Number (p,) of the facets that a point couples: the present, the last and its own.
-
-        Points with the same two master facets have numbers one after the other.
-        """
-        masters = np.int64(len(self.surface.target.stencil))
-        slave, before = self.surface.slave.facet[take], state.facet[take]
-        slaves = np.int64(self.surface.slave.facet.max(initial=0)) + 1
-        return (trial.projection.facet[take] * masters + before) * slaves + slave
-
-    def generalised_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs
-    ) -> tuple[Floats, Longs]:
-        """Coefficients (q, r, m) of z = (a, b_α, c, d, f_e) on nodes of the pair (q, m)."""
-        assert trial.anchor is not None
-        slave, target = self.surface.slave, self.surface.target
-        xi, facet = trial.projection.xi[take], trial.projection.facet[take]
-        mine = slave.shape[take]
-        count, a = mine.shape
-        surface, m = xi.shape[1], target.stencil.shape[1]
-        lead = 1 + surface
-        rows = np.zeros((count, lead + 2, a + 2 * m))
-        now, before = slice(a, a + m), slice(a + m, a + 2 * m)
-        # Rows in the order of z: a = N¹ − N²(ξ̄), b_α = N²,α(ξ̄), c = N¹ − N²(Ȳ_n) with Ȳ_n moved
-        # on by `ahead` along the tangents, d = e^α N²,α(Ȳ_n).
-        rows[:, 0, :a] = mine
-        rows[:, 0, now] = -target.weights(facet, xi)
-        rows[:, 1:lead, now] = target.slopes(facet, xi)
-        rows[:, lead, :a] = mine
-        last = state.facet[take], state.xi[take]
-        slopes = target.slopes(*last)
-        rows[:, lead, before] = -target.weights(*last)
-        rows[:, lead, before] -= np.einsum("qb,qbm->qm", state.ahead[take], slopes)
-        rows[:, lead + 1, before] = np.einsum("qb,qbm->qm", trial.anchor.components[take], slopes)
-        nodes = [self.surface.slave_rows[take], *map(self._master_rows, (facet, last[0]))]
-        if trial.projection.rays is None:
-            return rows, np.concatenate(nodes, axis=1)
-        chords = np.zeros((count, lead + 4, a + 2 * m + 4))
-        chords[:, :-2, :-4] = rows
-        chords[:, -2:, -4:] = CHORDS
-        return chords, np.concatenate([*nodes, self.surface.chain_rows[take]], axis=1)
-
-    def _master_rows(self, facet: Ints) -> Longs:
-        """Nodes of the pair (q, m) that move master facets (q,)."""
-        rows: Longs = self.surface.first_master + self.surface.target.stencil[facet].astype(
-            np.int64
+        self.surface, self.rule = surface, rule
+        self._code = pair_library(surface.dim)
+        slave, target, vertices = surface.slave, surface.target, surface.vertices
+        meshed = target if isinstance(target, FacetSurface) and surface.dim == 3 else None
+        # In space the loops find the shares of a mesh's nodes themselves; others are given to them.
+        self._given = meshed is None
+        shapes = 0 if meshed is None else meshed.shape.count
+        sizes = slave.shape.shape[1], target.stencil.shape[1], shapes
+        if any(size > most for size, most in zip(sizes, MOST[surface.dim], strict=True)):
+            raise ValueError(f"contact: facets with {sizes} corners, movers and shapes")
+        self._pair = PairFields(
+            **dict(zip(("corners", "movers", "shapes"), sizes, strict=True)),
+            first_master=surface.first_master,
+            vertices=vertices.of_point.shape[1],
         )
-        return rows
+        self._pair.set(
+            weight=slave.weight,
+            shape=slave.shape,
+            slave_rows=surface.slave_rows,
+            of_point=vertices.of_point,
+            vertex_shape=rule.shape if isinstance(rule, AveragedPressure) else vertices.shape,
+            chain_rows=surface.chain_rows if surface.normals is not None else None,
+            stencil=target.stencil,
+            signs=surface.signs,
+        )
+        if meshed is not None:
+            powers, coefficients = meshed.shape.polynomials
+            self._pair.set(powers=powers, coefficients=coefficients, extraction=meshed.extraction)
+        self._shares: tuple[Projection, Floats] | None = None  # of the trial seen last
+        self._before: tuple[ContactState, Floats, Floats] | None = None  # of the state seen last
+        self._groups: list[PointGroups] = []  # met last
 
-    # -- averaged pressure --------------------------------------------------------------------
+    # -- slip -----------------------------------------------------------------------------------
 
-    def vertex_coupling(self, state: ContactState, trial: ContactTrial) -> Coupling | None:
-        """The sum over the vertices; None point by point; collective.
+    def relate(
+        self,
+        points: Floats,
+        nodes: Floats,
+        at: Projection,
+        state: ContactState,
+        closed: Bools,
+        brought: tuple[FrictionState, Bools] | None = None,
+    ) -> tuple[Anchor, ContactKinematics]:
+        """Places of the last step, moved with the master, and slip since then.
 
-        A vertex at the seam of two ranks needs the whole R_A on both: it is exchanged.
+        The slip of a step is as long as the way on a curved master. That of a point that closes
+        within the step counts in full, from the place that it was opposite: a share of it would
+        depend on penalty and step. An open point does not slip.
+
+        Args:
+            points: (q, i), m, current; nodes: (n, i), m, current, that move the master.
+            at: the points on the master.
+            state: of the last step.
+            closed: (q,) points in contact.
+            brought: see :func:`tribox.forms.contact.shared_slave.brought_along`.
         """
-        rule, normal = self.rule, trial.normal_contact
-        if not isinstance(rule, AveragedPressure):
-            return None
-        assert normal.active is not None
-        left, right = self.vertex_sides(state, trial)
-        vertices, nodes = rule.vertices, self.surface.nodes
-        right, columns = completed(right, vertices, vertices.of_point, nodes, self.surface.dim)
-        return Coupling(nodes, columns, left.T.tocsr() @ right)
+        components, length, more = state.slip_components, state.slip_length, None
+        if brought is not None:
+            slip, taken = brought[0].elastic_slip, brought[1]
+            components = np.where(taken[:, None], 0.0, components)
+            length = np.where(taken, np.linalg.norm(slip, axis=1), length)
+            more = packed(np.where(taken[:, None], slip, 0.0))
+        self._see_state(state)
+        self._see_points(points, at, closed)
+        self._pair.set(components=components, slip_length=length)
+        anchor, image, slips, elastic = out = [np.empty_like(points) for _ in range(4)]
+        given = None
+        if self._given:
+            images = self.surface.images
+            given = packed(nodes if images is None else images.behind(nodes))
+        else:  # where they are is rounded as the feet of projections are
+            foot, tangents = self.surface.target.places(state.facet, state.xi, nodes)
+            anchor[:] = foot + np.einsum("qb,qbi->qi", state.ahead, tangents)
+            image[:] = np.einsum("qb,qbi->qi", components, tangents)
+            image += 0.0 if more is None else more
+        arrays = (None if array is None else start_of(array) for array in (given, more))
+        self._run("tribox_pair_relate", len(points), *arrays, *map(start_of, out))
+        moved = Anchor(anchor, components, image, length)
+        return moved, ContactKinematics(at.normal, at.gap, closed, slips, elastic)
+
+    # -- forces ---------------------------------------------------------------------------------
+
+    def forces(self, trial: ContactTrial) -> tuple[Floats, float]:
+        """Residual (n, i), N per unit thickness, at the pair's nodes.
+
+        The second is the sum of the squares of what each point adds, but for moments on a tool,
+        which grow with how far off its centre lies.
+        """
+        self._see(trial)
+        out = np.zeros((len(self.surface.nodes), self.surface.dim))
+        squared = self._run("tribox_pair_forces", len(trial.traction), start_of(out))
+        if (images := self.surface.images) is not None:
+            images.give_back(out, self.surface.first_master)
+        return out, float(squared)
+
+    # -- tangent --------------------------------------------------------------------------------
+
+    def add(self, state: ContactState, trial: ContactTrial, entries: Entries) -> list[Coupling]:
+        """Add the tangent to a part of a matrix; what is not in that part; collective.
+
+        Raises:
+            RuntimeError: the matrix has no room for an entry.
+        """
+        nodes = self.surface.nodes
+        target = Target(entries, (nodes, nodes), self._code, self.surface.dim)
+        self._see_all(state, trial)
+        start, order = self._grouped(trial, state, trial.kinematics.closed).ordered()
+        pair, width = self._pair.structure, self.surface.dim * (self._width + 2)
+        scratch = np.empty(width * self.surface.dim * (pair.corners + pair.movers))
+        arrays = map(start_of, (start, order, scratch))
+        made = ctypes.byref(target.structure)
+        require_room(self._run("tribox_pair_blocks", made, len(start) - 1, *arrays))
+        out = target.beside()
+        return [*out, *self._through_vertices(state, trial, entries)]
+
+    def _through_vertices(
+        self, state: ContactState, trial: ContactTrial, entries: Entries
+    ) -> list[Coupling]:
+        """Add Σ_A L_A R_Aᵀ/m_A to the matrix; what is not in it; collective."""
+        if not isinstance(self.rule, AveragedPressure):
+            return []
+        surface, vertices = self.surface, self.surface.vertices
+        left, right = self._sides(state, trial)
+        columns = surface.nodes
+        if vertices.comm.size > 1:  # at the seam of two ranks both need the whole R_A
+            whole = right.matrix(len(columns))
+            shared = vertices, vertices.of_point, columns, surface.dim
+            matrix, columns = completed(whole, *shared)
+            right = NodeRows.of(matrix, surface.dim)
+        target = Target(entries, (surface.nodes, columns), self._code, surface.dim)
+        self._add_product(left, right, self.area_of(trial), target)
+        return target.beside()
+
+    def _add_product(self, left: NodeRows, right: NodeRows, area: Floats, target: Target) -> None:
+        rows, columns, dim = len(target.rows), len(target.columns), self.surface.dim
+        counts = rows + 1, len(left.node), len(left.node), columns, columns
+        scratch = [np.empty(count, dtype=np.int64) for count in counts]
+        node_of, right_node = _one_each(target, right.node)
+        # Components as vectors of four, which the loop multiplies and adds in one go.
+        padded, sums = np.zeros((len(right.node), 4)), np.empty((columns, dim, 4))
+        padded[:, :dim] = right.data
+        lefts = left.indptr, left.node, packed(left.data)
+        rights = right.indptr, right_node, padded
+        area = packed(area)
+        made = ctypes.byref(target.structure)
+        require_room(
+            self._code.tribox_add_product(
+                *(made, ctypes.c_int64(len(area)), start_of(area), ctypes.c_int64(rows)),
+                *(*map(start_of, lefts), ctypes.c_int64(columns), *map(start_of, rights)),
+                *(*map(start_of, scratch), start_of(node_of), start_of(sums)),
+            )
+        )
+
+    # -- rows of the vertices -------------------------------------------------------------------
 
     def vertex_sides(
         self, state: ContactState, trial: ContactTrial
@@ -258,12 +249,102 @@ class PairTangent:
         Their columns are the unknowns of the pair's nodes. Terms with unknowns of their own at the
         vertices take from them what these do to the bodies, and the gaps to them.
         """
-        take, needs = np.nonzero(trial.kinematics.closed)[0], trial.normal_contact.needs()
-        left = self._vertex_rows(trial, take, self.left_vectors(trial, take), needs)
-        left = self.of_nodes(left, trial)
-        right = self.of_nodes(self._gap_rows(state, trial, needs), trial)
+        self._see_all(state, trial)
+        left, right = (side.matrix(len(self.surface.nodes)) for side in self._sides(state, trial))
         left.data /= np.repeat(self.area_of(trial), np.diff(left.indptr))
         return left, right
+
+    def _sides(self, state: ContactState, trial: ContactTrial) -> tuple[NodeRows, NodeRows]:
+        """L and R, with the points whose gaps count: at the rim open ones too, see ``coupled``."""
+        groups = self._grouped(trial, state, trial.coupled())
+        known = self._places(groups, self.surface.vertices.of_point, trial.normal_contact.needs())
+        vectors = self.left_vectors(trial, groups.take)
+        vectors[~trial.kinematics.closed[groups.take]] = 0.0
+        return self._rows(groups, known, vectors), self._gap_rows(trial, groups, known)
+
+    def _grouped(self, trial: ContactTrial, state: ContactState, which: Bools) -> PointGroups:
+        """Points (q,) that count, by the facets that they touch."""
+        take = np.nonzero(which)[0]
+        slave = self.surface.slave.facet[take].astype(np.int64)
+        key = slave
+        if trial.carried is None:
+            # Those with the same two master facets, now and before, come one after the other.
+            masters = np.int64(len(self.surface.target.stencil))
+            slaves = np.int64(self.surface.slave.facet.max(initial=0)) + 1
+            both = trial.projection.facet[take] * masters + state.facet[take]
+            key = both * slaves + slave
+        for known in self._groups:
+            if np.array_equal(known.key, key) and np.array_equal(known.take, take):
+                return known
+        made = PointGroups.of(take, key)
+        self._groups = [made, *self._groups[:1]]
+        return made
+
+    def _places(self, groups: PointGroups, of_point: Longs, needs: Bools) -> tuple[Any, ...]:
+        """Row ends (v + 1,), nodes (e,) and the place (g, k, m) of the groups' entries.
+
+        Args:
+            groups: of points.
+            of_point: (q, k) the rows that they have a part in.
+            needs: (v,) rows that there are; others would fill products with zeros.
+        """
+        count, g, k = len(needs), len(groups.point), of_point.shape[1]
+        size = self._gap_width
+        indptr, node = np.empty(count + 1, dtype=np.int64), np.empty(g * k * size, dtype=np.int64)
+        place = np.empty((g, k, size), dtype=np.int32)
+        counts = len(self.surface.nodes), count + 1, g * k
+        scratch = [np.empty(length, dtype=np.int64) for length in counts]
+        point, of_point = packed(groups.point, np.int64), packed(of_point, np.int64)
+        needed = packed(needs, np.uint8)
+        self._run(
+            "tribox_vertex_places",
+            *(g, start_of(point), k, start_of(of_point), start_of(needed), count),
+            *(len(self.surface.nodes), *map(start_of, scratch)),
+            *(start_of(indptr), start_of(node), start_of(place)),
+        )
+        return indptr, node[: indptr[-1]], place
+
+    def _rows(self, groups: PointGroups, known: tuple[Any, ...], along: Floats) -> NodeRows:
+        """Σ_q w G_aᵀ d_A of the groups' points and vectors d (p, k, i)."""
+        indptr, node, place = known
+        data = np.zeros((len(node), self.surface.dim))
+        take, along = packed(groups.take, np.int64), packed(along)
+        arrays = start_of(take), start_of(groups.group), start_of(place)
+        more = place.shape[1], start_of(along), start_of(data)
+        self._run("tribox_vertex_rows", len(take), *arrays, *more)
+        return NodeRows(indptr, node, self._signed(node, data))
+
+    def _gap_rows(
+        self, trial: ContactTrial, groups: PointGroups, known: tuple[Any, ...]
+    ) -> NodeRows:
+        """R: Σ_q w N_A ∂(σ g)/∂u of the groups' points, with σ their share over the master.
+
+        Where a_A is what the master has, its change counts too: ∂g_A = (∂(σ g) − g_A ∂σ)/a_A.
+        """
+        (indptr, node, place), normal = known, trial.normal_contact
+        grown = None
+        if normal.grows is not None and normal.gap is not None:
+            grown = packed(np.where(normal.grows, normal.gap, 0.0))
+        data = np.zeros((len(node), self.surface.dim))
+        take = packed(groups.take, np.int64)
+        arrays = start_of(take), start_of(groups.group), start_of(place)
+        mean = None if grown is None else start_of(grown)
+        self._run("tribox_gap_rows", len(take), *arrays, mean, start_of(data))
+        return NodeRows(indptr, node, self._signed(node, data))
+
+    def slip_rows(self, take: Longs, along: Floats) -> tuple[Longs, Floats]:
+        """Nodes (p, n) and the change (p, n, i) of the slips of points ``take`` along (p, i)."""
+        width, dim = self._width, self.surface.dim
+        nodes, values = np.zeros((len(take), width), np.int64), np.zeros((len(take), width, dim))
+        take, along = packed(take, np.int64), packed(along)
+        more = start_of(along), width, start_of(nodes), start_of(values)
+        self._run("tribox_slip_rows", len(take), start_of(take), *more)
+        signs = self.surface.signs
+        return nodes, values if signs is None else signs[nodes] * values
+
+    def _signed(self, node: Longs, data: Floats) -> Floats:
+        """Entries (e, i) for images taken to the nodes that they are of."""
+        return data if (signs := self.surface.signs) is None else signs[node] * data
 
     def area_of(self, trial: ContactTrial) -> Floats:
         """Area (v,) that the gaps of the vertices are averaged over."""
@@ -281,106 +362,137 @@ class PairTangent:
             share *= trial.projection.share[take][:, None]
         by_gap: Floats = share[:, :, None] * by_pressure[:, None, :]
         if normal.cover_slope is not None:
-            film = _film_per_cover(trial, take)
+            film = film_per_cover(trial, take)
             by_gap += normal.cover_slope[take][:, :, None] * film[:, None, :]
         return by_gap
 
-    def _vertex_rows(
-        self, trial: ContactTrial, take: Longs, along: Floats, active: Bools
-    ) -> scipy.sparse.csr_matrix:
-        """Σ_q w G_aᵀ d_A (v, m·i) of the points ``take`` (p,) and vectors d (p, k, i)."""
-        surface, slave = self.surface, self.surface.slave
-        facet = trial.projection.facet[take]
-        master = surface.target.weights(facet, trial.projection.xi[take])
-        shape = np.concatenate([slave.shape[take], -master], axis=1)
-        weighted = slave.weight[take][:, None] * shape
-        values = weighted[:, None, :, None] * along[:, :, None, :]
-        return self._rows(take, facet, active).matrix(values)
-
-    def _rows(self, take: Longs, facet: Ints, needs: Bools, chords: bool = False) -> VertexRows:
-        """Places of the entries of points ``take`` (p,) on their master facets (p,).
-
-        With ``chords`` the vertices of the slave's chords are behind the facets' nodes.
-        """
-        kept = self._known[chords]
-        for known in kept:
-            if known.fits(take, facet, needs):
-                return known
-        surface = self.surface
-        key = surface.slave.facet[take].astype(np.int64) * len(surface.target.stencil) + facet
-        nodes = [surface.slave_rows[take], self._master_rows(facet)]
-        nodes += [surface.chain_rows[take]] if chords else []
-        numbers = key, surface.vertices.of_point[take], np.concatenate(nodes, axis=1)
-        rows = VertexRows(take, facet, needs, numbers, (self._places, surface.dim))
-        kept[:] = [rows, *kept[:1]]
-        return rows
-
-    def _gap_rows(
-        self, state: ContactState, trial: ContactTrial, needs: Bools
-    ) -> scipy.sparse.csr_matrix:
-        """R: Σ_q w N_A ∂(σ g)/∂u (v, m·i) of all points, with σ their share over the master."""
-        at, every = trial.projection, np.nonzero(trial.coupled())[0]
-        fades: Bools = np.zeros(len(every), dtype=bool)
-        if at.share is not None:
-            fades[:] = at.share[every] < 1.0
-        if at.rays is not None:
-            fades[:] = True
-        plain, other = every[~fades], every[fades]
-        along = trial.kinematics.normal[plain][:, None, :]
-        assert isinstance(self.rule, AveragedPressure)
-        shape = self.rule.shape[plain][:, :, None]
-        out = self._vertex_rows(trial, plain, shape * along, needs)
-        return out + self._varied_gap_rows(state, trial, other, needs) if len(other) else out
-
-    def _varied_gap_rows(
-        self, state: ContactState, trial: ContactTrial, take: Longs, needs: Bools
-    ) -> scipy.sparse.csr_matrix:
-        """The same of points ``take`` (p,) for which ∂(σ g)/∂u is not G_aᵀ n."""
-        assert trial.anchor is not None
-        at = trial.projection
-        v = vary(trial.position[take], at.of(take), trial.anchor.of(take))
-        rows = self.generalised_rows(state, trial, take)[0]
-        # The gap does not know where the point came from.
-        m = self.surface.target.stencil.shape[1]
-        first = self.surface.slave.shape.shape[1] + m
-        rows = np.delete(rows, slice(first, first + m), axis=2)
-        change = v.d_gap
-        if at.share is not None and at.share_slope is not None:
-            change = at.share[take][:, None] * v.d_gap
-            change += at.gap[take][:, None] * _share_variation(trial, take, v)
-        d_gap = change.reshape(len(take), rows.shape[1], self.surface.dim)
-        assert isinstance(self.rule, AveragedPressure)
-        share = self.surface.slave.weight[take][:, None] * self.rule.shape[take]
-        values = np.einsum("pk,pmi->pkmi", share, np.einsum("prm,pri->pmi", rows, d_gap))
-        normal = trial.normal_contact
-        if normal.grows is not None and normal.gap is not None and at.share_slope is not None:
-            # Where a_A is what the master has, its change counts too: ∂g_A = (∂(σ g) − g_A ∂σ)/a_A.
-            of_share = _share_variation(trial, take, v).reshape(d_gap.shape)
-            mean = np.where(normal.grows, normal.gap, 0.0)[self.surface.vertices.of_point[take]]
-            less = np.einsum("prm,pri->pmi", rows, of_share)
-            values -= np.einsum("pk,pmi->pkmi", share * mean, less)
-        return self._rows(take, at.facet[take], needs, at.rays is not None).matrix(values)
-
-
-def _share_variation(trial: ContactTrial, take: Longs, v: Variations) -> Floats:
-    """∂σ/∂z (p, r·j) of the points' share over the master.
-
-    What depends on the ray's normal n does so relative to the master, which turns by b·m/|τ|, with
-    m its own normal: δσ = σ_,ξ δξ + σ_,n·(δn − J n b·m/|τ|), J a turn to the left.
-    """
-    at = trial.projection
-    assert at.share_slope is not None
-    out: Floats = np.einsum("pa,par->pr", at.share_slope[take], v.d_xi)
-    if at.share_turn is None:
+    def _per_share(self, trial: ContactTrial) -> Floats:
+        """∂t/∂σ (q, i), Pa: change of the traction with the share of a point over the master."""
+        share, normal = trial.projection.share, trial.normal_contact
+        assert share is not None
+        per_share = np.where(share > 0.0, 1.0 / np.where(share > 0.0, share, 1.0), 0.0)
+        by_pressure = trial.kinematics.normal - trial.response.d_traction_d_pressure
+        out: Floats = (per_share * normal.spring)[:, None] * by_pressure
+        if normal.cover is not None:
+            cover = np.broadcast_to(normal.cover, share.shape)
+            every = np.arange(len(share))
+            out -= (per_share * cover)[:, None] * film_per_cover(trial, every)
         return out
-    by_normal, tau = at.share_turn[take], at.tangents[take, 0]
-    out += np.einsum("pi,pir->pr", by_normal, v.d_normal)
-    turned = np.einsum("pi,pi->p", by_normal, left_of(at.normal[take]))
-    out[:, 2:4] -= (turned / np.einsum("pi,pi->p", tau, tau))[:, None] * left_of(tau)
-    return out
+
+    # -- what the loops read --------------------------------------------------------------------
+
+    @property
+    def _gap_width(self) -> int:
+        """Nodes that a point's gap depends on."""
+        pair = self._pair.structure
+        master, rays = 2 if pair.turn else pair.movers, 4 if pair.chords else 0
+        return int(pair.corners + master + rays)
+
+    @property
+    def _width(self) -> int:
+        """Nodes that a point's slip depends on, at most."""
+        return self._gap_width + int(self._pair.structure.movers)
+
+    def _run(self, name: str, *arguments: Any) -> Any:
+        """Call a loop; plain numbers are 64 bits long."""
+        given = (ctypes.c_int64(a) if isinstance(a, int) else a for a in arguments)
+        return getattr(self._code, name)(ctypes.byref(self._pair.structure), *given)
+
+    def _see(self, trial: ContactTrial) -> None:
+        """Take what forces depend on."""
+        at, carried = trial.projection, trial.carried
+        if self._given and (self._shares is None or self._shares[0] is not at):
+            self._shares = at, self.surface.target.weights(at.facet, at.xi)
+        dim = self.surface.dim
+        self._pair.set(
+            facet=at.facet,
+            xi=at.xi,
+            share_of=self._shares[1] if self._shares else None,
+            traction=trial.traction,
+            turn=None if carried is None else carried.tangent[:, :, dim],
+            bend=None if carried is None else carried.bend,
+        )
+
+    def _see_points(self, points: Floats, at: Projection, closed: Bools) -> None:
+        """Take what slips depend on: (q, i), m, and whether (q,) they are in contact."""
+        self._pair.set(
+            position=points,
+            foot=at.foot,
+            normal=at.normal,
+            tangents=at.tangents,
+            distance=at.distance,
+            clamped=at.clamped,
+            closed=closed,
+        )
+
+    def _see_state(self, state: ContactState) -> None:
+        """Take the places of the last step: given shares are found once a step."""
+        if self._given and (self._before is None or self._before[0] is not state):
+            slopes = self.surface.target.slopes(state.facet, state.xi)
+            ahead = np.einsum("qb,qbm->qm", state.ahead, slopes)
+            shares = self.surface.target.weights(state.facet, state.xi) + ahead
+            self._before = state, shares, slopes
+        before = (None, None) if self._before is None else self._before[1:]
+        self._pair.set(
+            facet_before=state.facet,
+            xi_before=state.xi,
+            ahead=state.ahead,
+            share_before=before[0],
+            slope_before=before[1],
+        )
+
+    def _see_all(self, state: ContactState, trial: ContactTrial) -> None:
+        """Take what the tangent depends on."""
+        at, response, anchor = trial.projection, trial.response, trial.anchor
+        normal = trial.normal_contact
+        assert anchor is not None
+        self._see(trial)
+        self._see_state(state)
+        self._see_points(trial.position, at, trial.kinematics.closed)
+        # Pressures of points by themselves change with their own gaps; averaged ones with those of
+        # all points around a vertex.
+        slope = None
+        if not isinstance(self.rule, AveragedPressure):
+            assert normal.stiffness is not None
+            slope = -normal.stiffness
+        fades = at.share_slope is not None
+        self._pair.set(
+            slope_of=self.surface.target.slopes(at.facet, at.xi) if self._given else None,
+            curvature=at.curvature,
+            along=at.along,
+            chords=None if at.rays is None else at.rays.change,
+            share=at.share,
+            share_slope=at.share_slope,
+            share_turn=at.share_turn,
+            per_share=self._per_share(trial) if fades else None,
+            gap=at.gap,
+            spring=normal.spring,
+            pressure_slope=slope,
+            by_slip=response.d_traction_d_slip,
+            by_elastic=response.d_traction_d_elastic,
+            by_pressure=response.d_traction_d_pressure,
+            components=anchor.components,
+            anchor=anchor.foot,
+            image=anchor.slip_image,
+            slip_length=anchor.slip_length,
+        )
 
 
-def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
+def _one_each(target: Target, node: Longs) -> tuple[NDArray[np.int32], Longs]:
+    """Nodes of a matrix's columns (c,), and nodes (e,) with one number for each of these.
+
+    The columns may hold some of them twice.
+    """
+    of_column = target.column_first
+    there = np.nonzero(of_column >= 0)[0]
+    node_of = np.full(target.size, -1, dtype=np.int32)
+    node_of[of_column[there]] = there
+    number = np.arange(len(of_column))
+    number[there] = node_of[of_column[there]]
+    return node_of, number[node]
+
+
+def film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     """∂T/∂χ (p, i), Pa: the film's part of T is proportional to χ and along the slip."""
     slip = trial.kinematics.slip[take]
     assert trial.normal_contact.cover is not None
@@ -392,12 +504,3 @@ def _film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     np.divide(viscous, squared, out=resistance, where=squared > 0.0)
     out: Floats = resistance[:, None] * slip
     return out
-
-
-def _added_up(key: Longs, nodes: Longs, blocks: Floats) -> tuple[Longs, Floats]:
-    """Nodes (p, m) and blocks (p, m, i, n, j) of points with the same ``key`` (q,), added up."""
-    # The order of the axes in memory, so that nothing is copied.
-    plain = blocks.transpose(0, 1, 2, 4, 3)
-    first, adding = adding_up(key)
-    added = (adding @ plain.reshape(len(key), -1)).reshape(len(first), *plain.shape[1:])
-    return nodes[first], added.transpose(0, 1, 2, 4, 3)

@@ -32,6 +32,7 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from tribox.forms.contact.kinematics import Carried, ContactKinematics
+from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.penalty import ContactTerm, carried_by
 from tribox.forms.contact.state import ContactMode, ContactState, ContactTrial, NormalContact
 from tribox.forms.contact.tangent import Coupling
@@ -226,7 +227,6 @@ class TieTerm(ContactTerm):
         """
         super().__init__(surface, FrictionlessLaw(), penalty)
         surface.follows = False  # what is tied stays where it is
-        self.compiled = None  # its tangent is its own
         self._points = tie_points(surface)
         self.tied_area = self._vertex_sums(self._points.weight)
         if not np.any(self.tied_area > 0.0):
@@ -425,9 +425,11 @@ class TieTerm(ContactTerm):
         out: Floats = force.reshape(-1, self.surface.dim)
         return out
 
-    def nodal_forces(self, trial: ContactTrial) -> tuple[Longs, Floats]:
-        """Global nodes (1, n) and the residual there (1, n, i), N per unit thickness."""
-        return self.surface.nodes[None], self.forces(trial)[None]
+    def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
+        """See :class:`ContactTerm`; a tool's angle counts not."""
+        forces = self.forces(trial)
+        each = forces if trial.carried is None else forces[:-1]
+        return self.surface.nodes, forces, float(np.sum(each**2))
 
     def stiffness_times(self, values: Floats) -> Floats:
         """Stiffness of the undeformed tie times displacements (n, i) of the pair; collective."""
@@ -455,9 +457,9 @@ class TieTerm(ContactTerm):
         force = np.finfo(float).eps * (plain.T @ pull.reshape(-1))
         return float(force @ force)
 
-    def tangent(self, trial: ContactTrial) -> list[tuple[Longs, Floats]]:
-        """Nothing point by point."""
-        return []
+    def add_tangent(self, trial: ContactTrial, entries: Entries) -> list[Coupling]:
+        """See :class:`ContactTerm`; nothing of it is added in place."""
+        return [self.coupling(trial)]
 
     def coupling(self, trial: ContactTrial) -> Coupling:
         """Bᵀ (K/c) B; a vertex at the seam of two ranks needs the whole row on both; collective."""

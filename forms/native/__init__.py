@@ -10,12 +10,11 @@ from tribox.geometry.native.compiler import compiled
 
 SOURCES = (
     "plane_kernel.c",
-    "plane_tangent.c",
-    "ring_cells.c",
     "space_kernel.c",
+    "elastic_points.c",
     "plane_contact.c",
     "space_contact.c",
-    "contact_tangent.c",
+    "space_pair.c",
     "plane_pair.c",
     "central_slip.c",
     "plastic_points.c",

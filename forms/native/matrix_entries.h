@@ -1,4 +1,5 @@
-/* Adding to a sparse matrix in place: DIM unknowns at each node, one after the other.
+/* Adding to a sparse matrix in place: DIM unknowns at each node, one after the other; what nodes
+ * have that are not in it is listed beside.
  *
  * The source that includes this says how many dimensions there are, DIM.
  */
@@ -11,6 +12,10 @@ typedef struct {
     const int32_t *indptr, *indices;
     double *values;
     const int32_t *row_first, *column_first;
+    /* What does not go into the matrix: how many blocks of two nodes, and room for how many; nodes of
+     * row and column, numbers (i, j). */
+    int64_t count, room, *row, *column;
+    double *block;
 } Entries;
 
 /* Place of a column in a row from the place `low` on, -1 where there is none: in steps that double,
@@ -56,6 +61,54 @@ INLINE int32_t add_numbers(const Entries *e, int32_t row, int32_t column, int32_
 {
     const int32_t first = place_from(e, from, e->indptr[row + 1], column);
     return first >= 0 && add_at(e, row, column, first, x, step) ? first : -1;
+}
+
+/* Where the row of a node begins. */
+INLINE int32_t start_of_row(const Entries *e, int64_t node)
+{
+    return e->row_first[node] < 0 ? 0 : e->indptr[e->row_first[node]];
+}
+
+/* List the numbers (i, j) of two nodes of the pair; returns 1 where there is no memory for them. */
+static int put_beside(Entries *e, int64_t row, int64_t column, const double *x, int64_t step)
+{
+    if (e->count == e->room) {
+        const int64_t room = 2 * e->room + 1024;
+        int64_t *rows = realloc(e->row, sizeof(int64_t) * room);
+        e->row = rows ? rows : e->row;
+        int64_t *columns = realloc(e->column, sizeof(int64_t) * room);
+        e->column = columns ? columns : e->column;
+        double *blocks = realloc(e->block, sizeof(double) * DIM * DIM * room);
+        e->block = blocks ? blocks : e->block;
+        if (!rows || !columns || !blocks)
+            return 1;
+        e->room = room;
+    }
+    e->row[e->count] = row, e->column[e->count] = column;
+    double *block = e->block + DIM * DIM * e->count++;
+    for (int i = 0; i < DIM; ++i)
+        for (int j = 0; j < DIM; ++j)
+            block[DIM * i + j] = x[i * step + j];
+    return 0;
+}
+
+/* Let go of what was listed. */
+void tribox_forget_beside(Entries *e)
+{
+    free(e->row);
+    free(e->column);
+    free(e->block);
+    e->row = e->column = NULL, e->block = NULL, e->count = e->room = 0;
+}
+
+/* Add the numbers (i, j) of two nodes of the pair, looked for from the place `from` on, or list them.
+ * Returns the place, -1 where there is no room. */
+INLINE int32_t put(Entries *e, int64_t row, int64_t column, int32_t from, const double *x,
+                   int64_t step)
+{
+    if (e->row_first[row] >= 0 && e->column_first[column] >= 0)
+        return add_numbers(e, e->row_first[row], e->column_first[column], from, x, step);
+    return put_beside(e, row, column, x, step) ? -1 : from;
 }
 
 /* Numbers low, low + 1, ... below high, by the columns of their nodes. */

@@ -75,7 +75,7 @@ class SwellingTerm(ContactTerm):
 
     def __init__(self, surface, law, penalty, block):
         super().__init__(surface, law, penalty)
-        self.compiled, self.block, self.beside = None, block, block.nodes[:, None]
+        self.block, self.beside = block, block.nodes[:, None]
         self.rule = SwollenPressure(surface, penalty)
         self.linearised = PairTangent(surface, self.rule)
         self.state.film = Contents(np.zeros(surface.vertices.count))
@@ -129,7 +129,7 @@ class SwellingTerm(ContactTerm):
         return np.append(nodes, self.block.nodes), np.concatenate([values, own]), squared
 
     def add_tangent(self, trial, entries):
-        blocks, couplings = super().add_tangent(trial, None)
+        couplings = super().add_tangent(trial, entries)
         left, right = self.linearised.vertex_sides(self.state, trial)
         slope = GAMMA / DEPTH * np.exp(-self._depth(trial) / DEPTH) * (self._depth(trial) > 0.0)
         by_content = scipy.sparse.diags(self.own_area / trial.dt - BETA * slope * self.own_area)
@@ -150,7 +150,7 @@ class SwellingTerm(ContactTerm):
         matrix = scipy.sparse.csr_matrix(
             (values, (place[whole.row], place[whole.col])), shape=(size, size)
         )
-        return blocks, [*couplings, Coupling(nodes, nodes, matrix)]
+        return [*couplings, Coupling(nodes, nodes, matrix)]
 
     def commit(self, trial):
         super().commit(trial)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-import tribox.forms.contact.tangent
-from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene, held_ends
+from tests.contact_boxes import GAP, PENALTY, SHAPES, Dense, Scene, held_ends
 from tests.laws import coulomb, film_map
 from tribox.forms.contact.explicit_compiled import explicit_contact
 from tribox.forms.contact.tangent import PairTangent
@@ -183,22 +182,6 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
     assert np.linalg.norm(first.response.traction, axis=1).max() > 0.1
 
 
-@pytest.mark.parametrize("shape", ["Q4", "T6", "tet4", "hex8"])
-def test_adding_up_and_folding_change_nothing(monkeypatch, shape):
-    """Points with the same nodes as one block, and the last facet folded onto the current one."""
-    scene, x = prepared(shape, STATES["stick"], fine=True, degree=5)
-    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", np.inf)
-    trial = scene.term.evaluate(x, 1.0)
-    plain = scene.tangent(x)
-    assert len(scene.term.tangent(trial)) == 1
-    monkeypatch.setattr(tribox.forms.contact.tangent, "WORTH_FOLDING", 0)
-    groups = scene.term.tangent(trial)
-    a = scene.surface.shape.count
-    assert [nodes.shape[1] for nodes, _ in groups] == [2 * a, 3 * a]
-    assert sum(len(nodes) for nodes, _ in groups) < len(trial.pressure)
-    np.testing.assert_allclose(scene.tangent(x), plain, rtol=0, atol=1e-12 * np.abs(plain).max())
-
-
 @pytest.mark.parametrize("shape", ["Q4", "hex8"])
 def test_tangent_after_a_way_is_that_of_a_fresh_one(shape):
     """The same points on other master facets, then with other vertices closed."""
@@ -208,11 +191,10 @@ def test_tangent_after_a_way_is_that_of_a_fresh_one(shape):
         x = scene.vector([shift, 0.0, down][:: 4 - scene.dim], 0.0, 0.0, waves)
         trial = scene.term.evaluate(x, 1.0)
         fresh = PairTangent(scene.surface, scene.term.rule)
-        mine, its = (
-            tangent.vertex_coupling(scene.term.state, trial)
-            for tangent in (scene.term.linearised, fresh)
-        )
-        np.testing.assert_array_equal(mine.matrix.toarray(), its.matrix.toarray())
+        mine, its = (Dense(scene.dim, len(scene.where)) for _ in range(2))
+        scene.term.add_tangent(trial, mine.entries())
+        fresh.add(scene.term.state, trial, its.entries())
+        np.testing.assert_array_equal(mine.values, its.values)
         found.append((trial.kinematics.closed.sum(), trial.projection.facet))
     assert found[0][0] == found[1][0] > found[2][0]
     assert not np.array_equal(found[0][1], found[1][1])

@@ -1,4 +1,4 @@
-"""The compiled tangent and forces of a pair, in space and in the plane, against those of numpy."""
+"""Slip, forces and tangent of a pair by compiled loops against those of numpy."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,15 @@ from tests.contact_boxes import (
     PENALTY,
     Dense,
     Scene,
+    exact_tangent,
     held_ends,
     nodal_forces,
     take_all_for_kinked,
 )
 from tests.forms.contact.test_explicit import LAWS
 from tests.forms.contact.test_tangent_ends import at_the_rim
-from tribox.forms.contact.compiled_plane import CompiledPlane
-from tribox.forms.contact.compiled_tangent import CompiledTangent, Entries
+from tests.numpy_pair import NumpyPair, relate
+from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactMode
 
@@ -56,8 +57,6 @@ def scene_of(name, patch=None):
         options = options | {"held": held_ends(shape, 3, fine=True)}
     scene = Scene(shape, LAWS[law][0], fine=True, master=3, **options)
     scene.term = ContactTerm(scene.surface, LAWS[law][0], PENALTY, LAWS[law][1], pressure)
-    kind = CompiledTangent if scene.dim == 3 else CompiledPlane
-    assert isinstance(scene.term.compiled, kind)
     assert (scene.surface.images is not None) == name.endswith("mirrored")
     return scene
 
@@ -77,13 +76,15 @@ def test_it_adds_the_tangent_of_numpy(monkeypatch, name):
         for outside in ((), every[:2], every):
             matrix = Dense(scene.dim, len(scene.where), outside)
             rest = scene.term.add_tangent(trial, matrix.entries())
-            if not len(outside):
-                assert not rest[1] and not rest[0]
-            found = matrix.with_rest(*rest)
+            assert bool(rest) == (len(outside) > 0)
+            found = matrix.with_rest(rest)
             largest = np.abs(exact).max()
-            np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * largest)
-            # In the plane it is all or nothing.
-            assert matrix.values.any() == (len(outside) < (len(every) if scene.dim == 3 else 1))
+            np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * largest)
+            assert matrix.values.any() == (len(outside) < len(every))
+        alone = Dense(scene.dim, len(scene.where)).with_rest(
+            scene.term.add_tangent(trial, Entries.none())
+        )
+        np.testing.assert_allclose(alone, exact, rtol=0, atol=1e-13 * largest)
     smooth = "smoothing_angle" in CASES[name][2]
     seen["on a side"] |= smooth or scene.dim == 2
     seen["another facet"] |= smooth
@@ -101,13 +102,16 @@ def test_its_forces_are_those_of_numpy(name):
         nodes, sums, squared = scene.term.forces_at_nodes(trial)
         np.add.at(found, nodes, sums)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-        if (
-            scene.surface.images is None or scene.dim == 2
-        ):  # in space numpy has what planes of symmetry turn round as well
-            values = scene.term.nodal_forces(trial)[1]  # the last of a tool is a moment
-            points = values if trial.carried is None else values[:, :-1]
-            assert squared == pytest.approx(np.sum(points**2), rel=1e-12)
+        values = NumpyPair(scene.term).nodal_forces(trial)[1]  # the last of a tool is a moment
+        points = values if trial.carried is None else values[:, :-1]
+        assert squared == pytest.approx(np.sum(points**2), rel=1e-12)
         assert squared > 0.0
+        anchor, closed = NumpyPair(scene.term).anchor(trial.nodes), trial.kinematics.closed
+        exact = relate(trial.position, trial.projection, anchor, closed)
+        for name in ("slip", "elastic_slip"):
+            found, expected = (getattr(k, name) for k in (trial.kinematics, exact))
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(trial.anchor.foot, anchor.foot, rtol=0, atol=1e-14)
 
 
 def test_open_points_beside_the_rim_count():
@@ -116,9 +120,9 @@ def test_open_points_beside_the_rim_count():
     trial = scene.term.evaluate(x, 1.0)
     assert np.count_nonzero(trial.coupled()) > np.count_nonzero(trial.kinematics.closed)
     matrix, exact = Dense(scene.dim, len(scene.where)), scene.tangent(x)
-    assert scene.term.add_tangent(trial, matrix.entries()) == ([], [])
+    assert scene.term.add_tangent(trial, matrix.entries()) == []
     found = matrix.values.reshape(exact.shape)
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
 
 
 def test_other_modes_and_no_contact():
@@ -129,13 +133,12 @@ def test_other_modes_and_no_contact():
     trial = scene.term.evaluate(x, 0.5, mode)
     matrix = Dense(scene.dim, len(scene.where))
     scene.term.add_tangent(trial, matrix.entries())
-    blocks, coupling = scene.term.tangent(trial), scene.term.coupling(trial)
-    exact = Dense(scene.dim, len(scene.where)).with_rest(blocks, [coupling])
+    exact = exact_tangent(scene.term, trial, len(scene.where))
     found = matrix.values.reshape(exact.shape)
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
     apart = scene.term.evaluate(scene.vector((0.0, 0.0, 0.2), 0.0, 0.0), 0.5)
     matrix = Dense(scene.dim, len(scene.where))
-    assert scene.term.add_tangent(apart, matrix.entries()) == ([], [])
+    assert scene.term.add_tangent(apart, matrix.entries()) == []
     assert not matrix.values.any()
 
 
