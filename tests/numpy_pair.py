@@ -18,8 +18,6 @@ from tribox.forms.contact.vertex_rows import completed
 from tribox.geometry.surfaces.rigid_pieces import left_of
 from tribox.geometry.surfaces.slave_points import CHORDS
 
-ROUND = 64.0 * np.finfo(float).eps  # slip over the size of coordinates that is none
-
 
 def _anchor_of(anchor, take):
     arrays = anchor.foot, anchor.components, anchor.slip_image, anchor.slip_length
@@ -125,8 +123,7 @@ class _Arc:
         sunk = _dot(at.normal, points - anchor.foot) - at.distance
         # ν/v = tan(Δθ/2) of a master of constant curvature: a half of it is a turn by 53° within a
         # step, beyond which it is a corner.
-        size = np.linalg.norm(points, axis=1) + np.linalg.norm(at.tangents[:, 0], axis=1)
-        bent = ~at.clamped & (length > ROUND * size) & (np.abs(sunk) < 0.5 * length)
+        bent = ~at.clamped & (np.abs(sunk) < 0.5 * length)
         length, sunk = np.where(bent, length, 1.0), np.where(bent, sunk, 0.0)
         return cls(length, sunk, np.sqrt(1.0 + 4.0 / 3.0 * (sunk / length) ** 2))
 

@@ -1,6 +1,6 @@
-"""Kinematics of a contact point and its exact variation, at all points at once.
+"""Kinematics of a contact point, and the coordinates that it varies with.
 
-Axis letters: q points, r generalised coordinates, i, j space, α, β, γ surface directions.
+Axis letters: q points, i, j space, α, β surface directions.
 
 Per point the motion enters through vectors that are linear in the nodal displacements,
 
@@ -11,7 +11,7 @@ Per point the motion enters through vectors that are linear in the nodal displac
     d   = e^α δu²_,α(Ȳ_n)    change of the advected elastic slip,
     f_e = δe_A, δe_B        change of the slave's chords, of points projected along rays only,
 
-stacked as z = (a, b_α, c, d, f_e). Each variation below is given as a matrix that multiplies z.
+stacked as z = (a, b_α, c, d, f_e). The loops that vary it are in ``forms/native/pair_tangent.h``.
 Closest-point variation: Laursen & Simo, Int. J. Numer. Meth. Engng 36 (1993) 3451; the slip against
 the advected material point Ȳ_n is this project's, objective because both its ends move with the
 bodies.

@@ -247,8 +247,8 @@ static void press(Pair *p, int64_t q)
     p->lost[q] = (share > 0.0 ? mean : sunk_before) * (share - before);
 }
 
-/* Slip of a closed point that was at the anchor: as long as the way on a curved master, see the
- * class _Arc of forms/contact/kinematics.py. */
+/* Slip of a closed point that was at the anchor: as long as the way on a curved master, see
+ * stretch_of in pair_tangent.h. */
 static Vector slip_of(const Pair *p, int64_t q, Vector anchor)
 {
     Vector n = at(p->normal, q);

@@ -2,9 +2,9 @@
  * what is the same in the plane and in space.
  *
  * The source that includes this says how many dimensions there are, DIM, and how many nodes facets
- * have room for. The formulas are in forms/contact/kinematics.py and forms/contact/tangent.py. Of
- * the master only the shares are needed that its nodes have in the points' places, so that it may be
- * a tool: those of meshes in space are found here, others are given.
+ * have room for. What the tangent is made of is in forms/contact/tangent.py. Of the master only the
+ * shares are needed that its nodes have in the points' places, so that it may be a tool: those of
+ * meshes in space are found here, others are given.
  *
  * Points that touch the same facets, now and at the last step, make up a group: their blocks are
  * added up before they are put into the matrix.
@@ -15,7 +15,6 @@
  * the plane, the slave's chords e_A and e_B.
  */
 
-#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -200,15 +199,16 @@ INLINE void last_at(const Pair *p, int64_t q, const double *parts, double *w, do
  * depth nu of the last step's place below that plane the arc has the length sqrt(v^2 + 4 nu^2/3), up
  * to the fifth power of the angle that it turns by. A roll of radius R that turns by dtheta rubs over
  * R dtheta, of which the image is R sin dtheta. nu/v is tan(dtheta/2): a half of it is a turn by 53
- * degrees in a step, beyond which there is a corner. Across one, or clamped to an end, the image stays,
- * and where it is no longer than what rounding leaves of the coordinates, which has no slope. */
-INLINE double stretch_of(const Pair *p, int64_t q, double length, double sunk)
+ * degrees in a step, beyond which there is a corner. Across one, or clamped to an end, the image
+ * stays. */
+INLINE int is_bent(const Pair *p, int64_t q, double length, double sunk)
 {
-    const double *x = p->position + DIM * q, *tau = p->tangents + ALONG * DIM * q;
-    const double least = 64.0 * DBL_EPSILON * (sqrt(dot(x, x)) + sqrt(dot(tau, tau)));
-    if (p->clamped[q] || !(length > least) || !(fabs(sunk) < 0.5 * length))
-        return 1.0;
-    return sqrt(1.0 + 4.0 / 3.0 * (sunk / length) * (sunk / length));
+    return !p->clamped[q] && fabs(sunk) < 0.5 * length;
+}
+
+INLINE double stretch_of(double slope)
+{
+    return sqrt(1.0 + 4.0 / 3.0 * slope * slope);
 }
 
 /* Where the places of the last step are now, on a master with the nodes x (n, i), and the elastic
@@ -237,7 +237,8 @@ void tribox_pair_relate(const Pair *p, int64_t points, const double *x, const do
         in_plane(n, apart, s);
         in_plane(n, v, e);
         const double length = sqrt(dot(s, s)), size = sqrt(dot(e, e));
-        const double stretch = stretch_of(p, q, length, dot(n, apart) - p->distance[q]);
+        const double sunk = dot(n, apart) - p->distance[q];
+        const double stretch = is_bent(p, q, length, sunk) ? stretch_of(sunk / length) : 1.0;
         const double scale = size > 0.0 && p->slip_length[q] > 0.0 ? p->slip_length[q] / size : 0.0;
         for (int i = 0; i < DIM; ++i) {
             slip[DIM * q + i] = p->closed[q] ? stretch * s[i] : 0.0;
@@ -264,6 +265,8 @@ INLINE void invert(double m[ALONG][ALONG], double inverse[ALONG][ALONG])
 #endif
 }
 
+/* Inside a facet H_bc dxi_c = tau_b.a + g n.b_b with H_bc = tau_b.tau_c - g n.y_,bc, and dn =
+ * -(n.(b_b + y_,bc dxi_c)) tau^b. Two metrics: tau^b belong to tau_b.tau_c alone. */
 INLINE void vary_inside(const Pair *p, int64_t q, Change *d)
 {
     const double *n = p->normal + DIM * q, *tau = p->tangents + ALONG * DIM * q;
@@ -306,7 +309,9 @@ INLINE void vary_inside(const Pair *p, int64_t q, Change *d)
         }
 }
 
-/* On a side of a facet, along which it may move, or at a corner. */
+/* On a side of a facet, along which it moves, xi = xi_0 + s e with t = e_b tau_b: (t.t - g n.t_,s) ds =
+ * t.a + g n.e_b b_b and dxi_b = e_b ds; at a corner dxi = 0. As n lies along x - y, dn = (I - n n)
+ * (a - tau_b dxi_b)/g. */
 INLINE void vary_clamped(const Pair *p, int64_t q, Change *d)
 {
     const double *n = p->normal + DIM * q, *tau = p->tangents + ALONG * DIM * q;
@@ -448,10 +453,9 @@ INLINE void vary_slip(const Pair *p, int64_t q, const Change *d, double slip[DIM
     }
     in_plane(n, apart, way);
     const double length = sqrt(dot(way, way)), sunk = dot(n, apart) - p->distance[q];
-    const double stretch = stretch_of(p, q, length, sunk);
-    if (stretch == 1.0)
+    if (!is_bent(p, q, length, sunk))
         return;
-    const double slope = sunk / length;
+    const double slope = sunk / length, stretch = stretch_of(slope);
     for (int i = 0; i < DIM; ++i)
         way[i] /= length;
     for (int r = 0; r < ALL; ++r) {
