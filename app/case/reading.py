@@ -14,7 +14,7 @@ from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError, as_line
 from tribox.geometry.meshes.drawing import DRAWINGS
 
-GONE = (("solver", "viscous"),)
+GONE = (("solver", "viscous"), ("output", "formats"))
 """Tables and keys that the kept cases of earlier versions have, which wrote all defaults out."""
 
 

@@ -163,12 +163,6 @@ class Output(Model):
         description="steps between two outputs of the fields; 0 writes them only at the end of "
         "each stage and velocity",
     )
-    formats: tuple[Literal["vtu", "adios2"], ...] = Field(
-        default=("vtu",),
-        min_length=1,
-        description='files of the fields: "vtu" is written by the first rank and opens anywhere, '
-        '"adios2" by every rank for itself (fields.bp, stress.bp)',
-    )
     figures: Flag = Field(default=True, description="whether figures are drawn at the end")
     checkpoint_every: CountOrZero = Field(
         default=0, description="steps between two checkpoints; 0 for none by steps"

@@ -1,8 +1,8 @@
 """Forces, strain energy and tangent of all bodies.
 
-Strain energies that a compiled loop covers (:mod:`tribox.forms.bodies.compiled_cells`) go through
-it, the others through the forms that DOLFINx compiled. Points that remember have a loop of their
-own (:mod:`tribox.forms.bodies.point_cells`).
+Strain energies that compiled loops cover (:mod:`tribox.forms.bodies.compiled_cells`) go through
+them, the others through the forms that DOLFINx compiled. Matrices of points that remember are
+added in the same loop (:mod:`tribox.forms.bodies.point_cells`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.memory_solid import MemorySolid
-from tribox.forms.bodies.point_cells import PointCells
+from tribox.forms.bodies.point_cells import PointCells, add_tangent, parts
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native import library
 from tribox.geometry.compat import add_matrix
@@ -162,14 +162,12 @@ class _Sums:
 
 @dataclass(slots=True)
 class _Placed:
-    """Cells of a body and their places in a matrix of one pattern."""
+    """Loops over the cells of a body, with the places of these in a matrix of one pattern."""
 
     pattern: object
     places: CellPlaces
-    inside: CompiledCells | PointCells
-    outside: CompiledCells | PointCells
-    # loops over the points of the same cells inside and outside, to go with them
-    points: tuple[PointCells, PointCells] | None
+    inside: list[PointCells]
+    outside: list[PointCells]
 
 
 class Bodies:
@@ -196,7 +194,7 @@ class Bodies:
         for solid, cells in zip(solids, self.cells, strict=True):
             if cells is None:
                 solid.forms  # what is wrong with an energy is told before anything is solved
-        self._placed: dict[tuple[int, bool], _Placed] = {}
+        self._placed: dict[int, _Placed] = {}
 
     def add_forces(self, out: Floats) -> None:
         """Add the nodal forces (n,), N per unit thickness, of this rank's cells.
@@ -230,79 +228,52 @@ class Bodies:
         """Add the tangent of one solid; nothing is communicated."""
         solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
-        points = solid.point_cells if isinstance(solid, MemorySolid) else None
-        if cells is not None and is_direct(A):
-            excess = None if carrier is None else carrier.excess()
-            placed = self._places(A, (index, False), cells, pattern, points)
-            if self._add_cells(A, placed, excess):
-                return
-        else:
+        loops = [] if cells is None else list(cells.loops)
+        if isinstance(solid, MemorySolid):
+            loops.append(solid.point_cells)
+        if cells is None:
             forms = [part.tangent for part in solid.forms]
             forms += [] if carrier is None else [carrier.tangent]
             for form in forms:
                 add_matrix(A, form, unrolled=unrolled)
-        if points is not None:
-            self._add_cells(A, self._places(A, (index, True), points, pattern), None)
+        if not loops:
+            return
+        known = self._placed.get(index)
+        if known is None or known.pattern != pattern:
+            known = self._placed[index] = self._found(A, loops, pattern, known)
+        self._add_cells(A, known, None if carrier is None else carrier.excess())
 
     def add_elastic_tangent(self, A: PETSc.Mat, index: int) -> None:
         """Add the tangent of the strain energy of one solid to a matrix that is made once."""
         cells = self.cells[index]
-        if cells is not None and is_direct(A):
-            self._add_cells(A, self._found(A, cells), None)
+        if cells is not None:
+            self._add_cells(A, self._found(A, cells.loops), None)
             return
         for part in self.solids[index].forms:
             add_matrix(A, part.tangent, unrolled=False)
 
-    def _places(
-        self,
-        A: PETSc.Mat,
-        which: tuple[int, bool],
-        cells: CompiledCells | PointCells,
-        pattern: object,
-        points: PointCells | None = None,
-    ) -> _Placed:
-        """Cells with their places for a pattern: those found before, if any."""
-        known = self._placed.get(which)
-        if known is None or known.pattern != pattern:
-            known = self._placed[which] = self._found(A, cells, pattern, points, known)
-        return known
-
     def _found(
         self,
         A: PETSc.Mat,
-        cells: CompiledCells | PointCells,
+        loops: list[PointCells],
         pattern: object = None,
-        points: PointCells | None = None,
         known: _Placed | None = None,
     ) -> _Placed:
-        """Cells with their places, looked up, more quickly beside those of another pattern."""
+        """Loops with their places, looked up, more quickly beside those of another pattern."""
         before = None if known is None else known.places
-        places = CellPlaces(A, cells.nodes, self._dim, before)
+        places = CellPlaces(A, loops[0].nodes, self._dim, before)
         inside = places.inside
         if known is not None and before is not None and np.array_equal(inside, before.inside):
             return replace(known, pattern=pattern, places=places)
-        same = points is not None and np.array_equal(points.nodes, cells.nodes)
-        return _Placed(
-            pattern,
-            places,
-            cells if inside.all() else cells.part(inside),
-            cells.part(~inside),
-            (points.part(inside), points.part(~inside)) if points and same else None,
-        )
+        return _Placed(pattern, places, parts(loops, inside), parts(loops, ~inside))
 
-    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> bool:
-        """Add matrices; returns whether those of the points beside the cells were added too."""
+    def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> None:
+        """Add the matrices of cells."""
         u, places = self._u.x.array, placed.places
-        inner, outer = placed.points or (None, None)
-        beside = None if inner is None else inner.beside(u)
         if len(places.starts):
-            more = None if excess is None else excess[places.inside]
             with places.values(A) as values:
-                placed.inside.add_tangent(u, values, places.starts, more, beside)
+                add_tangent(placed.inside, u, values, places.starts, excess)
         if len(places.dense):
             matrices = np.zeros((*places.dense.shape, self._dim))
-            more = None if excess is None else excess[~places.inside]
-            other = None if outer is None else outer.beside(u)
-            placed.outside.add_tangent(u, matrices, places.dense, more, other)
+            add_tangent(placed.outside, u, matrices, places.dense, excess)
             places.add_outside(A, matrices)
-        return beside is not None

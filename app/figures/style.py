@@ -15,7 +15,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
+from PIL import Image, ImageChops, ImageOps
 
 from tribox.app.results.directory import written_whole
 
@@ -68,38 +68,20 @@ def _write(figure: Figure, part: Path, tight: bool) -> None:
     canvas = FigureCanvasAgg(figure)
     # Constrained layout puts everything on the page; otherwise matplotlib finds where it ends.
     within = isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
-    page = None
     if within or not tight:
         canvas.draw()
-        page = np.asarray(canvas.buffer_rgba())
-        page = _cut(page, round(MARGIN * figure.dpi)) if tight else page
-    if page is None:
-        figure.savefig(part, bbox_inches="tight", pil_kwargs={"compress_level": LEVEL})
-        return
-    # Without the channel of transparency, which is the same everywhere.
-    picture = Image.fromarray(np.ascontiguousarray(page[..., :3]))
-    picture.save(part, "png", dpi=(figure.dpi, figure.dpi), compress_level=LEVEL)
-
-
-def _cut(page: Pixels, margin: int) -> Pixels | None:
-    """The part (h', w', 4) of a page (h, w, 4) that is not white, with a white margin in pixels.
-
-    Matplotlib finds it by drawing everything twice more.
-
-    Returns:
-        None where what is drawn reaches an edge of the page.
-    """
-    marked = page.view(np.uint32)[..., 0] != np.uint32(0xFFFFFFFF)
-    down, across = np.flatnonzero(marked.any(axis=1)), np.flatnonzero(marked.any(axis=0))
-    if not len(down):
-        return page
-    low, high = (down[0], across[0]), (down[-1], across[-1])
-    if min(low) == 0 or high[0] == len(page) - 1 or high[1] == page.shape[1] - 1:
-        return None
-    inner = page[low[0] : high[0] + 1, low[1] : high[1] + 1]
-    out = np.full((*(n + 2 * margin for n in inner.shape[:2]), 4), 0xFF, dtype=np.uint8)
-    out[margin:-margin, margin:-margin] = inner
-    return out
+        # Without the channel of transparency, which is the same everywhere.
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+        # Matplotlib would find what is not white by drawing everything twice more.
+        left, top, right, bottom = box = ImageChops.invert(picture).getbbox() or (0, 0, 0, 0)
+        inside = left > 0 and top > 0 and right < picture.width and bottom < picture.height
+        if tight and inside:
+            margin = round(MARGIN * figure.dpi)
+            picture = ImageOps.expand(picture.crop(box), margin, "white")
+        if inside or not tight or not any(box):
+            picture.save(part, "png", dpi=(figure.dpi, figure.dpi), compress_level=LEVEL)
+            return
+    figure.savefig(part, bbox_inches="tight", pil_kwargs={"compress_level": LEVEL})
 
 
 def panels_in(room: FigureBase, rows: int, columns: int, count: int) -> list[Axes]:

@@ -46,8 +46,9 @@ class Opening:
     linear: bool = False
 
 
-# What solves the most steps in the fewest iterations comes first.
-OPENINGS = (Opening(1e-2, 0.005), Opening(1e-2, 0.1), Opening(1e-4, 0.005))
+# What solves the most steps in the fewest iterations comes first. A strip that its weight alone
+# presses, and that is lifted off, needs the highest barrier.
+OPENINGS = (Opening(1e-2, 0.005), Opening(1.0, 0.005), Opening(1e-4, 0.005))
 # Metal flows where linear laws pull at what wants to open: laws that never pull come first, and of
 # the linear ones those with the lowest barrier. A first contact may take a higher one.
 OPENINGS_FLOWING = (
@@ -60,6 +61,7 @@ SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
 UNPRESSED = 1e-4  # pressure over E*, of a pair that pressed nowhere
 UNKNOWN = 1e-6  # the same over penalty times facet length, where E* is not known
+PRESSED = 30.0  # mean pressure over that of a gap that is rounding, from which on a pair presses
 MOST_WAY, LEAST_WAY, NO_WAY = 0.3, 1e-6, 0.01  # in facets: bounds of the way, and without any
 REACH = 3.0  # gap in facets, and in least gaps less one, up to which vertices feel each other
 SETTLED = 1.0  # relative residual above which the bodies move before pressures change
@@ -238,7 +240,9 @@ def _starting_point(
         here, stiffest = comm.allreduce(here), comm.allreduce(stiffest, op=MPI.MAX)
         least = comm.allreduce(least, op=MPI.MIN)
     modulus = UNKNOWN * stiffest if term.modulus is None else UNPRESSED * term.modulus
-    mean = max(here[0] / here[1] if here[1] > 0.0 else 0.0, modulus)
+    mean = here[0] / here[1] if here[1] > 0.0 else 0.0
+    if mean <= PRESSED * term.rounded_gap * stiffest / facet:
+        mean = modulus
     ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     mu = barrier * mean * ahead
     open_ = mu / np.maximum(gap, TINY)

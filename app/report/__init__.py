@@ -254,11 +254,6 @@ class InputTable:
     title: str
     inputs: Sequence[Input]
 
-    @property
-    def resolved(self) -> int:
-        """Number of keys that were not given."""
-        return sum(not one.given for one in self.inputs)
-
 
 def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
     """The tables of a case, in the order of a case file.

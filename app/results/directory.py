@@ -54,15 +54,12 @@ OWN = (
     RESERVE,
 )
 _SERIES = re.compile(r"\d+\.vtu(\.part)?")
-_ADIOS2 = re.compile(r"(data|md|mmd)\.\w+|profiling\.json|active")
 # Files below the directories that tribox makes; names of figures may end in those of fields.
 BELOW = {
     "fields": _SERIES,
     "contact": _SERIES,
     "contact_points": _SERIES,
     "tools": _SERIES,
-    "fields.bp": _ADIOS2,
-    "stress.bp": _ADIOS2,
     CHECKPOINTS: re.compile(r"\d{6,}(\.part)?(/(state\.json|arrays\.npz|manifest\.json))?"),
     "figures": re.compile(
         r"(mesh|history|energy|force_displacement|stribeck|film|phase|effective_viscosity|friction_map|sweep"
@@ -70,8 +67,6 @@ BELOW = {
         r"\.(png|gif|mp4)(\.part)?"
     ),
 }
-# Of a run that has been gone on with, ADIOS2's files of what comes after a step have its number.
-_GONE_ON = re.compile(r"_after_\d+(?=\.bp$)")
 SUMS = "SHA256SUMS"  # in the directory of inputs
 BEGINNING = {"status": "running", "begins": True}
 """The summary of a directory that is being made ready: what else is there counts for nothing."""
@@ -199,7 +194,7 @@ def _sort_out(directory: Path, labels: Sequence[str]) -> tuple[list[Path], list[
     foreign: list[Path] = []
     for path in sorted(directory.iterdir()):
         folder = path.is_dir() and not path.is_symlink()
-        inside = BELOW.get(_GONE_ON.sub("", path.name))
+        inside = BELOW.get(path.name)
         if folder and path.name in labels:
             below = _sort_out(path, ())
             own += [path, *below[0]]
@@ -269,7 +264,7 @@ def check_no_links(directory: Path) -> None:
     for path in directory.rglob("*") if directory.is_dir() else ():
         top = path.relative_to(directory).parts[0]
         known = (*OWN, *BELOW, LOCK, "inputs")
-        ours = top.removesuffix(".part") in known or _GONE_ON.sub("", top) in BELOW
+        ours = top.removesuffix(".part") in known
         if ours and path.is_symlink():
             raise InputError(f"{path}: is a link, and tribox writes through none; remove it")
 

@@ -17,7 +17,6 @@ from tribox.forms.bodies.deformation import centre_rows, rows_at
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.meshes.blocks import like
 from tribox.geometry.meshes.places import centre
 from tribox.geometry.surfaces.facets import Floats, Longs, facet_shape
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -185,55 +184,40 @@ class CellStrain:
 # -- What field output is made of: stress in the cells, contact pressure at the nodes --------------
 
 
-class StressField:
-    """Cauchy stress at the centre of every cell, and how far the material has flowed there.
+@dataclass(frozen=True, slots=True)
+class CellStress:
+    """Cauchy stress in the cells of this rank, and how far the material has flowed there."""
 
-    Of bodies that remember, both are those of the last committed step: see
-    :mod:`tribox.forms.bodies.memory_solid` for how they come from the quadrature points to the
+    stress: Floats  # (c, 3, 3), Pa
+    von_mises: Floats  # (c,), Pa
+    pressure: Floats  # (c,), Pa, −tr σ/3
+    plastic_strain: Floats  # (c,), equivalent plastic strain
+
+
+class StressField:
+    """Evaluates the Cauchy stress at the centres of this rank's own cells.
+
+    Of bodies that remember, it is that of the last committed step: see
+    :mod:`tribox.forms.bodies.memory_solid` for how it comes from the quadrature points to the
     centre.
 
     Attributes:
-        stress: (3, 3) per cell, Pa; von_mises: Pa; pressure: −tr σ/3, Pa.
-        plastic_strain: equivalent plastic strain; flows: whether there is a body that flows.
+        flows: whether there is a body that flows.
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
         """Find the centres of all cells."""
-        mesh = u.function_space.mesh
-        tensors = dolfinx.fem.functionspace(mesh, ("DG", 0, (3, 3)))
-        scalars = dolfinx.fem.functionspace(mesh, ("DG", 0))
-        self.stress = dolfinx.fem.Function(tensors, name="cauchy_stress")
-        self.von_mises = dolfinx.fem.Function(scalars, name="von_mises_stress")
-        self.pressure = dolfinx.fem.Function(scalars, name="pressure")
-        self.plastic_strain = dolfinx.fem.Function(scalars, name="equivalent_plastic_strain")
+        topology = u.function_space.mesh.topology
+        self._count = topology.index_map(topology.dim).size_local
         self._centres = [_CentrePoints(u, solid) for solid in solids]
         self.flows = any(solid.flows for solid in solids)
 
-    def update(self) -> None:
-        """Evaluate at the present displacement; collective."""
+    def evaluate(self) -> CellStress:
+        """The stress at the present displacement."""
+        stress, strain = np.zeros((self._count, 3, 3)), np.zeros(self._count)
         for part in self._centres:
-            part.put(self.stress, self.plastic_strain)
-        self.stress.x.scatter_forward()
-        self.plastic_strain.x.scatter_forward()
-        sigma = self.stress.x.array.reshape(-1, 3, 3)
-        self.pressure.x.array[:] = mean_pressure(sigma)
-        self.von_mises.x.array[:] = von_mises(sigma)
-
-    def own(self) -> tuple[Floats, Floats, Floats]:
-        """Stress (c, 3, 3), von Mises stress (c,) and pressure (c,), Pa, of this rank's cells."""
-        mesh = self.stress.function_space.mesh
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        tensors, scalars = (
-            f.function_space.dofmap.list[:owned, 0] for f in (self.stress, self.pressure)
-        )
-        stress = self.stress.x.array.reshape(-1, 3, 3)[tensors]
-        return stress, self.von_mises.x.array[scalars], self.pressure.x.array[scalars]
-
-    def own_plastic_strain(self) -> Floats:
-        """Equivalent plastic strain (c,) of this rank's cells."""
-        space = self.plastic_strain.function_space
-        owned = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-        return self.plastic_strain.x.array[space.dofmap.list[:owned, 0]]
+            part.put(stress, strain)
+        return CellStress(stress, von_mises(stress), mean_pressure(stress), strain)
 
 
 class _CentrePoints:
@@ -247,44 +231,37 @@ class _CentrePoints:
         self._rows = centre_rows(space, solid.section, solid.cells) if reduced else None
         self._place = rows_at(space, solid.section, solid.cells, centre(solid.cell))
 
-    def put(self, stress: dolfinx.fem.Function, strain: dolfinx.fem.Function) -> None:
-        """Write stress, Pa, and equivalent plastic strain into functions constant by cell."""
+    def put(self, stress: Floats, strain: Floats) -> None:
+        """Write stress (c, 3, 3), Pa, and equivalent plastic strain (c,) of the body's cells."""
         u = self._u.x.array.reshape(-1, self._u.function_space.dofmap.index_map_bs)[self._nodes]
         volumetric = None if self._rows is None else self._rows.deformation(u)
-        sigma = self._values.cauchy(self._place.deformation(u), volumetric)
-        at = stress.function_space.dofmap.list[self._cells, 0]
-        stress.x.array.reshape(-1, 9)[at] = sigma.reshape(-1, 9)
+        stress[self._cells] = self._values.cauchy(self._place.deformation(u), volumetric)
         if (flowed := self._values.plastic_strain()) is not None:
-            strain.x.array[strain.function_space.dofmap.list[self._cells, 0]] = flowed
+            strain[self._cells] = flowed
 
 
 class ContactPressureField:
-    """Contact pressure at the nodes of slave surfaces, 0 at all others.
-
-    Attributes:
-        pressure: Pa, at the nodes of the displacement.
-    """
+    """Contact pressure at the nodes of slave surfaces, 0 at all others."""
 
     def __init__(self, u: dolfinx.fem.Function, surfaces: Sequence[ContactSurface]) -> None:
         """Find the nodes; collective."""
-        space = u.function_space
-        degree = space.element.basix_element.degree
-        scalars = like(space, dolfinx.fem.functionspace(space.mesh, ("Lagrange", degree)))
-        # Files hold one set of nodes, so both numberings must be the same; DOLFINx makes them so.
-        assert np.array_equal(scalars.dofmap.list, space.dofmap.list)
-        self.pressure = dolfinx.fem.Function(scalars, name="contact_pressure")
+        index = u.function_space.dofmap.index_map
+        self._count = index.size_local + index.num_ghosts
         self._rows = [_interpolation(surface) for surface in surfaces]
 
-    def update(self, pressures: Sequence[Floats]) -> None:
-        """Take the pressures (v,), Pa, at the vertices of each surface, on all ranks.
+    def at(self, pressures: Sequence[Floats]) -> Floats:
+        """Pressure (n,), Pa, at this rank's nodes of the displacement.
 
         Where surfaces share a node the largest counts.
+
+        Args:
+            pressures: (v,), Pa, at the vertices of each surface, on all ranks.
         """
-        out = self.pressure.x.array
-        out[:] = 0.0
+        out = np.zeros(self._count)
         for (nodes, vertices, share), values in zip(self._rows, pressures, strict=True):
             here = np.einsum("nk,nk->n", share, values[vertices])
             out[nodes] = np.maximum(out[nodes], here)
+        return out
 
 
 def _interpolation(surface: ContactSurface) -> tuple[Longs, Longs, Floats]:

@@ -1,23 +1,17 @@
-"""All field output of a run: bodies, contact and tools, in the formats that the case asks for.
+"""All field output of a run as series of VTU files: bodies, contact and tools.
 
 The contact is two series of VTU files: slave surfaces with nodal values, and contact points.
 """
 
 from __future__ import annotations
 
-import errno
-import os
-import re
-import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tribox.app.build.model import Model
@@ -115,7 +109,7 @@ class Series:
         self._next = ended + (ended - began) / INDEX_SHARE
 
 
-# -- All field output of a run: bodies, contact and tools, in the formats that the case asks for ---
+# -- All field output of a run: bodies, contact and tools ------------------------------------------
 
 SURFACES, POINTS = "contact", "contact_points"
 VERTEX = 1  # VTK's number of a cell of one point
@@ -231,20 +225,15 @@ class OutputFiles:
 
         ``times``: s, by step, of what a run that goes on has written and keeps.
         """
-        problem, formats = model.problem, model.case.output.formats
+        problem = model.problem
         surfaces = [term.surface for term in problem.contacts]
-        told = (problem.u, problem.solids, directory, surfaces, times)
         self._model, self._saving = model, saving
-        self._bp = BpWriter(*told) if "adios2" in formats else None
         # What the files of a step are called, and what writes them.
-        self._parts: list[tuple[str, Callable[[int, float, Sequence[Floats]], None]]] = []
-        found: list[Series | None] = []
-        if "vtu" in formats:
-            fields = FieldSeries(*told)
-            self._parts.append(("fields/{:06d}.vtu", fields.write))
-            found.append(fields.series)
-        if (bp := self._bp) is not None:
-            self._parts.append(("fields.bp and stress.bp", lambda _, when, p: bp.write(when, p)))
+        fields = FieldSeries(problem.u, problem.solids, directory, surfaces, times)
+        self._parts: list[tuple[str, Callable[[int, float, Sequence[Floats]], None]]] = [
+            ("fields/{:06d}.vtu", fields.write)
+        ]
+        found = [fields.series]
         if surfaces:
             contact = ContactSeries(model, directory, times)
             self._parts.append(("contact/{:06d}.vtu", lambda n, when, _: contact.write(n, when)))
@@ -267,20 +256,13 @@ class OutputFiles:
 
     def described(self, step: int) -> str:
         """Where the output of a step is, in words."""
-        return ", ".join(name.format(step) for name, _ in self._parts) or "no files"
+        return ", ".join(name.format(step) for name, _ in self._parts)
 
     def write_indices(self) -> None:
         """Bring the indices by time up to date; not collective."""
         for series in self._series:
             with self._saving:
                 series.write_index()
-
-    def close(self) -> None:
-        """Finish the files; collective."""
-        self.write_indices()
-        if self._bp is not None:
-            with self._saving:
-                self._bp.close()
 
 
 # -- Fields of all bodies as a series of VTU files: deformed places, stress and strain -------------
@@ -330,8 +312,7 @@ class FieldSeries:
         out = np.zeros((self._owned, self._dim + 1))
         out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]
         if self._contact is not None:
-            self._contact.update(pressures)
-            out[:, self._dim] = self._contact.pressure.x.array[: self._owned]
+            out[:, self._dim] = self._contact.at(pressures)[: self._owned]
         nodes = self._mesh.nodal(out)
         cells = {name: self._mesh.cellwise(own) for name, own in self._in_cells().items()}
         if self.series is None:
@@ -352,13 +333,11 @@ class FieldSeries:
         In single precision, 7 digits, but for what is near 1 and of interest for its difference
         from 1.
         """
-        self._stress.update()
-        strain = self._strain.evaluate()
-        stress, mises, pressure = self._stress.own()
+        found, strain = self._stress.evaluate(), self._strain.evaluate()
         out: dict[str, Floats | Singles] = {
-            "cauchy_stress": _single(stress),
-            "von_mises_stress": _single(mises),
-            "pressure": _single(pressure),
+            "cauchy_stress": _single(found.stress),
+            "von_mises_stress": _single(found.von_mises),
+            "pressure": _single(found.pressure),
             "J": strain.J,
             "max_stretch": strain.max_stretch,
             "log_strain": _single(strain.log_strain),
@@ -366,8 +345,8 @@ class FieldSeries:
         if self._stress.flows:
             thickness = np.linalg.eigvalsh(strain.log_strain)[:, 0]
             out |= {
-                "equivalent_plastic_strain": _single(self._stress.own_plastic_strain()),
-                "triaxiality": _single(triaxiality(stress)),
+                "equivalent_plastic_strain": _single(found.plastic_strain),
+                "triaxiality": _single(triaxiality(found.stress)),
                 "thickness_strain": _single(thickness),
             }
         return out
@@ -376,127 +355,3 @@ class FieldSeries:
 def _single(values: NDArray[np.floating[Any]]) -> Singles:
     """Values (c, …) in single precision, tensors as rows of nine."""
     return values.reshape(len(values), *([9] if values.ndim > 1 else [])).astype(np.float32)
-
-
-# -- Fields by ADIOS2: displacement and contact pressure at nodes, stress in the cells -------------
-#
-# Each rank writes its own part. ParaView reads the files by its reader "ADIOS2VTX".
-
-SHARE, MARGIN = 4, 1 << 20  # of what is written, with the mesh at first; bytes
-
-
-class BpWriter:
-    """Writes ``fields.bp`` and ``stress.bp``, by ADIOS2; collective."""
-
-    def __init__(
-        self,
-        u: dolfinx.fem.Function,
-        solids: Sequence[Solid],
-        directory: Path,
-        surfaces: Sequence[ContactSurface] = (),
-        times: Mapping[int, float] | None = None,
-    ) -> None:
-        """Open the files.
-
-        ``times``: s, by step, of what is there and kept, of a run that goes on. These files cannot
-        be added to: others follow, named after the step.
-        """
-        ending = "" if times is None else f"_after_{max(times, default=0):06d}"
-        self._stress = StressField(u, solids)
-        self._contact = ContactPressureField(u, surfaces) if surfaces else None
-        nodes = [u, self._contact.pressure] if self._contact else [u]
-        comm = u.function_space.mesh.comm
-        cells = [self._stress.stress, self._stress.von_mises, self._stress.pressure]
-        if self._stress.flows:
-            cells.append(self._stress.plastic_strain)
-        self._plain = _OnTheMesh()
-        nodes = self._plain.copies(nodes)
-        self._directory, self._comm = directory, comm
-        self._arrays = [function.x.array for function in (*nodes, *cells)]
-        # The default engine writes garbage from a rank without cells; BP4 does not.
-        self._writers = [
-            dolfinx.io.VTXWriter(comm, directory / name, functions, engine="BP4")
-            for name, functions in ((f"fields{ending}.bp", nodes), (f"stress{ending}.bp", cells))
-        ]
-
-    def write(self, time: float, pressures: Sequence[Floats] = ()) -> None:
-        """Write the present state at ``time`` (s).
-
-        ``pressures``: Pa, (v,) at the vertices of each slave surface.
-
-        Raises:
-            OSError: the files cannot be written.
-        """
-        self._stress.update()
-        if self._contact is not None:
-            self._contact.update(pressures)
-        self._plain.update()
-        # See that there is room: a rank that fails in ADIOS2 leaves the others waiting there.
-        local = sum(array.nbytes for array in self._arrays)
-        needed = SHARE * self._comm.allreduce(local, op=MPI.SUM) + MARGIN
-        try:
-            free = shutil.disk_usage(self._directory).free
-        except OSError:
-            free = -1
-        free = self._comm.allreduce(free, op=MPI.MIN)
-        if free < needed:
-            number = errno.ENOENT if free < 0 else errno.ENOSPC
-            raise OSError(number, os.strerror(number))
-        for writer in self._writers:
-            with _errors_of_the_system(self._comm.size):
-                writer.write(time)
-
-    def close(self) -> None:
-        """Finish the files.
-
-        Raises:
-            OSError: as of :meth:`write`.
-        """
-        for writer in self._writers:
-            with _errors_of_the_system(self._comm.size):
-                writer.close()
-
-
-class _OnTheMesh:
-    """Functions with the values of others, which have nodes beside those of the mesh."""
-
-    def __init__(self) -> None:
-        """Begin without any."""
-        self._copies: list[tuple[dolfinx.fem.Function, dolfinx.fem.Function]] = []
-
-    def copies(self, functions: Sequence[dolfinx.fem.Function]) -> list[dolfinx.fem.Function]:
-        """Functions that :meth:`update` keeps equal to these; these themselves without need."""
-        out = []
-        for function in functions:
-            space = function.function_space
-            plain = dolfinx.fem.functionspace(space.mesh, space.ufl_element())
-            indices = (space.dofmap.index_map, plain.dofmap.index_map)
-            if indices[0].size_global == indices[1].size_global:
-                out.append(function)
-                continue
-            out.append(dolfinx.fem.Function(plain, name=function.name))
-            self._copies.append((function, out[-1]))
-        return out
-
-    def update(self) -> None:
-        """Copy the values."""
-        for whole, part in self._copies:
-            rows, there = (f.function_space.dofmap for f in (whole, part))
-            values = whole.x.array.reshape(-1, rows.index_map_bs)
-            part.x.array.reshape(-1, rows.index_map_bs)[there.list] = values[rows.list]
-
-
-@contextmanager
-def _errors_of_the_system(ranks: int) -> Iterator[None]:
-    """Context that makes an error that ADIOS2 has had in writing what Python would make of it.
-
-    Of several ranks it is left as it is: the others still wait in ADIOS2, so the run must be ended.
-    """
-    try:
-        yield
-    except RuntimeError as error:
-        if ranks > 1:
-            raise
-        found = re.search(r"errno = (\d+)", str(error))
-        number = int(found[1]) if found else errno.EIO
-        raise OSError(number, f"{os.strerror(number)}, ADIOS2") from None

@@ -190,7 +190,7 @@ class Recorder(Observer):
         with self.saving:
             self._regain_directory()
             self._write_tables(simulation.state)
-        self._files.close()
+        self._files.write_indices()
         problem = self.saving.problem_of_all(self.comm)
         if problem is not None and failure is None:
             status, failure = "failed", problem

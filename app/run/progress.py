@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tribox.app.case.case import Case
-from tribox.app.case.stage import LoadStep, Stage
+from tribox.app.case.stage import LoadStep
 from tribox.app.errors import SaidOnce, folded
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.directory import GrowingFile
@@ -22,6 +22,7 @@ from tribox.app.simulation.run_state import Interval, Observer, RunState
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
+    from rich.progress import Progress
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
@@ -51,15 +52,13 @@ class Reporter(Observer):
         self._console = console or _terminal()
         self._quiet = quiet
         self._pace = _Pace()
-        self._progress = StagesProgress(case)
         self._touching = any(not contact.tied for contact in case.contact)
         self._tied = {contact.label for contact in case.contact if contact.tied}
         self._once = SaidOnce()
-        self._bars: StageBars | None = None
-        if self._console is None or ranks_around() > 1 or quiet:
-            return
-        if self._console.file.isatty() and not self._console.is_dumb_terminal:
-            self._bars = StageBars(self._progress, self._console)
+        moving = self._console is not None and ranks_around() == 1 and not quiet
+        if moving and self._console is not None:
+            moving = self._console.file.isatty() and not self._console.is_dumb_terminal
+        self._bars = StageBars(case, self._console if moving else None)
 
     def go_on(self, state: RunState, ends: Iterable[tuple[float, float]], steps: int) -> None:
         """A run goes on that had come somewhere.
@@ -68,14 +67,14 @@ class Reporter(Observer):
             ends: s, time and last step of each load step that had ended.
         """
         dt = state.rows[-1].dt if state.rows else state.time
-        self._progress.go_on(ends, state.time, dt)
+        self._bars.go_on(ends, state.time, dt)
         self._pace.speed(steps)
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
         line = self._once(line)
         self._log.write(line)
-        if always or (self._bars is None and not self._quiet):
+        if always or not (self._bars.shown or self._quiet):
             self._print(line)
 
     def tell(self, line: str) -> None:
@@ -99,7 +98,7 @@ class Reporter(Observer):
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """One line of the step's forces and Newton iterations; or, now and then, of a row."""
-        here = self._progress.at(row.time, row.dt)
+        self._bars.at(row.time, row.dt)
         if isinstance(result, Interval):
             if self._pace.is_due():
                 self._explicit_line(state, row, result)
@@ -112,12 +111,13 @@ class Reporter(Observer):
             f"Newton {row.newton_iterations} ({residual}){linear}",
             always=False,
         )
-        self._show(f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(here)}")
+        said = f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(self._bars.cuts)}"
+        self._bars.show(said)
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
-        moved = state.time - self._progress.here.time
-        self._progress.at(state.time, moved)
+        moved = state.time - self._bars.time
+        self._bars.at(state.time, moved)
         if self._pace.is_due():
             speed = self._pace.speed(steps)
             when = time_text(state.time, moved)
@@ -125,7 +125,7 @@ class Reporter(Observer):
                 f"time step {steps}  {load_step.stage.name:<10s} t {when}  {speed:.0f} steps/s",
                 always=False,
             )
-            self._show(f"time step {steps}, {speed:.0f} steps/s")
+            self._bars.show(f"time step {steps}, {speed:.0f} steps/s")
 
     def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
@@ -136,7 +136,7 @@ class Reporter(Observer):
             f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._show(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
+        self._bars.show(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
 
     def _forces(self, state: RunState, row: Row) -> str:
         """Speed, if anything moves, and forces of a step; the work where there is no contact."""
@@ -144,10 +144,6 @@ class Reporter(Observer):
         if not self._touching:
             return f"{moving}{_work(asdict(row))}"
         return f"{moving}N {row.normal_force:.5g} N  F_T {row.friction_force:.5g} N"
-
-    def _show(self, details: str) -> None:
-        if self._bars is not None:
-            self._bars.details = details
 
     def load_step(
         self, state: RunState, load_step: LoadStep, row: Row, steady: bool | None
@@ -167,9 +163,9 @@ class Reporter(Observer):
             bonded = pair["pair"] in self._tied
             forces = _bond(pair) if bonded else _at_end(pair)
             self.tell(f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}")
-        self._progress.end_load_step()
-        if self._progress.here.ended is not None:
-            self._show("all stages done; writing results and figures")
+        self._bars.end_load_step()
+        if self._bars.ended:
+            self._bars.show("all stages done; writing results and figures")
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
@@ -179,14 +175,12 @@ class Reporter(Observer):
             f"({reason_of(result)}): cut in two",
             always=False,
         )
-        here = self._progress.here
-        here.cuts += 1
-        self._show(f"step of {dt:.3g} s cut in two, {_cuts(here)}")
+        self._bars.cuts += 1
+        self._bars.show(f"step of {dt:.3g} s cut in two, {_cuts(self._bars.cuts)}")
 
     def close(self) -> None:
         """Take the bars away."""
-        if self._bars is not None:
-            self._bars.close()
+        self._bars.close()
 
 
 def _terminal() -> Console | None:
@@ -221,8 +215,8 @@ def _viscosity(value: float) -> str:
     return f", η_eff {value:.4g} Pa s" if value else ""
 
 
-def _cuts(stage: StageProgress) -> str:
-    return f"{stage.cuts} cut{'' if stage.cuts == 1 else 's'}"
+def _cuts(count: int) -> str:
+    return f"{count} cut{'' if count == 1 else 's'}"
 
 
 def residual_text(result: StepResult, tolerance: float) -> str:
@@ -300,125 +294,114 @@ class Log:
             self._waiting = ""
 
 
-# -- How far a run has come within its stages, by what it tells while it goes on  -----------------
+# -- How far a run has come within its stages: on a terminal a bar for each ------------------------
+
+MOST_BARS = 6  # stages shown at a time
+BAR_WIDTH = 20  # characters
+PACE_OVER = 3600.0  # s, over which the pace is taken that says what time is left
 
 
-@dataclass(slots=True)
-class StageProgress:
-    """How far one stage has come."""
-
-    stage: Stage  # the stage
-    number: int  # from 1
-    velocities: tuple[float, ...]  # m/s, of its load steps; none if it has a duration
-    began: float  # s, time of the run at its start
-    started: float  # s, of the clock
-    time: float  # s, of the run
-    turned: float  # s, time of the run at the start of the one at hand
-    dt: float = 0.0  # s, of the last step
-    done: int = 0  # load steps done
-    cuts: int = 0  # steps cut so far
-    ended: float | None = None  # s, of the clock; None before
-    before: float = 0.0  # share that was done when a run was gone on with
-
-    @property
-    def load_steps(self) -> int:
-        """Number of load steps."""
-        return max(1, len(self.velocities))
-
-    @property
-    def steps(self) -> float:
-        """Steps at the velocity at hand; 0 in a stage that has a duration."""
-        if self.done >= len(self.velocities) or self.stage.slip_step is None:
-            return 0.0
-        return (self.time - self.turned) * abs(self.velocities[self.done]) / self.stage.slip_step
-
-    @property
-    def share(self) -> float:
-        """Share of the stage that is done, from 0 to 1; until steady, at least so much."""
-        if self.done >= self.load_steps:
-            return 1.0
-        if self.stage.duration is not None:
-            return min(max((self.time - self.began) / self.stage.duration, 0.0), 1.0)
-        return (self.done + min(self.steps / self.stage.max_steps, 1.0)) / self.load_steps
-
-    def seconds_left(self, now: float) -> float | None:
-        """Seconds of the clock that the rest takes at the pace so far; None at the start.
-
-        Until steady it is the most it can be.
-        """
-        share = self.share
-        made = share - self.before
-        return (now - self.started) * (1.0 - share) / made if made > 0.0 else None
-
-    def place(self) -> str:
-        """Where the stage is: its own time, or its load step and the steps at this velocity."""
-        if self.stage.duration is not None:
-            own = time_text(self.time - self.began, self.dt).removesuffix(" s")
-            return f"{own}/{self.stage.duration:g} s"
-        if self.done >= self.load_steps:
-            return f"{self.load_steps} load steps"
-        return (
-            f"load step {self.done + 1}/{self.load_steps}, "
-            f"step {self.steps:.0f}/{self.stage.max_steps}"
-        )
-
-    def time_left(self, now: float) -> str:
-        """The time left in words, or the time taken by a stage that is done."""
-        if self.before == 1.0:
-            return "done before"
-        if self.ended is not None:
-            return f"done in {clock(self.ended - self.started)}"
-        left = self.seconds_left(now)
-        if left is None:
-            return ""
-        most = "" if self.stage.duration is not None else "at most "
-        return f"{most}{clock(left)} left"
-
-
-class StagesProgress:
-    """The stages of a run, one after the other.
+class StageBars:
+    """The stages of a run one after the other; bars of them stay below its lines and vanish.
 
     Attributes:
-        begun: progress of the stages begun so far; the last is the one at hand.
-        now: the clock, s.
+        time: s, that the run has come to; cuts: steps cut in the stage at hand.
     """
 
-    def __init__(self, case: Case, now: Callable[[], float] = time.monotonic) -> None:
-        """Begin with the first stage.
+    def __init__(self, case: Case, console: Console | None) -> None:
+        """Begin with the first stage; bars are shown if there is a console."""
+        self._stages, self._conductance = case.stage, case.film_conductance
+        self._number = self.cuts = 0
+        self.time = 0.0
+        self._details = ""
+        self._bars: Progress | None = None
+        if console is not None:
+            self._show_on(console)
+        self._begin()
 
-        Args:
-            now: the clock, s.
-        """
-        self._stages = case.stage
-        self._conductance = case.film_conductance
-        self.now = now
-        self.begun: list[StageProgress] = []
-        self._begin(0.0)
+    def _show_on(self, console: Console) -> None:
+        from rich.console import Group
+        from rich.live import Live
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.table import Column
+        from rich.text import Text
+
+        name, place = (
+            TextColumn(
+                f"{{task.{what}}}",
+                markup=False,
+                table_column=Column(no_wrap=True, overflow="ellipsis"),
+            )
+            for what in ("description", "fields[place]")
+        )
+        left = TimeRemainingColumn(compact=True)
+        bars = Progress(name, BarColumn(BAR_WIDTH), left, place, speed_estimate_period=PACE_OVER)
+
+        def rendered() -> RenderableType:
+            return Group(bars, Text(self._details, no_wrap=True, overflow="ellipsis"))
+
+        self._bars = bars
+        self._live = Live(
+            console=console,
+            transient=True,
+            refresh_per_second=4,
+            get_renderable=rendered,
+            redirect_stderr=False,
+        )
+        self._live.start()
 
     @property
-    def here(self) -> StageProgress:
-        """The stage at hand, or the last of all."""
-        return self.begun[-1]
+    def shown(self) -> bool:
+        """Whether there are bars."""
+        return self._bars is not None
 
     @property
-    def count(self) -> int:
-        """Number of stages, those to come included."""
-        return len(self._stages)
+    def ended(self) -> bool:
+        """Whether all stages are done."""
+        return self._done == self._load_steps
 
-    def at(self, time: float, dt: float) -> StageProgress:
+    def _begin(self) -> None:
+        """Begin the next stage."""
+        stage = self._stages[self._number]
+        self._number += 1
+        self._velocities = stage.velocities_within(self._conductance)  # m/s; none with a duration
+        self._load_steps = max(1, len(self._velocities))
+        self._began = self._turned = self.time  # s, of the stage and the load step at hand
+        self._done = self.cuts = 0
+        if self._bars is not None:
+            name = f"{self._number}/{len(self._stages)} {stage.name}"
+            self._task = self._bars.add_task(name, total=1.0, place="")
+            for old in self._bars.task_ids[:-MOST_BARS]:
+                self._bars.update(old, visible=False)
+
+    def at(self, time: float, dt: float) -> None:
         """The run has come to ``time`` (s), by a step of ``dt`` (s)."""
-        here = self.here
-        here.time, here.dt = time, dt
-        return here
+        self.time = time
+        if self._bars is not None and not self.ended:
+            share, place = self._come_to(dt)
+            self._bars.update(self._task, completed=share, place=place)
+
+    def _come_to(self, dt: float) -> tuple[float, str]:
+        """Share of the stage that is done, until steady at least so much, and where that is."""
+        stage = self._stages[self._number - 1]
+        if stage.duration is not None:
+            own = self.time - self._began
+            place = f"{time_text(own, dt).removesuffix(' s')}/{stage.duration:g} s"
+            return min(max(own / stage.duration, 0.0), 1.0), place
+        way = (self.time - self._turned) * abs(self._velocities[self._done])  # m, at this velocity
+        steps = way / stage.slip_step if stage.slip_step else 0.0
+        place = f"load step {self._done + 1}/{self._load_steps}, step {steps:.0f}/{stage.max_steps}"
+        return (self._done + min(steps / stage.max_steps, 1.0)) / self._load_steps, place
 
     def end_load_step(self) -> None:
         """A load step of the stage at hand has ended, and perhaps the stage."""
-        here = self.here
-        here.done, here.turned = here.done + 1, here.time
-        if here.done == here.load_steps:
-            here.ended = self.now()
-            if len(self.begun) < self.count:
-                self._begin(here.time)
+        self._done, self._turned = self._done + 1, self.time
+        if not self.ended:
+            return
+        if self._bars is not None:
+            self._bars.update(self._task, completed=1.0, place="done")
+        if self._number < len(self._stages):
+            self._begin()
 
     def go_on(self, ends: Iterable[tuple[float, float]], time: float, dt: float) -> None:
         """A run goes on that had come somewhere.
@@ -431,76 +414,16 @@ class StagesProgress:
             self.at(*end)
             self.end_load_step()
         self.at(time, dt)
-        for one in self.begun:
-            one.before = one.share
+        if self._bars is not None and not self.ended:
+            # What was done before says nothing of the pace.
+            self._bars.reset(self._task)
+            self._bars.tasks[-1].completed = self._come_to(dt)[0]
 
-    def _begin(self, time: float) -> None:
-        stage = self._stages[len(self.begun)]
-        velocities = stage.velocities_within(self._conductance)
-        number = len(self.begun) + 1
-        self.begun.append(
-            StageProgress(stage, number, velocities, time, self.now(), time=time, turned=time)
-        )
-
-
-def clock(seconds: float) -> str:
-    """A duration as 0:05 or 1:02:03."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
-# -- The stages of a run on a terminal: a bar for each, and a line on the step at hand  -----------
-
-MOST_BARS = 6  # stages shown at a time
-NAME_WIDTH, BAR_WIDTH = 20, 20  # characters
-
-
-class StageBars:
-    """Bars that stay below the lines of a run while it goes on, and vanish at its end.
-
-    Attributes:
-        details: what is said of the step at hand.
-    """
-
-    def __init__(self, progress: StagesProgress, console: Console) -> None:
-        from rich.live import Live  # takes long to load, and no other run has a use for it
-
-        self._progress = progress
-        self.details = ""
-        self._live = Live(
-            console=console,
-            transient=True,
-            refresh_per_second=4,
-            get_renderable=self.render,
-            redirect_stderr=False,
-        )
-        self._live.start()
-
-    def render(self) -> RenderableType:
-        """The bars as they stand."""
-        from rich.console import Group
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-        from rich.text import Text
-
-        grid = Table.grid(padding=(0, 1))
-        begun = self._progress.begun[-MOST_BARS:]
-        names = [f"{one.number}/{self._progress.count} {one.stage.name}" for one in begun]
-        width = min(max(map(len, names)), NAME_WIDTH)
-        grid.add_column(no_wrap=True, overflow="ellipsis", width=width)
-        grid.add_column(width=BAR_WIDTH)
-        grid.add_column(no_wrap=True, overflow="ellipsis")
-        now = self._progress.now()
-        for name, one in zip(names, begun, strict=True):
-            said = one.time_left(now)
-            if one.ended is None:
-                said = ", ".join(part for part in (one.place(), said) if part)
-            grid.add_row(
-                Text(name), ProgressBar(total=1.0, completed=one.share, width=BAR_WIDTH), Text(said)
-            )
-        return Group(grid, Text(self.details, no_wrap=True, overflow="ellipsis"))
+    def show(self, details: str) -> None:
+        """Say something of the step at hand."""
+        self._details = details
 
     def close(self) -> None:
         """Take the bars away."""
-        self._live.stop()
+        if self._bars is not None:
+            self._live.stop()

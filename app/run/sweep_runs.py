@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -45,12 +44,12 @@ from tribox.app.run.process import (
     tribox_command,
     with_sources,
 )
-from tribox.app.run.progress import clock
 from tribox.app.run.ranks import INTERRUPTED, Forwarding, RunOptions
 from tribox.app.simulation.history import COLUMNS
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
+    from rich.progress import TaskID
 
 # -- What a sweep tells: labelled lines, or on a terminal one line for each value that is running --
 
@@ -84,71 +83,54 @@ class SweepLines(AbstractContextManager["SweepLines"]):
 
 
 class SweepScreen(SweepLines):
-    """On a terminal: one line for each running value, the others of its lines above.
-
-    Attributes:
-        running: of each running value the time of the clock (s) it was begun, and its last line.
-    """
+    """On a terminal: one line for each running value, the others of its lines above."""
 
     def __init__(self, count: int, console: Console) -> None:
-        from rich.live import Live
+        from rich.progress import Progress, TextColumn, TimeElapsedColumn
+        from rich.table import Column
 
         super().__init__()
-        self._count, self._console = count, console
-        self.running: dict[str, tuple[float, str]] = {}
-        self._done = self._failed = 0
-        self._live = Live(
+        self._count, self._ended = count, [0, 0]  # well and badly
+        last = Column(no_wrap=True, overflow="ellipsis")
+        self._lines = Progress(
+            TextColumn("{task.description}", markup=False),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[line]}", markup=False, table_column=last),
             console=console,
             transient=True,
-            refresh_per_second=4,
-            get_renderable=self.render,
             redirect_stderr=False,
         )
+        self._all = self._lines.add_task("sweep", line="")
+        self._tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> Self:
         """Show the lines."""
-        self._live.start()
+        self._lines.start()
         return self
 
     def begin(self, label: str) -> None:
         """A value is begun: it has a line from now on."""
-        self.running[label] = (time.monotonic(), "starting")
+        self._tasks[label] = self._lines.add_task(label, line="starting")
 
     def say(self, label: str, line: str) -> None:
         """Show a line in the place of the value's last; print it above if it is to stay."""
         if is_passing(line):
-            started, _ = self.running[label]
-            self.running[label] = (started, " ".join(line.split()))
+            self._lines.update(self._tasks[label], line=" ".join(line.split()))
         elif self._once.is_new(line):
-            text = folded(f"[{label}] {line}", self._console.width)
-            self._console.print(text, markup=False, soft_wrap=True)
+            text = folded(f"[{label}] {line}", self._lines.console.width)
+            self._lines.console.print(text, markup=False, soft_wrap=True)
 
     def end(self, label: str, code: int) -> None:
         """The value's line goes."""
-        del self.running[label]
-        self._done += 1
-        self._failed += code != 0
-
-    def render(self) -> RenderableType:
-        """The lines as they stand."""
-        from rich.console import Group
-        from rich.table import Table
-        from rich.text import Text
-
-        grid = Table.grid(padding=(0, 2))
-        grid.add_column(no_wrap=True)
-        grid.add_column(no_wrap=True, justify="right")
-        grid.add_column(no_wrap=True, overflow="ellipsis")
-        for label, (started, line) in list(self.running.items()):
-            grid.add_row(Text(label), Text(clock(time.monotonic() - started)), Text(line))
-        waiting = self._count - self._done - len(self.running)
-        failed = f", {self._failed} failed" if self._failed else ""
-        said = f"{self._done} of {self._count} values done{failed}, {waiting} waiting"
-        return Group(grid, Text(said))
+        self._lines.remove_task(self._tasks.pop(label))
+        self._ended[code != 0] += 1
+        failed = f", {self._ended[1]} of them failed" if self._ended[1] else ""
+        said = f"{sum(self._ended)} of {self._count} values done{failed}"
+        self._lines.update(self._all, line=said)
 
     def __exit__(self, *error: object) -> None:
         """Take the lines away."""
-        self._live.stop()
+        self._lines.stop()
 
 
 def sweep_lines(count: int) -> SweepLines:

@@ -218,6 +218,15 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     return Squeezed(*min(problem.comm.allgather(best)))
 
 
+def has_collapsed(problem: Equilibrium, x: PETSc.Vec) -> bool:
+    """Whether an element is squeezed to next to nothing at ``x`` (m); collective.
+
+    Its displacements are those spread last afterwards.
+    """
+    problem.spread(x)
+    return most_squeezed(problem).ratio < SQUEEZED
+
+
 # -- all together ---------------------------------------------------------------------------------
 
 

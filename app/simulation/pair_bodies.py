@@ -117,7 +117,7 @@ def _drive(problem: Equilibrium, one: Loose, index: int) -> float:
 
 
 def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
-    """Whether nothing prescribes a displacement of one of the bodies across a contact; collective.
+    """Whether forces act, and nothing moves one of the bodies across a contact; collective.
 
     The normal force is given then, and not what a soft contact costs.
     """
@@ -125,8 +125,11 @@ def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
     at = surface.project(surface.slave.position, surface.master.position)
     normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
     names = {bodies.slave.name, bodies.master.name}
-    every = loose_directions(problem)
-    loose = [one.component for one in every if names & set(one.bodies) and not one.turns]
+    every = [one for one in loose_directions(problem) if not one.turns]
+    forced = problem.platens or problem.loads or problem.nodal_loads
+    if not forced and all(one.kind != "tool" for one in every):
+        return False  # a body between tools that displacements move
+    loose = [one.component for one in every if names & set(one.bodies)]
     return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
 
 

@@ -19,7 +19,13 @@ from tribox.app.implicit.stepper import ImplicitStepper, StepResult
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.energy_balance import Inertia
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import body_adrift, explain, is_unstable, not_finite
+from tribox.app.simulation.failure_diagnosis import (
+    body_adrift,
+    explain,
+    has_collapsed,
+    is_unstable,
+    not_finite,
+)
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
 from tribox.app.simulation.run_state import Observer, RunState
@@ -27,6 +33,7 @@ from tribox.forms.contact.law_faults import law_fault, law_not_finite
 from tribox.forms.contact.state import ContactTrial
 
 EASY_ITERATIONS = 6  # up to here a cut step may grow back
+COLLAPSING = 1  # cuts after which a step from a state with a collapsed element is not tried again
 ADRIFT = 2  # cuts after which a body that a load moves away is not sought any longer
 SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have it cut
 
@@ -94,8 +101,7 @@ class ImplicitStage:
                 at.failures += 1
                 at.wasted += result.iterations
                 at.piece = half
-                hopeless = result.adrift and at.failures > ADRIFT
-                if hopeless or at.piece < self.model.case.solver.min_step_fraction:
+                if self._is_hopeless(result) or at.piece < self.model.case.solver.min_step_fraction:
                     self._give_up(load_step, dt, result)
                 observer.cut(state, dt, result)
                 continue
@@ -108,6 +114,17 @@ class ImplicitStage:
             if easy:
                 at.piece = 2.0 * at.piece
         at.count, at.done = at.count + 1, 0.0
+
+    def _is_hopeless(self, result: StepResult) -> bool:
+        """Whether shorter pieces would fail like those that have failed in a row; collective."""
+        if self.state.position.failures <= (ADRIFT if result.adrift else COLLAPSING):
+            return False
+        if result.adrift:
+            return True
+        problem, stepper = self.model.problem, self.stepper
+        collapsed = has_collapsed(problem, stepper.x)
+        problem.spread(stepper.trial)  # what is said of the failure is said of what was tried
+        return collapsed
 
     def _take_resultants(self, load_step: LoadStep, held: bool) -> None:
         """Contact resultants of a solved step, before it is committed; collective."""

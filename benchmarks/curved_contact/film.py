@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.curved_contact import runs
 from benchmarks.curved_contact.runs import MM, STRESS, Frame, Outcome, case_text, run, soft, stages
 from benchmarks.curved_contact.shapes import tool_on_rubber
-from tribox.app.verify.curved import Extent, extent, slip_integral
+from benchmarks.curved_contact.surfaces import Extent, extent, slip_integral
 
 RADIUS = 5 * MM
 SHARE = 0.97  # facets of 80 um are made of 77.6, so that a step is no whole number of them

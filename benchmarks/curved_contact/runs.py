@@ -11,11 +11,11 @@ from typing import Any
 
 from mpi4py import MPI
 
+from benchmarks.curved_contact.surfaces import Frame, Photographer
 from tribox.app.build.model import Model, build_model
 from tribox.app.case.reading import load_case
 from tribox.app.errors import SolutionError
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.curved import Frame, Photographer
 from tribox.geometry.surfaces.facets import Floats
 
 MM = 1e-3

@@ -1,7 +1,9 @@
 """Bodies whose forces, energy and tangent compiled loops compute, several cells at a time.
 
-The loops are those over first-order cells in plane strain, in half sections of bodies of revolution
-and in space; they give what the forms that DOLFINx compiles give, to round-off.
+A kernel gives stress, moduli and energy of an elastic point, the loop over points
+(:mod:`tribox.forms.bodies.point_cells`) makes cells of any kind from them. Forces and energy of
+first-order cells in plane strain and in space, of which explicit steps need nothing else, have
+loops of their own. All give what the forms that DOLFINx compiles give, to round-off.
 
 Axis letters: c cells, a and b corners, i and j space; n local unknowns, ghosts included.
 """
@@ -9,186 +11,188 @@ Axis letters: c cells, a and b corners, i and j space; n local unknowns, ghosts 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import dolfinx
 import numpy as np
-from numpy.typing import NDArray
 
-from tribox.forms.bodies.deformation import centre_rows, quadrature_rows, ring_volume
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, Yeoh
-from tribox.forms.bodies.point_cells import LANES, Beside, in_lanes
+from tribox.forms.bodies.materials import (
+    Hencky,
+    Material,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+)
+from tribox.forms.bodies.memory_solid import MemorySolid
+from tribox.forms.bodies.point_cells import (
+    LANES,
+    NAMES,
+    Cells,
+    Moduli,
+    PointCells,
+    cells_of,
+    centres_of,
+    in_lanes,
+)
+from tribox.forms.bodies.point_state import Kernel
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native import library
 from tribox.geometry.compat import cell_order
-from tribox.geometry.surfaces.facets import Bools, Floats, Ints
+from tribox.geometry.surfaces.facets import Floats
 
-_IN_THE_PLANE: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2}
-# By the section: name in the sources, the source of forces and energy and that of the tangent, and
-# the materials by their number there, after which comes K/2 (ln J)² without other energies.
-_LOOPS: dict[Section, tuple[str, str, str, dict[type, int]]] = {
-    "plane-strain": ("plane", "plane_kernel.c", "plane_tangent.c", _IN_THE_PLANE),
-    "axisymmetric": ("ring", "ring_cells.c", "ring_cells.c", _IN_THE_PLANE),
-    "3D": ("space", "space_kernel.c", "space_kernel.c", {**_IN_THE_PLANE, Yeoh: 3}),
+# Of energies.h.
+_NUMBERS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3, Ogden: 4}
+_WHOLE, _DISTORTION, _VOLUME = range(3)
+# Loops over first-order cells: name in the sources, the source, and the materials that they know.
+_FIRST_ORDER: dict[Section, tuple[str, str, int]] = {
+    "plane-strain": ("plane", "plane_kernel.c", 3),
+    "3D": ("space", "space_kernel.c", 5),
 }
-_CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 _POINTER = ctypes.c_void_p
 _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctypes.c_int]
-_CELLS += [_POINTER] * 3
+_CELLS += [_POINTER] * 4
 
 
-@dataclass(frozen=True, slots=True)
-class _Code:
-    """The loops of a section for a material, by its number in them."""
+class _Law(ctypes.Structure):
+    """``Law`` of ``energies.h``."""
 
-    forces: Any
-    energy: Any
-    tangent: Any
-    number: int
+    constants: Floats  # that ``c`` points to
+    _fields_ = (("material", ctypes.c_int64), ("part", ctypes.c_int64), ("c", ctypes.c_void_p))
 
 
-def _code(section: Section, material: Material) -> _Code:
-    kind, loops, tangents, numbers = _LOOPS[section]
-    # Hencky's energy without a shear modulus: only K/2 (ln J)² is left of it, beside points that
-    # give the distortional stress themselves. It has a number of its own, for its loop skips the
-    # rest.
-    alone = isinstance(material, Hencky) and material.shear_modulus == 0.0
-    code = _Code(
-        getattr(library(loops), f"tribox_{kind}_forces"),
-        getattr(library(loops), f"tribox_{kind}_energy"),
-        getattr(library(tangents), f"tribox_{kind}_tangent"),
-        len(numbers) if alone else numbers[type(material)],
-    )
-    for function, more in ((code.forces, 1), (code.energy, 1), (code.tangent, 4)):
-        function.argtypes, function.restype = _CELLS + [_POINTER] * more, ctypes.c_int
-    return code
+def _constants(material: Material) -> Floats:
+    """The material's constants as the sources have them."""
+    values = list(material.parameters().values())
+    if isinstance(material, Ogden):  # as many as it has terms, which must be told
+        values = [values[-1], len(material.mu), *values[:-1]]
+    return np.array(values, dtype=np.float64)
 
 
-class CompiledCells:
-    """Owned cells of one body by the compiled loops, ``LANES`` at a time.
+def _kernel(section: Section, material: Material, part: int) -> Kernel:
+    """What gives stress, moduli and energy of a part of the material's energy at points."""
+    constants = _constants(material)
+    law = _Law(_NUMBERS[type(material)], part, constants.ctypes.data)
+    law.constants = constants
+    source = "space_kernel.c" if section == "3D" else "elastic_points.c"
+    return Kernel.of(source, f"elastic_{NAMES[section]}", law, symmetric=True)
 
-    Attributes:
-        nodes: (c, a) local nodes of each cell, in the order of the loop.
-    """
 
-    def __init__(
-        self, code: _Code, nodes: Ints, table: Floats, constants: Floats, kind: int
-    ) -> None:
-        """Arrange the cells for the loops.
+class _FirstOrder:
+    """Forces and energy of first-order cells by the loops for them."""
 
-        Args:
-            nodes: (c, a) int32, in DOLFINx's order.
-            table: (c, k) what the loops need of the geometry of each cell.
-            kind: 0; 1 where the volumetric part is taken at the centre; 2 of simplices.
-        """
-        self.nodes, self._parts = nodes, (code, table, constants, kind)
-        self._code, self._constants = code, constants
+    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
+        """Arrange the cells for the loops."""
+        name, source, _ = _FIRST_ORDER[solid.section]
+        nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
+        x = space.tabulate_dof_coordinates()[:, : space.mesh.topology.dim][nodes]
+        table = coefficients(x).reshape(len(nodes), 21) if solid.section == "3D" else _edges(x)
+        simplex = nodes.shape[1] == x.shape[2] + 1
         triangles = nodes.shape[1] == 3  # which repeat their third node
         self._rows = in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
         self._table = in_lanes(table)
-        self._result = np.zeros(1)
+        self._constants = _constants(material)
+        code = library(source)
+        self._code = [getattr(code, f"tribox_{name}_{of}") for of in ("forces", "energy")]
+        for function in self._code:
+            function.argtypes, function.restype = _CELLS, ctypes.c_int
         blocks = len(self._rows)
         # Addresses only: the arrays behind them are attributes, and live as long as this object.
         self._arguments = (
-            code.number,
-            kind,
-            constants.ctypes.data,
+            _NUMBERS[type(material)],
+            2 if simplex else int(solid.reduced),
+            self._constants.ctypes.data,
             blocks,
             len(nodes) - (blocks - 1) * LANES,
             self._rows.ctypes.data,
             self._table.ctypes.data,
         )
 
-    def part(self, take: Bools) -> CompiledCells:
-        """The cells (c,) to ``take`` by themselves."""
-        code, table, constants, kind = self._parts
-        return CompiledCells(code, self.nodes[take], table[take], constants, kind)
+    def call(self, u: Floats, forces: Floats | None, energy: Floats | None) -> bool:
+        """Add forces, or put the energy there; False: a cell is inverted."""
+        number, out = (1, energy) if forces is None else (0, forces)
+        assert out is not None
+        bad: int = self._code[number](*self._arguments, u.ctypes.data, out.ctypes.data)
+        return bad == 0
+
+
+class CompiledCells:
+    """Owned cells of one body by the compiled loops."""
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
+        """Take the cells, and choose the loop of their forces and energy.
+
+        Args:
+            space: of the displacement.
+            solid: the body.
+            material: whose energy it has.
+        """
+        self._space, self._solid, self._material = space, solid, material
+        # Beside points that give the distortional stress themselves, K/2 (ln J)² is left.
+        self._centres_alone = isinstance(solid, MemorySolid) and not solid.law.added
+        degree, section = space.element.basix_element.degree, solid.section
+        self._linear = degree == 1 and cell_order(space.mesh) == 1
+        known = section in _FIRST_ORDER and _NUMBERS[type(material)] < _FIRST_ORDER[section][2]
+        first = known and self._linear and not self._centres_alone
+        self._first_order = _FirstOrder(space, solid, material) if first else None
+
+    @cached_property
+    def loops(self) -> list[PointCells]:
+        """The loops over points of full integration, and over the centres of ``q1-sri``."""
+        solid, section, loops = self._solid, self._solid.section, []
+        if not self._centres_alone:
+            part = _DISTORTION if solid.reduced else _WHOLE
+            loops.append(self._loop(self._cells(), part))
+        if solid.reduced:
+            loops.append(self._loop(centres_of(self._space, section, solid.cells), _VOLUME))
+        return loops
+
+    def _cells(self) -> Cells:
+        """The cells with their points, shared with those that remember where these are the same."""
+        solid, degree = self._solid, self._solid.full_degree
+        simplex = solid.cell in ("triangle", "tetrahedron")
+        if simplex and self._linear and solid.section != "axisymmetric":
+            degree = 1  # the strain is constant, but for that of hoops
+        if isinstance(solid, MemorySolid) and degree == solid.full_degree:
+            return solid.point_cells.cells
+        return cells_of(self._space, solid.section, solid.cells, degree)
+
+    def _loop(self, cells: Cells, part: int) -> PointCells:
+        kernel = _kernel(self._solid.section, self._material, part)
+        return PointCells(self._solid.section, cells, Moduli(kernel))
 
     def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
         """See :meth:`tribox.forms.bodies.internal_force.BodyForce.add`.
 
         Forces of a cell that is turned inside out are NaN where the forms' would be.
         """
-        bad: int = self._code.forces(*self._arguments, u.ctypes.data, out.ctypes.data)
-        return bad == 0
+        if self._first_order is not None:
+            return self._first_order.call(u, out, None)
+        works = [loop.work(loop.moduli.kernel, u=u, forces=out) for loop in self.loops]
+        return self.loops[0].run(works)
 
     def energy(self, u: Floats) -> float:
         """Strain energy at ``u`` (n,), J per unit thickness; infinite where a cell is inverted."""
-        bad = self._code.energy(*self._arguments, u.ctypes.data, self._result.ctypes.data)
-        return float(np.inf if bad else self._result[0])
-
-    def add_tangent(
-        self,
-        u: Floats,
-        values: Floats,
-        starts: NDArray[np.int32],
-        excess: Floats | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        """Add the element matrices at ``u`` (n,), N/m per unit thickness.
-
-        Args:
-            u: m.
-            values: of a sparse matrix, changed.
-            starts: (c, a, i, b), contiguous, from where on in ``values`` the dim numbers of the
-                row (a, i) and the columns (b, j) are.
-            excess: (c,), Pa, added to the volumetric pressures of ``q1-sri``
-                (:mod:`tribox.forms.bodies.solid`).
-            beside: points of the same cells that remember, whose matrices are added too.
-        """
-        assert starts.flags.c_contiguous and starts.dtype == np.int32
-        assert starts.shape[:2] == self.nodes.shape
-        more = None if excess is None else np.ascontiguousarray(excess)
-        self._code.tangent(
-            *self._arguments,
-            u.ctypes.data,
-            None if more is None else more.ctypes.data,
-            None if beside is None else ctypes.addressof(beside),
-            starts.ctypes.data,
-            values.ctypes.data,
-        )
+        found: Floats = np.zeros(3)
+        if self._first_order is not None:
+            good = self._first_order.call(u, None, found)
+        else:
+            works = [loop.work(loop.moduli.kernel, u=u, energies=found) for loop in self.loops]
+            good = self.loops[0].run(works)
+        return float(found[0] if good else np.inf)
 
 
 def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
-    """The loop for this rank's cells of a body, even if there are none; None: no loop covers it.
+    """The loops for this rank's cells of a body, even if there are none; None: none covers it.
 
-    All ranks get one, or none does.
+    All ranks get them, or none does.
     """
-    mesh, material, section = space.mesh, solid.elastic, solid.section
-    corners = _CORNERS[mesh.topology.cell_name()]
-    linear = space.dofmap.dof_layout.num_dofs == corners and cell_order(mesh) == 1
-    if not linear or material is None or type(material) not in _LOOPS[section][3]:
+    material = solid.elastic
+    if material is None or type(material) not in _NUMBERS:
         return None
-    nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
-    simplex = corners == mesh.topology.dim + 1
-    if section == "axisymmetric":
-        table = _points(space, solid)
-    else:
-        x = space.tabulate_dof_coordinates()[:, : mesh.topology.dim][nodes]
-        table = coefficients(x).reshape(len(nodes), 21) if section == "3D" else _edges(x)
-    constants = np.array(list(material.parameters().values()))
-    kind = 2 if simplex else int(solid.reduced)
-    return CompiledCells(_code(section, material), nodes, table, constants, kind)
-
-
-def _points(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
-    """Table (c, p·(3 a + 1)) of the points of the cells of a ring.
-
-    Of each point the gradients (j, a), 1/m, of the shape functions, these over the radius (a), 1/m,
-    and the weight, m³. The last point of ``q1-sri`` is the centre.
-    """
-    section, cells = solid.section, solid.cells
-    rows, weight = quadrature_rows(space, section, cells, solid.full_degree)
-    if solid.reduced:
-        rows.append(centre_rows(space, section, cells))
-        weight = np.concatenate([weight, ring_volume(rows[-1], section)[None]])
-    out = []
-    for g, one in enumerate(rows):
-        gradients, hoop = one.gradients, one.values / one.place[:, :1]
-        out += [gradients[:, :, 0], gradients[:, :, 1], hoop, weight[g, :, None]]
-    return np.concatenate(out, axis=1)
+    return CompiledCells(space, solid, material)
 
 
 def _edges(x: Floats) -> Floats:

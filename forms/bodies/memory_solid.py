@@ -76,9 +76,8 @@ class MemorySolid(Solid):
         law = self.material.points(space)
         assert law is not None, "the material has no points that remember"
         self.law, self._frozen, self.flows = law, law.frozen(), law.flows
-        cells, self._volumes = cells_of(
-            self._u.function_space, self.section, self.cells, self.full_degree
-        )
+        cells = cells_of(self._u.function_space, self.section, self.cells, self.full_degree)
+        self._volumes = cells.weights
         self.point_cells = PointCells(self.section, cells)
         self.count, self._width = len(cells.shape), 9 if space else 5
         self.points = PointState(law.start(cells.count))

@@ -1,9 +1,9 @@
-"""Cells of any kind whose material points remember, by a compiled loop, several at a time.
+"""Cells of any kind by a compiled loop over their material points, several cells at a time.
 
 The loop takes a cell from its displacements to its forces or its matrix: deformation gradients at
-its points, their update by the kernel of the material, and the contraction with the gradients of
-the nodes' functions, without arrays between them. Points without a kernel are updated in Python,
-between two passes of the same loop.
+its points, stress and moduli by the kernel of the material, and the contraction with the gradients
+of the nodes' functions, without arrays between them. Points that remember but have no kernel are
+updated in Python, between two passes of the same loop.
 
 Axis letters: c cells, a and b nodes, q points of a cell, k = (c, q) points of the body, i and j
 space, p components of F and P, s values of a point's state; n local unknowns, ghosts included.
@@ -12,7 +12,8 @@ space, p components of F and P, s values of a point's state; n local unknowns, g
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import basix
@@ -20,14 +21,15 @@ import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.forms.bodies.deformation import quadrature_rows
+from tribox.forms.bodies.deformation import centre_rows, quadrature_rows, ring_volume
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.point_state import CELLS, Kernel, address_of
+from tribox.forms.bodies.point_state import CELLS, Kernel
 from tribox.forms.native import library
-from tribox.geometry.meshes.places import shape_functions
+from tribox.geometry.meshes.places import centre, shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 LANES = 8  # cells that the compiled loops take at a time
+PIECE = 512 * LANES  # cells that tables are made of at a time
 NAMES: dict[Section, str] = {"plane-strain": "strain", "axisymmetric": "ring", "3D": "space"}
 
 
@@ -43,7 +45,7 @@ class Moduli:
     """Where the moduli of the tangent come from: a kernel and the state it starts at, or arrays."""
 
     kernel: Kernel | None = None  # None: ``A`` is given
-    state: Floats | None = None  # (k, s)
+    state: Floats | None = None  # (k, s); None: points that remember nothing
     # (k, s), what the kernel has made of the state before; None: that is found anew
     end: Floats | None = None
     A: Floats | None = None  # (k, p, p), Pa
@@ -53,8 +55,8 @@ class Moduli:
         if self.kernel is None:
             assert self.A is not None, "the points have not been evaluated for a tangent"
             return {"A": self.A}
-        assert self.state is not None
-        return {"state": self.state} | ({} if self.end is None else {"end": self.end})
+        known = {"state": self.state, "end": self.end}
+        return {name: array for name, array in known.items() if array is not None}
 
 
 class _Work(ctypes.Structure):
@@ -68,27 +70,16 @@ class _Work(ctypes.Structure):
                 "lanes_of_last",
                 "points",
                 "nodes",
+                "parents",
                 "width",
                 "symmetric",
-                "begin",
             )
         ),
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
-        *((name, ctypes.c_void_p) for name in ("update", "add", "material", "state")),
+        *((name, ctypes.c_void_p) for name in ("update", "material", "state")),
         *((name, ctypes.c_void_p) for name in ("P", "A", "F", "end", "energies")),
-        *((name, ctypes.c_void_p) for name in ("forces", "values", "start")),
-    )
-
-
-class Beside(ctypes.Structure):
-    """``Beside`` of ``lanes.h``."""
-
-    work: _Work  # that ``cells`` points to
-    arrays: dict[str, Floats]
-    _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("add", "moduli", "cells")),
-        ("points", ctypes.c_int64),
-        ("symmetric", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in ("forces", "values", "start", "excess")),
+        *((name, ctypes.c_void_p) for name in ("same", "next")),
     )
 
 
@@ -98,102 +89,131 @@ class Cells:
 
     nodes: Ints  # (c, a) local nodes
     number: Ints  # (c,) of each cell in the body
-    table: Floats  # (c, q·(dim² + 2)) of each point ∂ξ/∂X (α, j), 1/m, its weight and in rings 1/x
-    shape: Floats  # (q, a, 1 + dim) functions of the nodes and their slopes in the reference cell
-    count: int  # of all points of the body
+    # (c, q·(dim z + 2)) in lanes: of each point the shares (z, j), 1/m, of the slopes in the
+    # gradients, its weight, m² or m³, and in rings 1/x
+    table: Floats
+    # (q, a, 1 + z) functions of the nodes and their slopes in the reference cell
+    shape: Floats
+    centre: bool = False  # whether the points are the centres, of the volumetric energy
+
+    @property
+    def count(self) -> int:
+        """Number of all points."""
+        return len(self.nodes) * len(self.shape)
+
+    @property
+    def weights(self) -> Floats:
+        """Weights (k,) of the points, m² or m³, of whole rings."""
+        blocks, points = len(self.table), len(self.shape)
+        rows = self.table.reshape(blocks, points, self.table.shape[1] // points, LANES)[:, :, -2]
+        return np.ascontiguousarray(rows.transpose(0, 2, 1)).reshape(-1)[: self.count]
+
+    def part(self, take: Bools) -> Cells:
+        """The cells (c,) to ``take`` by themselves."""
+        at = np.nonzero(take)[0]
+        rows = self.table[at // LANES, :, at % LANES]
+        return replace(self, nodes=self.nodes[at], number=self.number[at], table=in_lanes(rows))
 
 
-def cells_of(
-    space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, degree: int
-) -> tuple[Cells, Floats]:
-    """The cells, and the weights (k,) of their points, m² or m³, of whole rings.
-
-    Args:
-        cells: (c,) local.
-    """
+def cells_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, degree: int) -> Cells:
+    """The cells (c,), local, with the points of a quadrature."""
     kind = space.mesh.topology.cell_name()
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
-    rows, weight = quadrature_rows(space, section, cells, degree)
-    table = [
-        np.column_stack([one.inverse.reshape(len(cells), points.shape[1] ** 2), volume, one.across])
-        for one, volume in zip(rows, weight, strict=True)
-    ]
+
     shape = shape_functions(kind, space.element.basix_element.degree, 1, points)
+    size = points.shape[1] ** 2
+    table = np.empty((-(-len(cells) // LANES), len(points) * (size + 2), LANES))
+    for at in range(0, len(cells), PIECE):  # what numpy makes on the way is many times as large
+        piece = cells[at : at + PIECE]
+        rows, weight = quadrature_rows(space, section, piece, degree)
+        parts = [
+            np.column_stack([one.inverse.reshape(len(piece), size), volume, one.across])
+            for one, volume in zip(rows, weight, strict=True)
+        ]
+        block, filled = at // LANES, in_lanes(np.concatenate(parts, axis=1))
+        table[block : block + len(filled)] = filled
+    return _cells(space, cells, table, shape)
+
+
+def _cells(space: dolfinx.fem.FunctionSpace, cells: Ints, table: Floats, shape: Floats) -> Cells:
+    """Of a table in lanes, and of functions and slopes (z, q, a)."""
     nodes = np.asarray(space.dofmap.list, dtype=np.int32)[cells]
-    number = np.arange(len(cells), dtype=np.int32)
     shape = np.ascontiguousarray(shape.transpose(1, 2, 0))
-    found = Cells(nodes, number, np.concatenate(table, axis=1), shape, weight.size)
-    return found, weight.T.reshape(-1)
+    return Cells(nodes, np.arange(len(cells), dtype=np.int32), table, shape)
+
+
+def centres_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints) -> Cells:
+    """The centres of first-order cells (c,), where ``q1-sri`` takes the volumetric energy."""
+    if section != "axisymmetric":
+        return replace(cells_of(space, section, cells, 1), centre=True)
+    # A ring's gradients are those at the centroid of its volume: slopes at the centre and the mixed
+    # second derivative have shares in them.
+    kind, rows = space.mesh.topology.cell_name(), centre_rows(space, section, cells)
+    # The order of basix: N, N_ξ, N_η, N_ξξ, N_ξη, N_ηη.
+    shape = shape_functions(kind, 1, 2, centre(kind))[[0, 1, 2, 4]]
+    share = np.linalg.pinv(shape[1:, 0].T) @ rows.gradients
+    volume = ring_volume(rows, section)
+    table = np.column_stack([share.reshape(len(cells), 6), volume, rows.across])
+    return replace(_cells(space, cells, in_lanes(table), shape), centre=True)
 
 
 class PointCells:
-    """Owned cells of a body, whose points remember.
+    """Points of owned cells of a body.
 
     Attributes:
-        nodes: (c, a) local nodes of each cell; moduli: what the tangent is made from.
+        cells: them; nodes: (c, a) local nodes of each; moduli: what the tangent is made from.
     """
 
     def __init__(self, section: Section, cells: Cells, moduli: Moduli | None = None) -> None:
         """Arrange the cells for the loop."""
-        self._section, self._cells = section, cells
-        self.nodes = cells.nodes
+        self.section, self.cells, self.nodes = section, cells, cells.nodes
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")
         self._call.argtypes, self._call.restype = [ctypes.c_void_p], ctypes.c_int64
-        names = f"point_block_{NAMES[section]}", "point_moduli"
-        self._beside = [address_of(CELLS, name) for name in names]
-        tables = (cells.table, cells.nodes, cells.number[:, None])
-        self._tables = [in_lanes(table) for table in tables]
-        table, node, cell = (part.ctypes.data for part in self._tables)
-        blocks = len(self._tables[0])
+        self._lanes = [in_lanes(rows) for rows in (cells.nodes, cells.number[:, None])]
+        node, cell = (rows.ctypes.data for rows in self._lanes)
+        blocks, (points, nodes, shapes) = len(cells.table), cells.shape.shape
         self._fixed: dict[str, int] = {
             "blocks": blocks,
             "lanes_of_last": len(cells.nodes) - (blocks - 1) * LANES,
-            "points": cells.shape.shape[0],
-            "nodes": cells.shape.shape[1],
+            "points": points,
+            "nodes": nodes,
+            "parents": shapes - 1,
             "shape": cells.shape.ctypes.data,
-            "table": table,
+            "table": cells.table.ctypes.data,
             "node": node,
             "cell": cell,
         }
 
-    def part(self, take: Bools) -> PointCells:
-        """The cells (c,) to ``take`` by themselves."""
-        cells = self._cells
-        rows = cells.nodes[take], cells.number[take], cells.table[take]
-        return PointCells(self._section, Cells(*rows, cells.shape, cells.count), self.moduli)
-
-    def _run(self, kernel: Kernel | None = None, symmetric: bool = False, **arrays: Any) -> bool:
+    def _run(self, kernel: Kernel | None = None, **arrays: Any) -> bool:
         """Call the loop with what ``Work`` shall point to; False: a point is not valid."""
-        return not self._call(ctypes.byref(self._work(kernel, symmetric, **arrays)))
+        return self.run([self.work(kernel, **arrays)])
 
-    def _work(self, kernel: Kernel | None, symmetric: bool, **arrays: Any) -> _Work:
-        for array in arrays.values():
-            assert array.flags.c_contiguous
+    def run(self, works: Sequence[_Work]) -> bool:
+        """Call the loop over the points of all ``works``, of the same cells; see :meth:`_run`."""
+        heads: dict[int, _Work] = {}
+        last: _Work | None = None
+        for work in works:
+            if (head := heads.get(work.shape)) is not None:  # points at the same places
+                work.same, head.same = head.same, ctypes.addressof(work)
+                continue
+            heads[work.shape] = work
+            if last is not None:
+                last.next = ctypes.addressof(work)
+            last = work
+        return not self._call(ctypes.byref(works[0]))
+
+    def work(self, kernel: Kernel | None = None, **arrays: Any) -> _Work:
+        """What the loop is told of these points."""
         # What is not set stays a null pointer, by which the loop knows what it is asked for.
-        work = _Work(**self._fixed, symmetric=symmetric)
+        work = _Work(**self._fixed)
         for name, array in arrays.items():
+            assert array.flags.c_contiguous
             setattr(work, name, array.ctypes.data)
         if kernel is not None:
-            work.width = arrays["state"].shape[1]
             work.update, work.material = kernel.function, ctypes.addressof(kernel.material)
-            work.add, work.begin = kernel.moduli, kernel.begin
+            work.width = arrays["state"].shape[1] if "state" in arrays else 0
         return work
-
-    def beside(self, u: Floats) -> Beside | None:
-        """What adds the matrices at ``u`` (n,), m, in a loop over the same cells that goes on then.
-
-        None where the points are not updated by a kernel.
-        """
-        of = self.moduli
-        if of.kernel is None:
-            return None
-        found = Beside(*self._beside)
-        found.points, found.symmetric = self._fixed["points"], of.kernel.symmetric
-        found.arrays = {"u": u} | of.arrays()
-        found.work = self._work(of.kernel, of.kernel.symmetric, **found.arrays)
-        found.cells = ctypes.addressof(found.work)
-        return found
 
     def evaluate(self, kernel: Kernel, u: Floats, state: Floats, **out: Floats) -> bool:
         """Update the points at ``u`` (n,), m, from ``state`` (k, s).
@@ -207,7 +227,7 @@ class PointCells:
         Returns:
             Whether all could be evaluated; where not, energies and forces are NaN.
         """
-        return self._run(kernel, False, u=u, state=state, **out)
+        return self._run(kernel, u=u, state=state, **out)
 
     def gradients(self, u: Floats, F: Floats) -> None:
         """Put the deformation gradients at ``u`` (n,), m, into ``F`` (k, p)."""
@@ -217,17 +237,44 @@ class PointCells:
         """Add the nodal forces of the stress ``P`` (k, p), Pa, to ``forces`` (n,), N (N/m)."""
         self._run(u=u, P=P, forces=forces)
 
-    def add_tangent(
-        self,
-        u: Floats,
-        values: Floats,
-        starts: NDArray[np.int32],
-        excess: Floats | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        """See ``CompiledCells.add_tangent``; no volumetric part, and nothing beside."""
-        assert starts.flags.c_contiguous and starts.dtype == np.int32
-        assert starts.shape[:2] == self.nodes.shape
-        of = self.moduli
-        symmetric = of.kernel is not None and of.kernel.symmetric
-        self._run(of.kernel, symmetric, u=u, values=values, start=starts, **of.arrays())
+
+def parts(loops: Sequence[PointCells], take: Bools) -> list[PointCells]:
+    """The cells (c,) to ``take``, of loops over points of the same cells."""
+    if take.all():
+        return list(loops)
+    found = {id(loop.cells): loop.cells.part(take) for loop in loops}
+    return [PointCells(loop.section, found[id(loop.cells)], loop.moduli) for loop in loops]
+
+
+def add_tangent(
+    loops: Sequence[PointCells],
+    u: Floats,
+    values: Floats,
+    starts: NDArray[np.int32],
+    excess: Floats | None = None,
+) -> None:
+    """Add the element matrices at ``u`` (n,), N/m per unit thickness, of points of the same cells.
+
+    Args:
+        loops: one at least.
+        u: m.
+        values: of a sparse matrix, changed.
+        starts: (c, a, i, b), contiguous, from where on in ``values`` the dim numbers of the row (a,
+            i) and the columns (b, j) are.
+        excess: by cell of the body, Pa, added to the volumetric pressures at the centres
+            (:mod:`tribox.forms.bodies.solid`).
+    """
+    assert starts.flags.c_contiguous and starts.dtype == np.int32
+    assert starts.shape[:2] == loops[0].nodes.shape
+    works, kept = [], None if excess is None else np.ascontiguousarray(excess)
+    for loop in loops:
+        of = loop.moduli
+        works.append(loop.work(of.kernel, u=u, **of.arrays()))
+        if loop.cells.centre and kept is not None:
+            works[-1].excess = kept.ctypes.data
+    first = works[0]
+    first.symmetric = all(
+        loop.moduli.kernel is not None and loop.moduli.kernel.symmetric for loop in loops
+    )
+    first.values, first.start = values.ctypes.data, starts.ctypes.data
+    loops[0].run(works)

@@ -61,9 +61,6 @@ class Kernel:
     function: int  # its address
     material: ctypes.Structure  # what it reads, and what is read from there
     symmetric: bool  # whether A is
-    # address of what adds A to the moduli of a strain energy; None: there is none
-    moduli: int | None = None
-    begin: int = 0  # how many values of a state, from the first one on, that reads
 
     @classmethod
     def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:

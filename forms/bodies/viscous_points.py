@@ -63,7 +63,6 @@ from tribox.forms.bodies.point_state import (
     Kernel,
     MaterialPoints,
     PointsBeside,
-    address_of,
 )
 from tribox.forms.bodies.softening import Mullins, SofteningPoints
 
@@ -172,8 +171,4 @@ class ViscousPoints(MaterialPoints):
         work.tables = np.stack([self._moduli, share, rest, ratio])
         rows = (row.ctypes.data for row in work.tables)
         work.modulus, work.share, work.rest, work.ratio = rows
-        function, moduli = (
-            address_of(SOURCE, f"viscous_{name}{section}") for name in ("", "moduli_")
-        )
-        begin = self.columns[DISSIPATED].start  # what metrics the branches have
-        return Kernel(function, work, symmetric=True, moduli=moduli, begin=begin)
+        return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True)

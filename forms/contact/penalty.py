@@ -380,18 +380,22 @@ class ContactTerm:
     def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square, N², of what rounding leaves of the forces of a trial at ``x``; collective.
 
-        A gap is rounded by about ε times the largest coordinate it comes from, which is the radius
-        of a tool that is nearly flat. This rank's part, per unit thickness.
+        This rank's part, per unit thickness.
         """
         force = self.rule.point_stiffness() * self.surface.slave.weight * (trial.pressure > 0.0)
-        return float(force @ force) * (ROUNDED * np.finfo(float).eps * self._span) ** 2
+        return float(force @ force) * self.rounded_gap**2
 
     @cached_property
-    def _span(self) -> float:
-        """Largest coordinate, m, of the undeformed pair on all ranks; collective."""
+    def rounded_gap(self) -> float:
+        """What gaps are rounded by, m; collective.
+
+        That is about ε times the largest undeformed coordinate they come from, which is the radius
+        of a tool that is nearly flat.
+        """
         places = (self.surface.slave.position, self.surface.master.position)
         span = max(float(np.abs(at).max(initial=0.0)) for at in places)
-        return float(self.surface.vertices.comm.allreduce(span, op=MPI.MAX))
+        span = self.surface.vertices.comm.allreduce(span, op=MPI.MAX)
+        return float(ROUNDED * np.finfo(float).eps * span)
 
     def bearable(self, trial: ContactTrial, there: PETSc.Vec) -> float:
         """Share of a step of Newton's method to the displacements ``there`` (m) that is taken.

@@ -10,9 +10,8 @@ from tribox.geometry.native.compiler import compiled
 
 SOURCES = (
     "plane_kernel.c",
-    "plane_tangent.c",
-    "ring_cells.c",
     "space_kernel.c",
+    "elastic_points.c",
     "plane_contact.c",
     "space_contact.c",
     "space_pair.c",

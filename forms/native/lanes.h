@@ -11,27 +11,6 @@ typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
 
 #define EXPORT /* seen from outside */
 
-/* A point of a loop: the columns G and g (a, i) of the derivatives of the reference and the current
- * position by its coordinates, 1/det G, J = det g/det G, and w |det G|. In the half section of a body
- * of revolution these are the reference position (G null, 1/det G is one), and there is a stretch `hoop`. */
-typedef struct {
-    const vec *G, *g;
-    vec inverse, J, hoop, weight;
-} Place;
-
-/* Points that remember of the same cells as a loop's own, `points` of each cell. `moduli` adds those
- * of a point to its second derivatives (a, i, b, j) by g, in rings by the hoop stretch last, of which
- * it has the upper half; it is
- * what costs least where the loop has moduli of its own at that point. `add` adds the matrices of a
- * block's cells: blocks (a, b) of the nodes, where `symmetric` those with a <= b, those of b = 0 first,
- * each (i, j) row by row. The way to the matrix's places takes as long as computing them. */
-typedef struct {
-    void (*add)(const void *cells, int64_t block, vec *matrix);
-    void (*moduli)(const void *cells, int64_t block, int64_t point, const Place *at, vec *out);
-    const void *cells;
-    int64_t points, symmetric;
-} Beside;
-
 INLINE vec all(double x)
 {
     return (vec){} + x;
@@ -144,31 +123,106 @@ INLINE vec square_root(vec x)
     return x;
 }
 
+/* arcosh(1 + x)^2 and its derivative; a series below x = 0.02, where the function itself is
+ * analytic but its formula is not. */
+INLINE void squared_arcosh(vec x, vec *value, vec *slope)
+{
+    const double c[] = {2.0, -1.0 / 3, 4.0 / 45, -1.0 / 35, 16.0 / 1575, -8.0 / 2079};
+    vec v = all(c[5]), d = all(6.0 * c[5]);
+    for (int i = 4; i >= 0; --i) {
+        v = v * x + c[i];
+        d = d * x + (i + 1) * c[i];
+    }
+    *value = v * x;
+    *slope = d;
+    ivec large = (ivec)(x > 0.02);
+    if (any(large)) {
+        vec safe = choose(large, x, all(0.02)), root = safe * (safe + 2.0);
+        for (int l = 0; l < LANES; ++l)
+            root[l] = __builtin_sqrt(root[l]);
+        vec a = logarithm(1.0 + safe + root);
+        *value = choose(large, a * a, *value);
+        *slope = choose(large, 2.0 * a / root, *slope);
+    }
+}
+
+/* Second derivative of arcosh(1 + x)^2, given its slope; series and limit as above. */
+INLINE vec curvature_of_squared_arcosh(vec x, vec slope)
+{
+    /* (-1)^(n - 1) 2^(n + 1) (n - 1)/(n C(2n, n)), n = 2 to 9 */
+    const double c[] = {-2.0 / 3,         8.0 / 15,          -12.0 / 35,       64.0 / 315,
+                        -80.0 / 693,      64.0 / 1001,       -224.0 / 6435,    2048.0 / 109395};
+    vec v = all(c[7]);
+    for (int i = 6; i >= 0; --i)
+        v = v * x + c[i];
+    ivec large = (ivec)(x > 0.02);
+    if (any(large)) {
+        vec safe = choose(large, x, all(0.02));
+        v = choose(large, (2.0 - slope * (1.0 + safe)) / (safe * (safe + 2.0)), v);
+    }
+    return v;
+}
+
 /* Whether numbers are finite. */
 INLINE ivec is_finite(vec x)
 {
     return (ivec)(x - x == 0.0);
 }
 
-/* Adds the matrices of a block's cells, in blocks (a, b) as those of Beside, to `values`: the row (a, i)
- * and the columns of b of a cell from start (a, i, b) on. Returns the starts of the next block. */
+/* Rows for columns. */
+INLINE void transpose(vec *a)
+{
+    vec b[LANES], c[LANES];
+    for (int i = 0; i < LANES; i += 2) {
+        b[i] = __builtin_shuffle(a[i], a[i + 1], (ivec){0, 8, 2, 10, 4, 12, 6, 14});
+        b[i + 1] = __builtin_shuffle(a[i], a[i + 1], (ivec){1, 9, 3, 11, 5, 13, 7, 15});
+    }
+    for (int i = 0; i < LANES; i += 4)
+        for (int j = i; j < i + 2; ++j) {
+            c[j] = __builtin_shuffle(b[j], b[j + 2], (ivec){0, 1, 8, 9, 4, 5, 12, 13});
+            c[j + 2] = __builtin_shuffle(b[j], b[j + 2], (ivec){2, 3, 10, 11, 6, 7, 14, 15});
+        }
+    for (int i = 0; i < LANES / 2; ++i) {
+        a[i] = __builtin_shuffle(c[i], c[i + 4], (ivec){0, 1, 2, 3, 8, 9, 10, 11});
+        a[i + 4] = __builtin_shuffle(c[i], c[i + 4], (ivec){4, 5, 6, 7, 12, 13, 14, 15});
+    }
+}
+
+/* Adds the matrices of a block's cells, blocks (a, b) one after the other, those of b = 0 first and
+ * only those with a <= b of a symmetric one, each (i, j) row by row, to `values`: the row (a, i) and the
+ * columns of b of a cell from start (a, i, b) on. Returns the starts of the next block. */
 INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const int32_t *start,
                              const vec *block, double *values)
 {
+    const int size = dim * nodes, padded = (size + LANES - 1) / LANES;
+    vec row[padded * LANES], cell[LANES][size][padded];
+#pragma GCC unroll 1
+    for (int a = 0; a < nodes; ++a)
+#pragma GCC unroll 1
+        for (int i = 0; i < dim; ++i) {
+            for (int b = 0; b < nodes; ++b) {
+                const int turned = symmetric && a > b;
+                const int at = !symmetric ? b * nodes + a : turned ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a;
+                const vec *from = block + dim * dim * at + (turned ? i : dim * i);
+                for (int j = 0; j < dim; ++j)
+                    row[dim * b + j] = from[turned ? dim * j : j];
+            }
+            for (int k = 0; k < padded; ++k) {
+                transpose(row + LANES * k);
+                for (int l = 0; l < LANES; ++l)
+                    cell[l][dim * a + i][k] = row[LANES * k + l];
+            }
+        }
 #pragma GCC unroll 1
     for (int l = 0; l < lanes; ++l)
 #pragma GCC unroll 1
-        for (int a = 0; a < nodes; ++a)
-            for (int i = 0; i < dim; ++i)
-#pragma GCC unroll 1
-                for (int b = 0; b < nodes; ++b) {
-                    const int turned = symmetric && a > b;
-                    const int at = symmetric ? (turned ? a * (a + 1) / 2 + b : b * (b + 1) / 2 + a)
-                                             : b * nodes + a;
-                    const double *from = (const double *)(block + dim * dim * at) + l;
-                    double *to = values + *start++;
-                    for (int j = 0; j < dim; ++j)
-                        to[j] += from[LANES * (turned ? dim * j + i : dim * i + j)];
-                }
+        for (int k = 0; k < size; ++k, start += nodes) {
+            const double *from = (const double *)cell[l][k];
+            for (int b = 0; b < nodes; ++b) {
+                double *to = values + start[b];
+                for (int j = 0; j < dim; ++j)
+                    to[j] += from[dim * b + j];
+            }
+        }
     return start;
 }

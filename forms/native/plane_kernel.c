@@ -1,14 +1,112 @@
-/* Internal forces and strain energy of plane-strain bodies, eight cells at a time.
+/* Internal forces and strain energy of first-order cells in plane strain, eight at a time.
  *
- * With p = 2 dW/dI and q = dW/dJ (plane_cells.h) the first Piola stress is P = p F + q cof F. As
+ * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the
+ * derivatives of the current and of the reference position. The energies are functions of
+ * I = |F|^2 and J = det F alone. With p = 2 dW/dI and q = dW/dJ the first Piola stress is P = p F + q cof F. As
  * cof F cof G = cof g, the nodal forces are
  *
  *     f_a = sum over points of w (p g A + q cof g) dN_a/dxi,   A = det G G^-1 G^-T,
  *
  * which takes one division per point, and one logarithm where the energy has one.
+ *
+ * Nodes stand in DOLFINx's order, whichever way that goes round the cell. A cell is stored by the
+ * differences of its nodes' reference positions, the displacements are gathered: strains far below the
+ * spacing of the coordinates' own round-off are not lost.
  */
 
-#include "plane_cells.h"
+#include "lanes.h"
+
+enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY };
+enum part { WHOLE, DISTORTION, VOLUME };
+
+/* Whether the stress of a part of the energy takes a logarithm or a root of J. */
+INLINE int needs_volume(enum material material, enum part part)
+{
+    return material == NEO_HOOKEAN     ? part != DISTORTION
+           : material == MOONEY_RIVLIN ? part != VOLUME
+                                       : 1;
+}
+
+/* p = 2 dW/dI and q = dW/dJ of a part of the energy, with I = |F|^2 in the plane; `r` is 1/J. */
+INLINE void derive(enum material material, enum part part, const double *c, vec I, vec J, vec r,
+                   vec *p, vec *q)
+{
+    const int d = part != VOLUME, v = part != DISTORTION;
+    if (material == NEO_HOOKEAN) { /* c: G, Lambda */
+        *p = all(d ? c[0] : 0.0);
+        *q = ((v ? c[1] * logarithm(J) : all(0.0)) - (d ? c[0] : 0.0)) * r;
+    } else if (material == MOONEY_RIVLIN) { /* c: C10, C01, K */
+        *p = *q = all(0.0);
+        if (d) {
+            vec y = inverse_cube_root(J), j = y * y, a = c[0] * j, b = c[1] * j * j;
+            vec I1 = I + 1.0, I2 = I + J * J;
+            *p = 2.0 * (a + b);
+            *q = 2.0 * b * J - (2.0 / 3.0) * r * (a * I1 + 2.0 * b * I2);
+        }
+        if (v)
+            *q += 0.5 * c[2] * (J - r);
+    } else { /* c: G, K */
+        double k = (d ? c[0] / 3.0 : 0.0) + (v ? c[1] : 0.0);
+        *p = all(0.0);
+        *q = k * logarithm(J);
+        if (d) {
+            vec value, slope, y = 0.5 * I * r;
+            squared_arcosh(y - 1.0, &value, &slope);
+            *p = (0.5 * c[0]) * slope * r;
+            *q -= (0.5 * c[0]) * slope * y;
+        }
+        *q *= r;
+    }
+}
+
+/* The weight of a point whose G has the determinant D: of cells that go round clockwise D, cof g and
+ * A are of the other sign, the energy's density and its derivatives by F are not. */
+INLINE vec weighted(double weight, vec D)
+{
+    return (vec)((uvec)all(weight) | ((uvec)D & 1ULL << 63));
+}
+
+/* Differences of a nodal vector over four nodes: along xi, along eta, and the mixed one. */
+INLINE void differences(const double *u, const int32_t *node, vec e[3][2])
+{
+    double at[4][2][LANES];
+    for (int a = 0; a < 4; ++a)
+        for (int l = 0; l < LANES; ++l)
+            for (int i = 0; i < 2; ++i)
+                at[a][i][l] = u[2 * (int64_t)node[a * LANES + l] + i];
+    for (int i = 0; i < 2; ++i) {
+        vec v[4];
+        for (int a = 0; a < 4; ++a)
+            __builtin_memcpy(&v[a], at[a][i], sizeof(vec));
+        e[0][i] = v[1] - v[0];
+        e[1][i] = v[2] - v[0];
+        e[2][i] = (v[3] - v[2]) - e[0][i];
+    }
+}
+
+/* The columns of G or g at (xi, eta) from the differences. */
+INLINE void columns(const vec e[3][2], double xi, double eta, vec g[2][2])
+{
+    for (int i = 0; i < 2; ++i) {
+        g[0][i] = e[0][i] + eta * e[2][i];
+        g[1][i] = e[1][i] + xi * e[2][i];
+    }
+}
+
+/* One LOOP for each material and kind of cell: 0 quadrilaterals, 1 quadrilaterals with the volumetric
+ * part at the centre, 2 triangles. */
+#define LOOPS                                                                                      \
+    switch (3 * material + kind) {                                                                 \
+    case 0: LOOP(NEO_HOOKEAN, 0, 0);                                                               \
+    case 1: LOOP(NEO_HOOKEAN, 0, 1);                                                               \
+    case 2: LOOP(NEO_HOOKEAN, 1, 0);                                                               \
+    case 3: LOOP(MOONEY_RIVLIN, 0, 0);                                                             \
+    case 4: LOOP(MOONEY_RIVLIN, 0, 1);                                                             \
+    case 5: LOOP(MOONEY_RIVLIN, 1, 0);                                                             \
+    case 6: LOOP(HENCKY, 0, 0);                                                                    \
+    case 7: LOOP(HENCKY, 0, 1);                                                                    \
+    default: LOOP(HENCKY, 1, 0);                                                                   \
+    }
 
 /* A part of the energy, from the columns of G and of the displacement's derivatives d.
  *
@@ -112,7 +210,7 @@ INLINE void quadrilateral(enum material material, int reduced, const double *c, 
 {
     const double low = 0.21132486540518713, gauss[2] = {low, 1.0 - low};
     vec along[2] = {}, along_eta[2] = {}, up[2] = {}, up_xi[2] = {}, G[2][2], g[2][2], d[2][2], h[2][2];
-    for (int point = material == VOLUMETRIC ? 4 : 0; point < 4; ++point) {
+    for (int point = 0; point < 4; ++point) {
         double xi = gauss[point & 1], eta = gauss[point >> 1];
         columns(E, xi, eta, G);
         columns(e, xi, eta, g);

@@ -1,5 +1,5 @@
-/* Loops over material points that remember, eight at a time: points by themselves, and those of
- * cells of any kind with the forces and the tangent of the cells.
+/* Loops over material points, eight at a time: points by themselves, and those of cells of any kind
+ * with the forces, the energy and the tangent of the cells.
  *
  * What the points do is a kernel, see Update of point_lanes.h: a cell's deformation gradients, its
  * points' stress and moduli, and its matrix never leave the processor's caches. With the gradients
@@ -11,25 +11,6 @@
  */
 
 #include "point_lanes.h"
-
-/* Rows for columns. */
-INLINE void transpose(vec *a)
-{
-    vec b[LANES], c[LANES];
-    for (int i = 0; i < LANES; i += 2) {
-        b[i] = __builtin_shuffle(a[i], a[i + 1], (ivec){0, 8, 2, 10, 4, 12, 6, 14});
-        b[i + 1] = __builtin_shuffle(a[i], a[i + 1], (ivec){1, 9, 3, 11, 5, 13, 7, 15});
-    }
-    for (int i = 0; i < LANES; i += 4)
-        for (int j = i; j < i + 2; ++j) {
-            c[j] = __builtin_shuffle(b[j], b[j + 2], (ivec){0, 1, 8, 9, 4, 5, 12, 13});
-            c[j + 2] = __builtin_shuffle(b[j], b[j + 2], (ivec){2, 3, 10, 11, 6, 7, 14, 15});
-        }
-    for (int i = 0; i < LANES / 2; ++i) {
-        a[i] = __builtin_shuffle(c[i], c[i + 4], (ivec){0, 1, 2, 3, 8, 9, 10, 11});
-        a[i + 4] = __builtin_shuffle(c[i], c[i + 4], (ivec){4, 5, 6, 7, 12, 13, 14, 15});
-    }
-}
 
 /* The columns k of the lanes' rows. */
 INLINE vec column(double *const *row, int64_t k)
@@ -133,91 +114,97 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
     return any(bad);
 }
 
-/* What a call works on. `shape` (points, nodes, 1 + dim): the nodes' functions and their derivatives
- * by parent coordinates; `table` (blocks, points, dim dim + 2, LANES): the parent coordinates'
- * derivatives by place, the weight, and in rings 1/x; `node` (blocks, nodes, LANES), `cell` (blocks,
+/* What a call works on. `shape` (points, nodes, 1 + parents): the nodes' functions and their derivatives
+ * by the parent coordinates, as many as there are dimensions, in rings at the centre also the mixed one;
+ * `table` (blocks, points, dim parents + 2, LANES): the shares of these in the derivatives by place, the
+ * weight, and in rings 1/x; `node` (blocks, nodes, LANES), `cell` (blocks,
  * LANES) the number of a cell in the body, whose points are `points` cell and those that follow; the
  * last block repeats its last cell where there are fewer than LANES, and counts `lanes_of_last`.
  *
  * With `update` the points are evaluated from `state` (k, width), and `end` (k, width) is written if
  * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
- * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to,
- * with `start` (cells, a, i, b) as in compiled_cells.py; F (k, p) is written. `symmetric`: whether A
- * is. `add`, where there is one, needs `begin` values of a state. */
-typedef struct {
-    int64_t blocks, lanes_of_last, points, nodes, width, symmetric, begin;
+ * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to:
+ * `values` from start (cells, a, i, b) on, the columns of b in the row of (a, i); F (k, p) is written.
+ * `symmetric`: whether all moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
+ *
+ * Of the same cells there may be more points: at the `same` places, whose moduli are added up, and at
+ * others, `next`, whose forces and values are. */
+typedef struct Work {
+    int64_t blocks, lanes_of_last, points, nodes, parents, width, symmetric;
     const double *shape, *table;
     const int32_t *node, *cell;
     const double *u;
     Update *update;
-    AddModuli *add;
     const void *material;
     const double *state;
     const double *P, *A;
     double *F, *end, *energies, *forces, *values;
     const int32_t *start;
+    const double *excess;
+    const struct Work *same, *next;
 } Work;
 
 /* A point of a block's cells: gradients of the nodes' functions, with those over the radius last. */
-INLINE void gradients(enum section section, int nodes, const double *shape, const vec *table,
-                      vec (*B)[3])
+INLINE void gradients(enum section section, int nodes, int parents, const double *shape,
+                      const vec *table, vec (*B)[3])
 {
     const int dim = section == SPACE ? 3 : 2;
 #pragma GCC unroll 1
-    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
+    for (int a = 0; a < nodes; ++a, shape += 1 + parents) {
         for (int i = 0; i < dim; ++i) {
             B[a][i] = shape[1] * table[i];
-            for (int z = 1; z < dim; ++z)
+            for (int z = 1; z < parents; ++z)
                 B[a][i] += shape[1 + z] * table[dim * z + i];
         }
         if (section == RING)
-            B[a][2] = shape[0] * table[dim * dim + 1];
+            B[a][2] = shape[0] * table[dim * parents + 1];
     }
 }
 
-/* F from the derivatives of the displacement by parent coordinates. */
-INLINE void deformation(enum section section, int nodes, const double *shape, const vec *table,
-                        vec (*u)[3], vec *F)
+/* F from the derivatives by parent coordinates of the displacement relative to a node, that of which
+ * is `radial` across. */
+INLINE void deformation(enum section section, int nodes, int parents, const double *shape,
+                        const vec *table, vec (*u)[3], vec radial, vec *F)
 {
     const int dim = section == SPACE ? 3 : 2;
-    vec d[9], hoop = all(0.0);
-    for (int p = 0; p < dim * dim; ++p)
+    vec d[9], hoop = radial;
+    for (int p = 0; p < dim * parents; ++p)
         d[p] = all(0.0);
 #pragma GCC unroll 1
-    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
-        for (int p = 0; p < dim * dim; ++p)
-            d[p] += shape[1 + p % dim] * u[a][p / dim];
+    for (int a = 0; a < nodes; ++a, shape += 1 + parents) {
+        for (int p = 0; p < dim * parents; ++p)
+            d[p] += shape[1 + p % parents] * u[a][p / parents];
         if (section == RING)
             hoop += shape[0] * u[a][0];
     }
     for (int i = 0; i < dim; ++i)
         for (int J = 0; J < dim; ++J) {
-            vec sum = d[dim * i] * table[J];
-            for (int z = 1; z < dim; ++z)
-                sum += d[dim * i + z] * table[dim * z + J];
+            vec sum = d[parents * i] * table[J];
+            for (int z = 1; z < parents; ++z)
+                sum += d[parents * i + z] * table[dim * z + J];
             F[dim * i + J] = i == J ? 1.0 + sum : sum;
         }
     if (section != SPACE)
-        F[4] = section == RING ? 1.0 + hoop * table[5] : all(1.0);
+        F[4] = section == RING ? 1.0 + hoop * table[dim * parents + 1] : all(1.0);
 }
 
 /* The nodes' forces of the stress at a point, carried over to parent coordinates first. */
-INLINE void add_forces(enum section section, int nodes, const double *shape, const vec *table,
-                       const vec *P, vec weight, vec (*force)[3])
+INLINE void add_forces(enum section section, int nodes, int parents, const double *shape,
+                       const vec *table, const vec *P, vec weight, vec (*force)[3])
 {
     const int dim = section == SPACE ? 3 : 2;
-    vec T[9], hoop = weight * table[5] * P[4];
+    vec T[9], hoop = weight * table[section == RING ? dim * parents + 1 : 0] * P[4];
     for (int i = 0; i < dim; ++i)
-        for (int z = 0; z < dim; ++z) {
-            T[dim * i + z] = P[dim * i] * table[dim * z];
+        for (int z = 0; z < parents; ++z) {
+            vec sum = P[dim * i] * table[dim * z];
             for (int J = 1; J < dim; ++J)
-                T[dim * i + z] += P[dim * i + J] * table[dim * z + J];
-            T[dim * i + z] *= weight;
+                sum += P[dim * i + J] * table[dim * z + J];
+            T[parents * i + z] = sum * weight;
         }
 #pragma GCC unroll 1
-    for (int a = 0; a < nodes; ++a, shape += 1 + dim) {
-        for (int p = 0; p < dim * dim; ++p)
-            force[a][p / dim] += shape[1 + p % dim] * T[p];
+    for (int a = 0; a < nodes; ++a, shape += 1 + parents) {
+        for (int p = 0; p < dim * parents; ++p)
+            force[a][p / parents] += shape[1 + p % parents] * T[p];
         if (section == RING)
             force[a][0] += shape[0] * hoop;
     }
@@ -248,13 +235,36 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
         for (int a = 0; a < end; ++a, block += dim * dim)
             for (int i = 0; i < dim; ++i)
                 for (int k = 0; k < dim; ++k) {
-                    vec sum = M[dim * i][k] * B[a][0];
-                    for (int J = 1; J < dim; ++J)
+                    vec sum = block[dim * i + k];
+                    for (int J = 0; J < dim; ++J)
                         sum += M[dim * i + J][k] * B[a][J];
                     if (section == RING && i == 0)
                         sum += M[4][k] * B[a][2];
-                    block[dim * i + k] += sum;
+                    block[dim * i + k] = sum;
                 }
+    }
+}
+
+/* Adds what a pressure more, dW/dJ, is in the moduli, upper half. */
+INLINE void add_pressure(enum section section, const vec *F, vec excess, vec *A)
+{
+    if (section == SPACE) {
+        for (int i = 0; i < 3; ++i)
+            for (int J = 0; J < 3; ++J) {
+                const int k = (i + 1) % 3, L = (J + 1) % 3, m = 3 - i - k, N = 3 - J - L;
+                vec value = excess * F[3 * m + N];
+                A[9 * (3 * i + J) + 3 * k + L] += value;
+                A[9 * (3 * k + L) + 3 * i + J] += value;
+                A[9 * (3 * i + L) + 3 * k + J] -= value;
+                A[9 * (3 * k + J) + 3 * i + L] -= value;
+            }
+        return;
+    }
+    const vec cof[4] = {F[3], -F[2], -F[1], F[0]}, across = excess * F[4];
+    for (int k = 0; k < 4; ++k) {
+        A[5 * k + 3 - k] += k % 3 ? -across : across;
+        A[5 * k + 4] += excess * cof[k];
+        A[20 + k] += excess * cof[k];
     }
 }
 
@@ -273,67 +283,100 @@ INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q)
         __builtin_prefetch((const char *)end + first + k, 1);
 }
 
+/* Stress or moduli, or both, at a point q of a block's cells, of those whose number is that of their
+ * first point; returns which are good. */
+INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int lanes,
+                     const int64_t *first, const vec *F, vec *P, vec *A, vec *energy)
+{
+    const int count = section == SPACE ? 9 : 5, width = (int)w->width;
+    vec state[width + 1], next[width + 1], excess = {};
+    double *row[LANES];
+    int64_t number[LANES];
+    ivec good = ~(ivec){};
+    for (int l = 0; l < LANES; ++l)
+        number[l] = first[l] * w->points + q;
+    if (!w->update) {
+        find_rows(A ? w->A : w->P, A ? count * count : count, number, row);
+        load(row, 0, A ? count * count : count, A ? A : P);
+        return good;
+    }
+    if (width) {
+        fetch_next(w, w->end, n, q);
+        find_rows(w->state, width, number, row);
+        load(row, 0, width, state);
+        find_rows(w->end, width, number, row);
+    }
+    if (w->end && !energy)
+        load(row, 0, width, next);
+    w->update(w->material, F, state, P, w->end ? next : 0, A, energy, &good);
+    if (w->end && energy)
+        store(next, lanes, width, row, 0);
+    if (A && w->excess) {
+        for (int l = 0; l < LANES; ++l)
+            excess[l] = w->excess[first[l]];
+        add_pressure(section, F, excess, A);
+    }
+    return good;
+}
+
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
-INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, vec *matrix,
-                     vec (*force)[3], vec *sums)
+INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w, int64_t n,
+                     int lanes, int symmetric, vec *matrix, vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int nodes = (int)w->nodes, points = (int)w->points, size = dim * dim + 2;
+    const int points = (int)w->points, size = dim * parents + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
-    const int width = (int)w->width, fresh = w->energies != 0, known = w->end && !fresh;
-    vec B[nodes][3], at[nodes][3], s[width + 1], next[width + 1];
-    double *of_u[LANES], *of_state[LANES], *of_end[LANES], *of_F[LANES], *of_P[LANES], *of_A[LANES];
-    int64_t number[LANES];
+    vec B[nodes][3], at[nodes][3], radial;
+    double *row[LANES];
+    int64_t number[LANES], first[LANES];
     ivec bad = {};
 #pragma GCC unroll 1
     for (int a = 0; a < nodes; ++a) {
         for (int l = 0; l < LANES; ++l)
             number[l] = node[a * LANES + l];
-        find_rows(w->u, dim, number, of_u);
+        find_rows(w->u, dim, number, row);
         for (int i = 0; i < dim; ++i)
-            at[a][i] = column(of_u, i);
+            at[a][i] = column(row, i);
     }
+    radial = at[0][0];
+#pragma GCC unroll 1
+    for (int a = nodes - 1; a >= 0; --a) /* how far the cell has moved rounds nothing */
+        for (int i = 0; i < dim; ++i)
+            at[a][i] -= at[0][i];
     for (int l = 0; l < LANES; ++l)
-        number[l] = w->cell[n * LANES + l] * (int64_t)points;
-    find_rows(w->state, width, number, of_state);
-    find_rows(w->end, width, number, of_end);
-    find_rows(w->F, count, number, of_F);
-    find_rows(w->P, count, number, of_P);
-    find_rows(w->A, count * count, number, of_A);
+        first[l] = w->cell[n * LANES + l];
     for (int q = 0; q < points; ++q, table += size * LANES) {
         vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
-        ivec good = ~(ivec){};
         __builtin_memcpy(tabled, table, size * sizeof(vec));
-        weight = tabled[dim * dim];
-        const double *shape = w->shape + q * nodes * (1 + dim);
-        deformation(section, nodes, shape, tabled, at, F);
-        if (w->update) {
-            fetch_next(w, w->end, n, q);
-            load(of_state, q * width, width, s);
-            if (known)
-                load(of_end, q * width, width, next);
-            w->update(w->material, F, s, P, w->end ? next : 0, matrix ? A : 0, fresh ? energy : 0,
-                      &good);
-            bad |= ~good;
-            weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
-            if (fresh)
-                store(next, lanes, width, of_end, q * width);
-            for (int k = 0; fresh && k < ENERGIES; ++k)
-                sums[k] += weight * energy[k];
-        } else if (force) {
-            load(of_P, q * count, count, P);
-        } else if (matrix) {
-            load(of_A, q * count * count, count * count, A);
+        weight = tabled[dim * parents];
+        const double *shape = w->shape + q * nodes * (1 + parents);
+        deformation(section, nodes, parents, shape, tabled, at, radial, F);
+        if (w->F) {
+            for (int l = 0; l < LANES; ++l)
+                number[l] = first[l] * points + q;
+            find_rows(w->F, count, number, row);
+            store(F, lanes, count, row, 0);
+            continue;
         }
-        if (w->F)
-            store(F, lanes, count, of_F, q * count);
+        for (const Work *v = w; v; v = v->same) {
+            vec more[81], *moduli = matrix ? v == w ? A : more : 0;
+            ivec good = at_point(section, v, n, q, lanes, first, F, P, moduli, w->energies ? energy : 0);
+            bad |= ~good;
+            if (v->width) /* what remembers nothing says itself what is no number */
+                weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
+#pragma GCC unroll 1
+            for (int k = 0; moduli == more && k < count * count; ++k)
+                A[k] += more[k];
+        }
+        for (int k = 0; w->energies && k < ENERGIES; ++k)
+            sums[k] += weight * energy[k];
         if (force)
-            add_forces(section, nodes, shape, tabled, P, weight, force);
+            add_forces(section, nodes, parents, shape, tabled, P, weight, force);
         if (matrix)
-            gradients(section, nodes, shape, tabled, B);
-        if (matrix && w->symmetric)
+            gradients(section, nodes, parents, shape, tabled, B);
+        if (matrix && symmetric)
             add_matrix(section, nodes, 1, B, A, weight, matrix);
         else if (matrix)
             add_matrix(section, nodes, 0, B, A, weight, matrix);
@@ -341,25 +384,10 @@ INLINE ivec at_block(enum section section, const Work *w, int64_t n, int lanes, 
     return bad;
 }
 
-/* See `moduli` of Beside. */
-EXPORT void tribox_point_moduli(const void *cells, int64_t block, int64_t point, const Place *at, vec *out)
-{
-    const Work *w = cells;
-    vec s[w->begin + 1];
-    double *row[LANES];
-    int64_t number[LANES];
-    fetch_next(w, 0, block, point);
-    for (int l = 0; l < LANES; ++l)
-        number[l] = w->cell[block * LANES + l] * w->points + point;
-    find_rows(w->state, w->width, number, row);
-    load(row, 0, (int)w->begin, s);
-    w->add(w->material, at, s, out);
-}
-
 /* All cells of one body; returns whether a point could not be evaluated. */
-INLINE int64_t over_cells(enum section section, const Work *w)
+INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
 {
-    const int dim = section == SPACE ? 3 : 2, nodes = (int)w->nodes;
+    const int dim = section == SPACE ? 3 : 2;
     const int blocks = w->symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
     const int32_t *start = w->start;
     vec matrix[w->values ? dim * dim * blocks : 1], force[nodes][3];
@@ -371,11 +399,16 @@ INLINE int64_t over_cells(enum section section, const Work *w)
             __builtin_memset(force, 0, sizeof force);
         if (w->values)
             __builtin_memset(matrix, 0, sizeof matrix);
-        vec sums[ENERGIES] = {};
-        bad |= at_block(section, w, n, lanes, w->values ? matrix : 0, w->forces ? force : 0, sums);
-        for (int k = 0; w->energies && k < ENERGIES; ++k)
-            for (int l = 0; l < lanes; ++l)
-                w->energies[k] += sums[k][l];
+        for (const Work *v = w; v; v = v->next) {
+            vec sums[ENERGIES] = {}, *K = w->values ? matrix : 0, (*f)[3] = w->forces ? force : 0;
+            if (section == RING && v->parents == 3)
+                bad |= at_block(section, nodes, 3, v, n, lanes, (int)w->symmetric, K, f, sums);
+            else
+                bad |= at_block(section, nodes, dim, v, n, lanes, (int)w->symmetric, K, f, sums);
+            for (int k = 0; v->energies && k < ENERGIES; ++k)
+                for (int l = 0; l < lanes; ++l)
+                    v->energies[k] += sums[k][l];
+        }
         for (int a = 0; w->forces && a < nodes; ++a)
             for (int l = 0; l < lanes; ++l)
                 for (int i = 0; i < dim; ++i)
@@ -389,16 +422,13 @@ INLINE int64_t over_cells(enum section section, const Work *w)
     return any(bad);
 }
 
-/* The loop, and what adds of it to another one: see Beside of lanes.h. */
-#define LOOPS(name, section)                                                                       \
+#define LOOP(name, section)                                                                        \
     EXPORT int64_t tribox_point_cells_##name(const Work *w)                                        \
     {                                                                                              \
-        return over_cells(section, w);                                                             \
-    }                                                                                              \
-    EXPORT void tribox_point_block_##name(const void *cells, int64_t block, vec *matrix)           \
-    {                                                                                              \
-        at_block(section, cells, block, 0, matrix, 0, 0);                                          \
+        const int corners = section == SPACE ? 8 : 4; /* with a loop of their own */               \
+        return w->nodes == corners ? over_cells(section, corners, w)                               \
+                                   : over_cells(section, (int)w->nodes, w);                        \
     }
-LOOPS(strain, STRAIN)
-LOOPS(ring, RING)
-LOOPS(space, SPACE)
+LOOP(strain, STRAIN)
+LOOP(ring, RING)
+LOOP(space, SPACE)

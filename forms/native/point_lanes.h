@@ -14,10 +14,6 @@
 typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end, vec *moduli,
                     vec *energies, ivec *good);
 
-/* What kernels that stand beside a strain energy do for `moduli` of Beside, from the state's first
- * values; where a point cannot be evaluated it adds what is no number. */
-typedef void AddModuli(const void *material, const Place *at, const vec *state, vec *out);
-
 enum { ENERGIES = 3 }; /* stored; dissipated in the step; the part of it that is due to its length */
 enum section { STRAIN, RING, SPACE };
 

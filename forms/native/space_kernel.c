@@ -1,4 +1,5 @@
-/* Internal forces, strain energy and tangents of bodies in space, eight cells at a time.
+/* Internal forces and strain energy of first-order cells in space, eight at a time, and the moduli of
+ * elastic points in space.
  *
  * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the
  * derivatives of the current and of the reference position. The energies are functions of
@@ -17,217 +18,32 @@
  * round-off are not lost.
  */
 
-#include "lanes.h"
+#include "point_lanes.h"
 
-/* VOLUMETRIC: the volumetric part of HENCKY, at the centre, beside points that remember. */
-enum material { NEO_HOOKEAN, MOONEY_RIVLIN, HENCKY, YEOH, VOLUMETRIC };
-enum part { WHOLE, DISTORTION, VOLUME };
+#include "energies.h"
+
 enum shape { HEXAHEDRON, TETRAHEDRON };
 
-#define TERMS 10 /* of the series for the logarithmic strain */
 #define GAUSS 0.57735026918962576451
 
-/* f_n = 1 + 1/3 + ... + 1/(2n - 1) of its terms, nothing beyond them. */
-static const double FACTORS[TERMS + 6] = {0.0,
-                                          1.0,
-                                          4.0 / 3,
-                                          23.0 / 15,
-                                          176.0 / 105,
-                                          563.0 / 315,
-                                          6508.0 / 3465,
-                                          88069.0 / 45045,
-                                          91072.0 / 45045,
-                                          1593269.0 / 765765,
-                                          31037876.0 / 14549535};
-
-/* Derivatives of the energy by J, I1 and I2. */
-typedef struct {
-    vec J, I1, I2, JJ, J1, J2, I11, I12, I22;
-} Slopes;
-
-INLINE vec dot(const vec *a, const vec *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-INLINE void cross(const vec *a, const vec *b, vec *c)
-{
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-/* Of the series S = sum over n of f_n/n tr Z^2n, f_n = 1 + 1/3 + ... + 1/(2n - 1), that materials.py
- * takes for |dev ln U|^2: derivatives by the isochoric invariants x and y, in the places of I1 and
- * I2. The derivatives of a power sum by the elementary symmetric
- * polynomials e_k are complete ones, dp_n/de_k = -(-1)^k n h_(n-k), and those of h_m are
- * -(-1)^k g_(m-k) with sum g_m s^m = (sum h_m s^m)^2. */
-INLINE void squared_logarithm(vec x, vec y, int second, Slopes *s)
-{
-    vec b = 1.0 / (x + y + 2.0), q = (x + y - 6.0) * b, t = (y - x) * b, o = t * t;
-    vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o, A[4] = {}, B[7] = {};
-    vec h = all(1.0), h1 = all(0.0), h2 = h1, g = h, g1 = h1, g2 = h1; /* and those before them */
-#pragma GCC unroll 1
-    for (int m = 0; m < TERMS; ++m) {
-        for (int k = 1; k <= 3; ++k)
-            A[k] += FACTORS[m + k] * h;
-        vec next = e1 * h - e2 * h1 + o * h2;
-        h2 = h1, h1 = h, h = next;
-        if (second) {
-            for (int k = 2; k <= 6; ++k)
-                B[k] += FACTORS[m + k] * g;
-            next = h + e1 * g - e2 * g1 + o * g2;
-            g2 = g1, g1 = g, g = next;
-        }
-    }
-    vec by_q = 2.0 * (A[1] - q * A[2]), by_o = A[1] - 2.0 * A[2] + A[3], by_t = 2.0 * t * by_o;
-    vec q1 = 8.0 * b * b, t1 = -t * b;
-    vec sum = by_q * q1 + by_t * t1, difference = by_t * b; /* by x + y and by y - x */
-    s->I1 = sum - difference;
-    s->I2 = sum + difference;
-    if (!second)
-        return;
-    vec qq = 4.0 * (B[2] - q * (2.0 * B[3] - q * B[4])) - 2.0 * A[2];
-    vec qt = 4.0 * t * (B[2] - 2.0 * B[3] + B[4] - q * (B[3] - 2.0 * B[4] + B[5]));
-    vec tt = 2.0 * by_o + 4.0 * o * (B[2] - 4.0 * B[3] + 6.0 * B[4] - 4.0 * B[5] + B[6]);
-    vec ss = qq * q1 * q1 + 2.0 * qt * q1 * t1 + tt * t1 * t1 -
-             2.0 * b * (q1 * by_q + t1 * by_t);
-    vec sd = (qt * q1 + tt * t1 - by_t * b) * b, dd = tt * b * b;
-    s->I11 = ss - 2.0 * sd + dd;
-    s->I12 = ss - dd;
-    s->I22 = ss + 2.0 * sd + dd;
-}
-
-/* From derivatives by the isochoric invariants I1 J^(-2/3) and I2 J^(-4/3) to those by J, I1, I2;
- * `a` is J^(-2/3), `r` is 1/J. */
-INLINE void from_isochoric(vec x, vec y, vec a, vec r, int second, Slopes *s)
-{
-    vec c = (-2.0 / 3.0) * r, first = x * s->I1, other = 2.0 * y * s->I2;
-    s->J = c * (first + other);
-    if (second) {
-        vec x1 = x * s->I11 + 2.0 * y * s->I12, x2 = x * s->I12 + 2.0 * y * s->I22;
-        s->JJ = c * c * (first + 2.0 * other + x * x1 + 2.0 * y * x2) - s->J * r;
-        s->J1 = c * a * (s->I1 + x1);
-        s->J2 = c * a * a * (2.0 * s->I2 + x2);
-        s->I11 *= a * a;
-        s->I12 *= a * a * a;
-        s->I22 *= a * a * a * a;
-    }
-    s->I1 *= a;
-    s->I2 *= a * a;
-}
-
-/* The distortional part of an energy; `r` is 1/J. */
-INLINE void distort(enum material material, const double *c, vec J, vec r, vec I1, vec I2,
-                    int second, Slopes *s)
-{
-    if (material == NEO_HOOKEAN) { /* c: G, Lambda */
-        s->I1 = all(0.5 * c[0]);
-        s->J = -c[0] * r;
-        s->JJ = c[0] * r * r;
-        return;
-    }
-    vec root = inverse_cube_root(J), a = root * root, x = a * I1, y = a * a * I2;
-    if (material == MOONEY_RIVLIN) { /* c: C10, C01, K */
-        s->I1 = all(c[0]);
-        s->I2 = all(c[1]);
-    } else if (material == YEOH) { /* c: C10, C20, C30, K */
-        vec z = x - 3.0;
-        s->I1 = c[0] + z * (2.0 * c[1] + z * (3.0 * c[2]));
-        s->I11 = 2.0 * c[1] + z * (6.0 * c[2]);
-    } else { /* c: G, K */
-        squared_logarithm(x, y, second, s);
-        for (vec *value = &s->I1; value <= &s->I22; ++value)
-            *value *= c[0];
-    }
-    from_isochoric(x, y, a, r, second, s);
-}
-
-/* Whether the stress of a part of the energy takes a logarithm or a root of J. */
-INLINE int needs_volume(enum material material, enum part part)
-{
-    if (material == NEO_HOOKEAN)
-        return part != DISTORTION;
-    return material == HENCKY || material == VOLUMETRIC || part != VOLUME;
-}
-
-/* Adds the volumetric part of an energy. */
-INLINE void dilate(enum material material, const double *c, vec J, vec r, Slopes *s)
-{
-    if (material == MOONEY_RIVLIN || material == YEOH) {
-        const double K = material == YEOH ? c[3] : c[2];
-        s->J += 0.5 * K * (J - r);
-        s->JJ += 0.5 * K * (1.0 + r * r);
-        return;
-    }
-    vec l = logarithm(J);
-    s->J += c[1] * l * r;
-    s->JJ += c[1] * (1.0 - l) * r * r;
-}
-
-/* ln(1 + x) and e^x - 1 for x near 0 too (Kahan's quotients). */
-INLINE vec logarithm_from_one(vec x)
-{
-    vec w = 1.0 + x;
-    ivec same = (ivec)(w == 1.0);
-    return choose(same, x, x * logarithm(w) / choose(same, all(1.0), w - 1.0));
-}
-
-INLINE vec exponential_from_one(vec x)
-{
-    vec w = exponential(x);
-    ivec same = (ivec)(w == 1.0);
-    return choose(same, x, x * (w - 1.0) / choose(same, all(1.0), logarithm(w)));
-}
-
-/* The energy from I1 - 3, I2 - 3 and J^2 - 1. */
-INLINE vec stored(enum material material, enum part part, const double *c, vec I1, vec I2, vec JJ)
-{
-    const int simo_taylor = material == MOONEY_RIVLIN || material == YEOH;
-    vec l = 0.5 * logarithm_from_one(JJ), w = all(0.0);
-    if (part != DISTORTION)
-        w = simo_taylor ? 0.25 * c[material == YEOH ? 3 : 2] * (JJ - 2.0 * l) : 0.5 * c[1] * l * l;
-    if (part == VOLUME)
-        return w;
-    if (material == NEO_HOOKEAN)
-        return w + c[0] * (0.5 * I1 - l);
-    vec a = exponential_from_one((-2.0 / 3.0) * l); /* J^(-2/3) - 1; its square is J^(-4/3) */
-    vec x = I1 + a * (I1 + 3.0), y = I2 + a * (a + 2.0) * (I2 + 3.0);
-    if (material == MOONEY_RIVLIN)
-        return w + c[0] * x + c[1] * y;
-    if (material == YEOH)
-        return w + x * (c[0] + x * (c[1] + x * c[2]));
-    vec b = 1.0 / (x + y + 8.0), q = (x + y) * b, t = (y - x) * b, o = t * t;
-    vec e1 = 2.0 * q + o, e2 = q * q + 2.0 * o;
-    vec p = e1, p1 = all(3.0), p2 = all(0.0), sum = p; /* p_1, p_0, p_-1 and so on */
-#pragma GCC unroll 1
-    for (int n = 2; n <= TERMS; ++n) {
-        vec next = e1 * p - e2 * (n > 2 ? p1 : all(2.0)) + o * p2;
-        p2 = p1, p1 = p, p = next;
-        sum += FACTORS[n] / n * p;
-    }
-    return w + c[0] * sum;
-}
-
-/* What holds at a point: w, what is added to dW/dJ of the volumetric part in moduli, what is wanted.
- * One instance of the loop serves all materials and cells, or compiling takes a minute. */
+/* What holds at a point of the weight w. One instance of the loop serves all materials and cells, or
+ * compiling takes a minute. */
 typedef struct {
     enum material material;
     enum part part;
     const double *c;
     double weight;
-    vec excess;
-} Law;
+} At;
 
 /* What is found there: w |det G| dW/dg and w |det G| d^2W/dg^2, by the columns of g one after
  * another; cells with J <= 0 are marked in `bad`. What takes a logarithm or a root of J is not a
  * number there. */
 typedef struct {
-    vec h[3][3], moduli[9][9], inverse, J, weight; /* 1/det G, and the weight w |det G| */
+    vec h[3][3], moduli[9][9];
     ivec bad;
 } Point;
 
-INLINE void cofactors(const vec g[3][3], vec n[3][3])
+INLINE void normals(const vec g[3][3], vec n[3][3])
 {
     for (int a = 0; a < 3; ++a)
         cross(g[(a + 1) % 3], g[(a + 2) % 3], n[a]);
@@ -315,13 +131,13 @@ INLINE void curvatures(const Slopes *s, int distorts, int whole, vec slope, vec 
 }
 
 /* The point of the columns G and g. */
-INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int second, Point *out)
+INLINE void at_point(const At *law, const vec G[3][3], const vec g[3][3], int second, Point *out)
 {
     const int distorts = law->part != VOLUME, whole = distorts && law->material != NEO_HOOKEAN;
     vec N[3][3], A[3][3], v[3][3][3], I1 = all(0.0), I2 = all(0.0);
     Slopes s = {};
-    cofactors(G, N);
-    cofactors(g, v[0]);
+    normals(G, N);
+    normals(g, v[0]);
     vec D = dot(G[0], N[0]), d = dot(g[0], v[0][0]);
     vec inverse = 1.0 / (D * d), of_D = d * inverse, J = d * of_D, r = D * D * inverse;
     out->bad |= ~(ivec)(J > 0.0);
@@ -345,9 +161,6 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int s
         s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
     }
     vec weight = law->weight * absolute(D);
-    out->inverse = of_D;
-    out->J = J;
-    out->weight = weight;
     for (vec *value = &s.J; value <= &s.I22; ++value)
         *value *= weight;
     for (int a = 0; a < 3; ++a)
@@ -361,18 +174,17 @@ INLINE void at_point(const Law *law, const vec G[3][3], const vec g[3][3], int s
         }
     if (second) {
         products(&s, whole, v[0][0], v[1][0], v[2][0], out->moduli);
-        vec slope = distorts ? s.J : s.J + law->excess * weight;
-        curvatures(&s, distorts, whole, slope * of_D, I1, A, g, v[1], out->moduli);
+        curvatures(&s, distorts, whole, s.J * of_D, I1, A, g, v[1], out->moduli);
     }
 }
 
 /* w |det G| W of the point of the columns G and g = G + d, from E = (C - I)/2: of small strains too it
  * has the digits that d has. With eps = (G^T d + d^T G + d^T d)/2 the invariants of E are those of
  * A eps. */
-INLINE vec energy_at(const Law *law, const vec G[3][3], const vec d[3][3], ivec *bad)
+INLINE vec energy_at(const At *law, const vec G[3][3], const vec d[3][3], ivec *bad)
 {
     vec N[3][3], n[3], g[3][3], eps[3][3], E[3][3];
-    cofactors(G, N);
+    normals(G, N);
     vec D = dot(G[0], N[0]), scale = 1.0 / (D * D);
     for (int a = 0; a < 3; ++a)
         for (int i = 0; i < 3; ++i)
@@ -469,12 +281,6 @@ INLINE double place_of(enum shape shape, int point, double *x)
     return shape == TETRAHEDRON ? 1.0 / 6.0 : point < 8 ? 1.0 : 8.0;
 }
 
-/* The number of a point where the last coordinate runs first. */
-INLINE int reversed(enum shape shape, int point)
-{
-    return shape == HEXAHEDRON ? (point & 1) << 2 | (point & 2) | point >> 2 : point;
-}
-
 INLINE void scatter(enum shape shape, const int32_t *node, int lanes, vec force[8][3], double *f)
 {
     const int nodes = shape == HEXAHEDRON ? 8 : 4;
@@ -505,173 +311,111 @@ INLINE void scatter(enum shape shape, const int32_t *node, int lanes, vec force[
                 f[3 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
 }
 
-/* Derivatives of the nodes' functions by parent coordinates at a point. */
-INLINE void gradients(enum shape shape, const double *x, double dN[8][3])
-{
-    for (int a = 0; a < (shape == HEXAHEDRON ? 8 : 4); ++a)
-        for (int i = 0; i < 3; ++i) {
-            if (shape == TETRAHEDRON) {
-                dN[a][i] = a == 0 ? -1.0 : a == i + 1;
-                continue;
-            }
-            const int j = (i + 1) % 3, k = (i + 2) % 3;
-            dN[a][i] = 0.125 * (a >> i & 1 ? 1.0 : -1.0) * (1.0 + (a >> j & 1 ? x[j] : -x[j])) *
-                       (1.0 + (a >> k & 1 ? x[k] : -x[k]));
-        }
-}
-
 /* An entry of moduli, of which only the upper half is there. */
 INLINE const vec *of(const vec moduli[9][9], int p, int q)
 {
     return p <= q ? &moduli[p][q] : &moduli[q][p];
 }
 
-/* Adds a point's part to the upper blocks (a <= b) of the cell's matrix. */
-INLINE void stiffen(int nodes, const vec moduli[9][9], const double dN[8][3], vec (*block)[3][3])
-{
-#pragma GCC unroll 1
-    for (int b = 0; b < nodes; ++b) {
-        vec M[3][3][3];
-        for (int p = 0; p < 9; ++p)
-            for (int j = 0; j < 3; ++j)
-                M[p / 3][p % 3][j] = *of(moduli, p, j) * dN[b][0] + *of(moduli, p, 3 + j) * dN[b][1] +
-                                     *of(moduli, p, 6 + j) * dN[b][2];
-#pragma GCC unroll 1
-        for (int a = 0; a <= b; ++a, ++block)
-            for (int i = 0; i < 3; ++i)
-                for (int j = 0; j < 3; ++j)
-                    (*block)[i][j] +=
-                        M[0][i][j] * dN[a][0] + M[1][i][j] * dN[a][1] + M[2][i][j] * dN[a][2];
-    }
-}
-
 /* What a call works on. `node` (blocks, a, LANES), `edge` (blocks, 7, 3, LANES) the coefficients of
  * the reference positions; the last block repeats its last cell where there are fewer than LANES,
- * and counts `lanes_of_last`. Null where not wanted: `forces` and `values`, which are added to,
- * `total`, the energy; `excess` (cells), what is added to dW/dJ of the volumetric part in
- * tangents; `beside`, what more is added to these. `start` (cells, a, i, b): in `values`, the first of the three entries of a cell's matrix
- * in the row of (a, i) and the columns of b. */
+ * and counts `lanes_of_last`. Null where not wanted: `forces`, which are added to, `total`, the energy. */
 typedef struct {
-    const double *c, *edge, *u, *excess;
+    const double *c, *edge, *u;
     int64_t blocks, lanes_of_last;
-    const int32_t *node, *start;
-    double *forces, *total, *values;
-    const Beside *beside;
+    const int32_t *node;
+    double *forces, *total;
 } Work;
 
-/* The same with the matrices of points beside, which are not symmetric. */
-static __attribute__((noinline)) const int32_t *
-insert_with(const Beside *beside, int64_t n, int nodes, int lanes, const int32_t *start,
-            vec (*block)[3][3], double *values)
-{
-    vec whole[64][3][3];
-    for (int b = 0; b < nodes; ++b)
-        for (int a = 0; a < nodes; ++a)
-            for (int i = 0; i < 3; ++i)
-                for (int j = 0; j < 3; ++j)
-                    whole[b * nodes + a][i][j] =
-                        a <= b ? block[b * (b + 1) / 2 + a][i][j] : block[a * (a + 1) / 2 + b][j][i];
-    beside->add(beside->cells, n, &whole[0][0][0]);
-    return insert(3, nodes, 0, lanes, start, &whole[0][0][0], values);
-}
-
 /* All cells of one body; returns whether one is turned inside out. */
-INLINE int over_cells(enum material material, enum shape shape, int reduced, int energy,
-                      int second, const Work *work)
+INLINE int over_cells(enum material material, enum shape shape, int reduced, int energy, const Work *work)
 {
     const int nodes = shape == HEXAHEDRON ? 8 : 4, points = shape == HEXAHEDRON ? 8 + reduced : 1;
-    const int32_t *node = work->node, *start = work->start;
+    const int32_t *node = work->node;
     const double *edge = work->edge;
     double sum = 0.0;
     Point at = {};
-    const Beside *shared = second && material != VOLUMETRIC ? work->beside : 0;
-    if (shared && shared->points != (shape == HEXAHEDRON ? 8 : 1))
-        shared = 0;
     for (int64_t n = 0; n < work->blocks; ++n, node += nodes * LANES, edge += 21 * LANES) {
         const int lanes = n + 1 < work->blocks ? LANES : (int)work->lanes_of_last;
-        vec E[8][3], e[8][3], force[8][3] = {}, block[36][3][3], total = all(0.0);
-        Law law = {material, WHOLE, work->c};
+        vec E[8][3], e[8][3], force[8][3] = {}, total = all(0.0);
+        At law = {material, WHOLE, work->c};
         coefficients(shape, work->u, node, e);
         __builtin_memcpy(E[1], edge, 21 * sizeof(vec));
         for (int m = 1; m < 8 && !energy; ++m)
             for (int i = 0; i < 3; ++i)
                 e[m][i] += E[m][i];
-        if (second)
-            __builtin_memset(block, 0, sizeof block);
-        for (int l = 0; second && work->excess && l < lanes; ++l)
-            law.excess[l] = work->excess[n * LANES + l];
 #pragma GCC unroll 1
         for (int point = 0; point < points; ++point) {
             vec G[3][3], g[3][3];
-            double x[3], dN[8][3];
+            double x[3];
             law.part = !reduced ? WHOLE : point < 8 ? DISTORTION : VOLUME;
-            if (material == VOLUMETRIC && law.part != VOLUME)
-                continue;
             law.weight = place_of(shape, point, x);
             columns(E, x, G);
             columns(e, x, g);
             if (energy) {
                 total += energy_at(&law, G, g, &at.bad); /* g without G */
-                continue;
-            }
-            at_point(&law, G, g, second, &at);
-            if (second) {
-                if (shared && law.part != VOLUME) {
-                    const Place here = {G[0], g[0], at.inverse, at.J, all(1.0), at.weight};
-                    shared->moduli(shared->cells, n, reversed(shape, point), &here, at.moduli[0]);
-                }
-                gradients(shape, x, dN);
-                stiffen(nodes, at.moduli, dN, block);
             } else {
+                at_point(&law, G, g, 0, &at);
                 collect(at.h, x, force);
             }
         }
-        if (second) {
-            const Beside *more = shared ? 0 : work->beside;
-            if (more && more->symmetric)
-                more->add(more->cells, n, &block[0][0][0]);
-            if (more && !more->symmetric)
-                start = insert_with(more, n, nodes, lanes, start, block, work->values);
-            else
-                start = insert(3, nodes, 1, lanes, start, &block[0][0][0], work->values);
-        } else if (energy) {
-            for (int l = 0; l < lanes; ++l)
-                sum += total[l];
-        } else {
+        if (!energy)
             scatter(shape, node, lanes, force, work->forces);
-        }
+        for (int l = 0; energy && l < lanes; ++l)
+            sum += total[l];
     }
     if (energy)
         *work->total = sum;
     return any(at.bad);
 }
 
-/* Forces, which are added to `result`, energy, which is put there, and tangent; kind: 0 hexahedra,
- * 1 hexahedra with the volumetric part at the centre, 2 tetrahedra. */
+/* Forces, which are added to `result`, and energy, which is put there; kind: 0 hexahedra, 1 hexahedra
+ * with the volumetric part at the centre, 2 tetrahedra. */
 #define CELLS                                                                                      \
     int material, int kind, const double *c, int64_t blocks, int lanes_of_last,                    \
         const int32_t *node, const double *edge, const double *u
 #define WORK                                                                                       \
     .c = c, .blocks = blocks, .lanes_of_last = lanes_of_last, .node = node, .edge = edge, .u = u
-#define LOOP(energy, second)                                                                       \
-    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, energy, second,   \
-                      &work)
+#define LOOP(energy)                                                                               \
+    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, energy, &work)
 
 EXPORT int tribox_space_forces(CELLS, double *result)
 {
     const Work work = {WORK, .forces = result};
-    LOOP(0, 0);
+    LOOP(0);
 }
 
 EXPORT int tribox_space_energy(CELLS, double *result)
 {
     const Work work = {WORK, .total = result};
-    LOOP(1, 0);
+    LOOP(1);
 }
 
-EXPORT int tribox_space_tangent(CELLS, const double *excess, const Beside *beside,
-                                const int32_t *start, double *values)
+/* -- Material points by themselves, see Update of point_lanes.h ------------------------------------ */
+
+INLINE void update(enum section section, const Law *law, const vec *F, const vec *state, vec *P,
+                   vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    const Work work = {WORK, .excess = excess, .beside = beside, .start = start, .values = values};
-    LOOP(0, 1);
+    const At at = {law->material, law->part, law->c, 1.0};
+    vec G[3][3], g[3][3], d[3][3];
+    Point found = {};
+    for (int a = 0; a < 3; ++a)
+        for (int i = 0; i < 3; ++i) {
+            G[a][i] = all(a == i);
+            g[a][i] = F[3 * i + a];
+            d[a][i] = g[a][i] - (double)(a == i);
+        }
+    at_point(&at, G, g, moduli != 0, &found);
+    if (energies) {
+        energies[0] = energy_at(&at, G, d, &found.bad);
+        energies[1] = energies[2] = all(0.0);
+    }
+    *good = ~found.bad;
+    for (int p = 0; p < 9; ++p) {
+        P[p] = found.h[p % 3][p / 3];
+        for (int q = 0; moduli && q < 9; ++q)
+            moduli[9 * p + q] = *of(found.moduli, 3 * (p % 3) + p / 3, 3 * (q % 3) + q / 3);
+    }
 }
+
+KERNEL(elastic_space, SPACE, update)

@@ -34,11 +34,16 @@ INLINE vec distance(int space, const tensor B, const tensor K)
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
-/* What a point has of its deformation alone, by the columns of g: F = g, H = g^-T, C = g^T g; J^(-2/3)
- * and its inverse; 1/det(G)^2. */
+/* A point: the columns of F, in the plane of its part there, whose J it has, and the stretch across. */
+typedef struct {
+    const vec *g;
+    vec J, hoop;
+} Place;
+
+/* What a point has of its deformation alone: F, H = F^-T, C = F^T F and J^(-2/3). */
 typedef struct {
     tensor F, H, C;
-    vec j, turned;
+    vec j;
     ivec good;
 } Deformation;
 
@@ -69,8 +74,7 @@ INLINE void deformation(int space, const Place *place, Deformation *at)
     }
     vec root = root_of(space ? place->J : place->J * place->hoop, &at->good);
     at->j = root * root;
-    at->turned = place->inverse * place->inverse;
-    vec scale = at->j * root * place->inverse;
+    vec scale = at->j * root;
     EACH(space, i, j) at->H[i][j] *= scale;
     UPPER(space, i, j)
     {
@@ -133,27 +137,17 @@ INLINE void branch_moduli(const Deformation *at, vec g, vec y, vec n, const tens
 }
 
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them; moduli in space only. Of a place with G
- * all is by the columns of g, and times its weight. */
-INLINE void branch(enum section section, double G, double t, double s, double ratio, const Place *place,
-                   const Deformation *at, const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
+ * the rate at the end, where there is a place for them; moduli in space only. */
+INLINE void branch(enum section section, double G, double t, double s, double ratio, const Deformation *at,
+                   const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
 {
     const int space = section == SPACE;
     tensor old, M, K;
     vec share = t * at->j;
     symmetric_of(space, from, old);
-    if (place->G) {
-        vec half[3][3];
-        for (int x = 0; x < 3; ++x)
-            for (int i = 0; i < 3; ++i)
-                half[x][i] = dot(old[i], place->G + 3 * x);
-        UPPER(1, x, y) M[x][y] = s * dot(half[x], place->G + 3 * y) + share * at->C[x][y];
-    } else {
-        UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
-    }
+    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
     mirror(space, M);
-    vec m = cofactors(space, M, K), size = place->G ? m * at->turned : m;
-    vec root = inverse_cube_root_of_ratio(size), square = root * root, part = square * at->j;
+    vec m = cofactors(space, M, K), root = inverse_cube_root_of_ratio(m), square = root * root, part = square * at->j;
     vec along[3], apart = all(0.0);
     UPPER(space, i, j)
     {
@@ -165,8 +159,6 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     /* a third of K:C, exactly K where both are isotropic */
     vec mean = along[0] + (1.0 / 3.0) * ((along[1] - along[0]) + (along[2] - along[0]) + apart);
     vec g = G * part; /* of K as m^(-2/3), so that N = K/m is not needed */
-    if (place->G)
-        g *= at->turned * place->weight;
     UPPER(space, i, j) sum->N[i][j] += g * K[i][j];
     sum->pressure += g * mean;
     if (energies) {
@@ -179,8 +171,6 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
     }
     if (moduli) {
         vec inverse = square * root;
-        if (place->G)
-            inverse *= at->turned;
         EACH(space, i, j) K[i][j] *= inverse;
         g *= m;
         branch_moduli(at, g, share * g, 3.0 * mean * inverse, K, moduli, sum);
@@ -215,13 +205,12 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
                      vec A[5][5])
 {
     const int rows = section == STRAIN ? 4 : 5, ring = section == RING;
-    const vec *g = at->g, *G = at->G, J = at->J;
+    const vec *g = at->g, J = at->J;
     ivec good;
     const vec root = root_of(ring ? J * at->hoop : J, &good), j = root * root, jj = j * j;
-    const vec scale = ring ? at->inverse * j * root * at->hoop : at->inverse * j * root;
+    const vec scale = ring ? j * root * at->hoop : j * root;
     const vec H[4] = {g[3] * scale, -g[2] * scale, -g[1] * scale, g[0] * scale}, hoop = J * j * root;
-    const vec across = ring ? at->hoop * at->hoop : all(1.0), turned = at->inverse * at->inverse;
-    const vec jT = G ? j * turned : j, jA = (ring ? jj * across : jj) * (G ? turned : all(1.0)), jV = jj * J * J;
+    const vec across = ring ? at->hoop * at->hoop : all(1.0), jA = ring ? jj * across : jj, jV = jj * J * J;
     vec first[3] = {}, second[3] = {}, third = all(0.0), fourth = all(0.0);
 #pragma GCC unroll 5
     for (int k = 0; k < 5; ++k)
@@ -233,18 +222,12 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
         const double modulus = w->modulus[b], t = w->share[b], s = w->rest[b];
         const vec *C = state + 4 * b;
         vec L[3] = {C[1], C[0], -C[3]}, d = C[0] * C[1] - C[3] * C[3], p[5], u[4];
-        if (G) { /* cofactors of G^T C G, which `turned` makes those of a tensor */
-            vec a = C[0] * G[0] + C[3] * G[1], c = C[3] * G[0] + C[1] * G[1];
-            L[1] = G[0] * a + G[1] * c;
-            L[2] = -(G[2] * a + G[3] * c);
-            L[0] = G[2] * (C[0] * G[2] + C[3] * G[3]) + G[3] * (C[3] * G[2] + C[1] * G[3]);
-        }
         for (int i = 0; i < 2; ++i) {
             u[i] = g[i] * L[0] + g[2 + i] * L[2];
             u[2 + i] = g[i] * L[2] + g[2 + i] * L[1];
         }
         vec I = (g[0] * u[0] + g[1] * u[1]) + (g[2] * u[2] + g[3] * u[3]);
-        vec one = (s * s) * jT * C[2], two = (s * t) * jA, four = (s * t) * jV * C[2];
+        vec one = (s * s) * j * C[2], two = (s * t) * jA, four = (s * t) * jV * C[2];
         vec three = ring ? (s * s) * j * across * d : (s * s) * j * d;
         vec sum = one + two, m = (s * s * s) * (C[2] * d) + t * (sum * I + three + four) + t * t * t;
         vec root = inverse_cube_root_of_ratio(m), by = (0.5 * modulus) * (root * root);
@@ -281,13 +264,11 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
     vec mixed = (4.0 / 9.0) * T - (8.0 / 9.0) * (S + third + fourth);
     vec area = slope * scale;
     for (int k = 0; k < 4; ++k) {
-        if (P)
-            P[2 * (k & 1) + (k >> 1)] = 2.0 * (U[k] + V[k]) + slope * H[k];
+        P[2 * (k & 1) + (k >> 1)] = 2.0 * (U[k] + V[k]) + slope * H[k];
         Z[k] = turn * H[k] - (4.0 / 3.0) * (U[k] + 2.0 * V[k]);
         A[k][4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
     }
-    if (P)
-        P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
+    P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
     A[4][4] += ((10.0 / 9.0) * T - (2.0 / 9.0) * S + (4.0 / 9.0) * third + (28.0 / 9.0) * fourth) * (hoop * hoop);
     for (int k = 0; k < 3; ++k)
         first[k] = 2.0 * (first[k] + second[k]);
@@ -304,38 +285,6 @@ INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, c
         for (int l = k; l < 4; ++l)
             A[k][l] = (A[k][l] + H[k] * Z[l]) + Z[k] * H[l];
     return good;
-}
-
-/* See AddModuli of point_lanes.h. */
-INLINE void add_moduli(enum section section, const void *material, const Place *at, const vec *state,
-                       vec *out)
-{
-    const Branches *w = material;
-    Place here = *at;
-    if (section == RING)
-        here.G = 0;
-    else if (!here.G)
-        __builtin_unreachable();
-    if (section != SPACE) {
-        const int count = section == STRAIN ? 4 : 5;
-        vec A[5][5];
-        ivec good = in_plane(section, w, &here, state, 0, A);
-        vec weight = (vec)((ivec)here.weight | ~good); /* all bits set: not a number */
-        for (int k = 0; k < count; ++k)
-            for (int l = k; l < count; ++l)
-                out[count * k + l] += weight * A[k][l];
-        return;
-    }
-    Deformation of;
-    Sum sum;
-    start(1, &sum);
-    deformation(1, &here, &of);
-    here.weight = (vec)((ivec)here.weight | ~of.good);
-#pragma GCC unroll 1
-    for (int b = 0; b < w->branches; ++b)
-        branch(SPACE, w->modulus[b], w->share[b], w->rest[b], 0.0, &here, &of, state + 6 * b, 0, 0, out, &sum);
-    mirror(1, sum.N);
-    add_shared(of.H, &sum, out);
 }
 
 /* Moduli of a point by itself. */
@@ -365,7 +314,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     vec ok = all(0.0), g[9], upper[81];
     for (int p = 0; p < dim * dim; ++p)
         g[dim * (p % dim) + p / dim] = F[p];
-    Place here = {0, g, all(1.0), space ? all(0.0) : g[0] * g[3] - g[1] * g[2], F[4], all(1.0)};
+    Place here = {g, space ? all(0.0) : g[0] * g[3] - g[1] * g[2], F[4]};
     if (space) {
         vec normal[3];
         cross(g + 3, g + 6, normal);
@@ -388,7 +337,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         const double ratio = w->ratio[b];
         const int late = w->share[b] < 0.5;
         vec energy[2];
-        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &here, &at, state + size * b,
+        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &at, state + size * b,
                end ? end + size * b : 0, energies ? energy : 0, space && moduli ? upper : 0, &sum);
         if (!energies)
             continue;
@@ -427,13 +376,3 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
 KERNEL(viscous_strain, STRAIN, update)
 KERNEL(viscous_ring, RING, update)
 KERNEL(viscous_space, SPACE, update)
-
-#define MODULI(name, section)                                                                      \
-    EXPORT void tribox_viscous_moduli_##name(const void *material, const Place *at,                \
-                                             const vec *state, vec *out)                           \
-    {                                                                                              \
-        add_moduli(section, material, at, state, out);                                             \
-    }
-MODULI(strain, STRAIN)
-MODULI(ring, RING)
-MODULI(space, SPACE)

@@ -90,14 +90,6 @@ def with_blocks(
     return wider
 
 
-def like(
-    space: dolfinx.fem.FunctionSpace, plain: dolfinx.fem.FunctionSpace
-) -> dolfinx.fem.FunctionSpace:
-    """A ``plain`` space of the same nodes, with as many others as ``space`` has; collective."""
-    index, own = space.dofmap.index_map, plain.dofmap.index_map
-    return with_more_nodes(plain, index.size_local - own.size_local)
-
-
 def _nodes(count: int, dim: int) -> int:
     """Whole nodes of ``dim`` unknowns for ``count`` entries."""
     return -(-count // dim)

@@ -86,19 +86,8 @@ class Pieces:
         turn = np.where(np.abs(turn) > STRAIGHT, turn, 0.0)
         return np.stack([np.roll(turn, 1), turn], axis=1)
 
-    def at(self, piece: Ints, xi: Floats) -> tuple[Floats, Floats, Floats]:
-        """Places, tangents ∂/∂ξ and second derivatives (q, i), m, at ξ (q,) of pieces (q,)."""
-        start, centre, sweep = self.start[piece], self.centre[piece], self.sweep[piece]
-        arm = turned(start - centre, xi * sweep)
-        round_one = (sweep != 0.0)[:, None]
-        way = self.end[piece] - start
-        omega = sweep[:, None]
-        place = np.where(round_one, centre + arm, start + xi[:, None] * way)
-        tangent = np.where(round_one, omega * left_of(arm), way)
-        return place, tangent, np.where(round_one, -(omega**2) * arm, 0.0)
-
     def places(self, piece: Ints, xi: Floats) -> Floats:
-        """The places (q, i), m, of :meth:`at` alone."""
+        """Places (q, i), m, at ξ (q,) of pieces (q,)."""
         start, sweep = self.start[piece], self.sweep[piece]
         out: Floats = start + xi[:, None] * (self.end[piece] - start)
         arcs = np.nonzero(sweep)[0]
@@ -204,7 +193,7 @@ class CompiledPieces:
         self._room = np.empty((len(pieces.sweep), 2))
 
     def at(self, piece: Ints, xi: Floats) -> tuple[Floats, Floats, Floats]:
-        """As :meth:`Pieces.at`."""
+        """Places, tangents ∂/∂ξ and second derivatives (q, i), m, at ξ (q,) of pieces (q,)."""
         out = tuple(np.empty((len(xi), 2)) for _ in range(3))
         piece, xi = _ints(piece), _floats(xi)
         self._call("places", len(xi), *map(_at, (piece, xi, *out)))

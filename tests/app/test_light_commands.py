@@ -156,7 +156,7 @@ def test_runs_compile_nothing_that_has_not_been_compiled(cache, block, film):
     tetrahedra = {**boxes, "geometry": {**boxes["geometry"], "cell": "tetrahedron"}}
     for data in (*cases, triangles, full, ring, boxes, tetrahedra):
         model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-        StressField(model.problem.u, model.problem.solids).update()
+        StressField(model.problem.u, model.problem.solids).evaluate()
     for data in (full, ring, boxes):
         data["bodies"]["aluminium"] = SOFT_METAL
         data["bodies"]["elastomer"]["prony"] = [[0.5, "1 s"]]

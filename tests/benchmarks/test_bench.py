@@ -1,6 +1,5 @@
 """``tribox bench``: what it runs, what it measures in a run, and the tables it makes of it."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from benchmarks.law_figures import (
     traction_over_pressure,
     velocity_jumps,
 )
-from tribox.app.errors import InputError, SolutionError
+from tribox.app.errors import InputError
 
 SHORT = ["stage.0.steps=2", "stage.1.steps=8", "output.figures=true"]
 
@@ -59,32 +58,10 @@ def cells(lines: list[str], row: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")][1:]
 
 
-@pytest.mark.parametrize(
-    ("words", "found"),
-    [(["fast"], '"fast"'), (["0"], '"0"'), (["65"], '"65"'), (["1", "-2"], '"-2"')],
-)
-def test_a_word_that_is_no_level_is_refused(words, found):
-    with pytest.raises(InputError, match=re.escape(f"{found} is neither a mesh level (1 to 64)")):
-        run_bench(words, Options())
-
-
 def test_a_case_without_newton_iterations_is_refused():
     case = Path(tribox.__file__).with_name("cases") / "impact.toml"
     with pytest.raises(InputError, match=r"impact\.toml: all stages are explicit.*--against"):
         run_bench(["1"], Options(case, None, 1))
-
-
-def test_the_law_stands_alone():
-    with pytest.raises(InputError, match="bench law: stands alone"):
-        run_bench(["law", "2"], Options())
-    with pytest.raises(InputError, match="bench law: does not take --np"):
-        run_bench(["law"], Options(ranks=2))
-
-
-def test_files_that_are_there_are_kept(tmp_path):
-    (tmp_path / "bench.md").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match="exists already"):
-        run_bench(["1"], Options(out=tmp_path))
 
 
 def test_tables_state_shares_ratios_and_growth():
@@ -112,11 +89,6 @@ def test_every_probe_is_met_in_a_run(measured):
     expected |= {"numeric factorisation", "symbolic factorisation", "solve", "rest of contact"}
     assert {part for part in expected if not measured.calls.get(part)} == set()
     assert all(measured.seconds[part] > 0.0 for part in expected)
-
-
-def test_a_run_that_fails_says_why(short):
-    with pytest.raises(SolutionError, match=r"short, level 1 failed: .*no_such_key"):
-        measure(Job("short", 1, (str(short), "--set", "no_such_key=1")))
 
 
 def test_bench_is_a_command(tribox):

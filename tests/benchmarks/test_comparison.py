@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 import shutil
 from pathlib import Path
 
@@ -21,8 +20,6 @@ from benchmarks.comparison import (
     force_difference,
     jobs_of,
     level_options,
-    run_python,
-    sides_of,
 )
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
@@ -66,10 +63,6 @@ def test_forces_are_compared_with_the_largest_of_their_column():
     assert found.worst == pytest.approx(1e-6) and found.where == "normal_force, row 1"
 
 
-def test_energies_are_no_forces():
-    assert difference(energy=[50.0, 6.0]).worst == 0.0
-
-
 def test_round_off_of_a_force_that_vanishes_is_small():
     assert difference(force_z=[1e-15, 0.0]).worst == pytest.approx(5e-14)
     # No round-off, however small beside the others.
@@ -82,10 +75,6 @@ def test_histories_of_other_steps_cannot_be_compared():
     late = rows()
     late[1]["time"] = 0.2
     assert force_difference(ran(), ran(history=late)).worst == math.inf
-
-
-def test_a_force_that_is_no_number_differs():
-    assert difference(normal_force=[math.nan, 2.0]).worst == math.inf
 
 
 # --- runs -----------------------------------------------------------------------------------------
@@ -140,40 +129,6 @@ def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file,
     assert f"**{new['cpu'] / old['cpu']:.3f}**" in text
 
 
-# -- Runs in processes of their own: whose packages they have, and what they cost ------------------
-
-
-def test_packages_are_those_of_the_tree(tmp_path, monkeypatch):
-    """Wherever it is started, and whatever is on the path already."""
-    (tmp_path / "app").mkdir()
-    (tmp_path / "app" / "__init__.py").touch()
-    told = tmp_path / "told"
-    text = f"import pathlib\npathlib.Path({str(told)!r}).write_text(__file__)\n"
-    (tmp_path / "app" / "where.py").write_text(text, encoding="utf-8")
-    monkeypatch.chdir(SOURCES)
-    monkeypatch.setenv("PYTHONPATH", str(SOURCES))
-    run_python(["-m", "app.where"], "a run", tmp_path)
-    assert told.read_text(encoding="utf-8") == str(tmp_path / "app" / "where.py")
-
-
-# -- What ``tribox bench`` compares with what ------------------------------------------------------
-
-
-def test_a_directory_that_is_no_tree_is_refused(tmp_path):
-    with pytest.raises(InputError, match=re.escape(f"{tmp_path}: not a source tree of tribox")):
-        sides_of(tmp_path, (), 1)
-    with pytest.raises(InputError, match="there is no such directory"):
-        sides_of(tmp_path / "none", (), 1)
-    (tmp_path / "app").mkdir()
-    with pytest.raises(InputError, match="it has no forms"):
-        sides_of(tmp_path, (), 1)
-
-
-def test_two_things_to_compare_with_are_refused():
-    with pytest.raises(InputError, match=r"--against /old and --with a=1 .*give one of them"):
-        sides_of(Path("/old"), ("a=1",), 1)
-
-
 # -- Which runs ``tribox bench`` makes of a case ---------------------------------------------------
 
 ROOT = Path(__file__).parents[2]
@@ -204,14 +159,3 @@ def test_changes_of_the_case_come_before_the_level_refines_it():
     assert changed == ["geometry.upper.elements=[10, 5]", "geometry.upper.elements=[20, 10]"]
     with pytest.raises(InputError, match="no_such_key"):
         list(jobs_of(path, (1,), ["no_such_key=1"]))
-
-
-def test_a_mesh_from_a_file_cannot_be_refined(block, case_file, tmp_path):
-    head, _, rest = block.partition("[geometry]")
-    text = head + '[geometry]\nkind = "file"\nmesh = "m.msh"\n' + rest[rest.index("[bodies") :]
-    (tmp_path / "m.msh").write_text("", encoding="utf-8")
-    with pytest.raises(
-        InputError,
-        match=r'level 2 needs geometry\.kind = "two-blocks" or "two-boxes", found "file"',
-    ):
-        level_options(load_case(case_file(text)), 2)

@@ -1,4 +1,4 @@
-"""Case files for the fuzzer: good ones with bad values, and whole ones out of the schema."""
+"""Case files for the fuzzer: good ones with bad values, or with other bytes."""
 
 import copy
 import re
@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 from tests.app.conftest import BLOCK, BOXES, FILM, SLID
 from tests.fuzz import hostile
-from tribox.app.case.case import Case
 
 ROOT = Path(__file__).parents[2]
-_DEFS = "#/$defs/"
 Key = tuple[str | int, ...]
 SURFACES = ["elastomer_contact", "aluminium_contact", "top", "bottom", "elastomer_left"]
 SWEEP = {"key": "contact.0.friction.mu", "values": [0.1, "20 %"]}
@@ -35,12 +33,6 @@ def good_cases() -> tuple[dict[str, Any], ...]:
 def small_cases() -> tuple[dict[str, Any], ...]:
     """Those with few cells, all of the same elements and materials."""
     return tuple(tomllib.loads(text) for text in (BLOCK, FILM, SLID, BOXES))
-
-
-@cache
-def schema() -> dict[str, Any]:
-    """The JSON schema of the tables as pydantic makes it, with units and without patterns."""
-    return Case.model_json_schema()
 
 
 def keys_of(value: Any, before: Key = ()) -> Iterator[Key]:
@@ -164,20 +156,13 @@ new_keys = st.one_of(
 
 
 def _add_known(draw: st.DrawFn, case: dict[str, Any], key: Key) -> None:
-    """Put a value of the schema at one of the top keys, or a sweep of some key."""
+    """Put a value at one of the top keys, or a sweep of some key."""
     name = draw(st.sampled_from(["probe", "solver", "output", "sweep", "stage", "boundary"]))
     if name == "sweep":
         listed = st.lists(st.one_of(near, hostile.values), max_size=3)
         case[name] = {"key": ".".join(map(str, key)), "values": draw(listed)}
         return
-    case[name] = draw(value_of(schema()["properties"][name]))
-
-
-@st.composite
-def made_cases(draw: st.DrawFn) -> str:
-    """A case out of the schema alone."""
-    case: dict[str, Any] = draw(value_of(schema()))
-    return hostile.toml_of(case)
+    case[name] = draw(hostile.values)
 
 
 @st.composite
@@ -213,71 +198,3 @@ def damaged(draw: st.DrawFn, good: bytes) -> bytes:
         put = draw(st.one_of(st.sampled_from(ODD_BYTES), st.just(b""), st.just(data[low:high] * 2)))
         data = data[:low] + put + data[high:]
     return data
-
-
-def value_of(node: dict[str, Any], depth: int = 0) -> st.SearchStrategy[Any]:
-    """Values that a part of the schema allows, and now and then some that it does not."""
-    good = st.deferred(lambda: _allowed(node, depth))
-    odd = hostile.values if depth else good
-    return st.integers(0, 19).flatmap(lambda n: odd if n == 0 else good)
-
-
-def _allowed(node: dict[str, Any], depth: int) -> st.SearchStrategy[Any]:
-    if "$ref" in node:
-        return _allowed(schema()["$defs"][node["$ref"].removeprefix(_DEFS)], depth)
-    if "const" in node:
-        return st.just(node["const"])
-    if "enum" in node:
-        return st.sampled_from(node["enum"])
-    for key in ("oneOf", "anyOf"):
-        if key in node:
-            choices = [n for n in node[key] if n.get("type") != "null"]
-            return st.one_of([_allowed(choice, depth) for choice in choices])
-    kind = node.get("type")
-    if kind == "object":
-        return _table(node, depth)
-    if kind == "array":
-        return _array(node, depth)
-    if kind == "boolean":
-        return st.booleans()
-    if kind == "integer":
-        return st.sampled_from([1, 2, 3, 10, 1000, 10**6, 10**12, 10**400, 0, -1]).map(_whole)
-    if kind == "number":
-        return near
-    if "x-unit" in node:
-        unit = "" if node["x-unit"] == "1" else node["x-unit"]
-        number = st.sampled_from([*PLAUSIBLE, "1e300", "1e-300", "-1", "0"])
-        return number.map(lambda n: f"{n} {unit}".strip())
-    return st.one_of(st.sampled_from(SURFACES), hostile.words)
-
-
-def _whole(number: int) -> hostile.Raw:
-    return hostile.Raw(f"{number}" if abs(number) < 10**300 else "1" + "0" * 400)
-
-
-def _array(node: dict[str, Any], depth: int) -> st.SearchStrategy[Any]:
-    if "prefixItems" in node:
-        return st.tuples(*(value_of(item, depth + 1) for item in node["prefixItems"])).map(list)
-    low = node.get("minItems", 0)
-    items = value_of(node.get("items", {}), depth + 1)
-    return st.lists(items, min_size=low, max_size=max(low, 2))
-
-
-def _table(node: dict[str, Any], depth: int) -> st.SearchStrategy[Any]:
-    properties = node.get("properties", {})
-    if not properties:
-        inner = node.get("additionalProperties")
-        entry = value_of(inner if isinstance(inner, dict) else {}, depth + 1)
-        if inner and "discriminator" in inner:
-            names = ("elastomer", "aluminium")
-            return st.fixed_dictionaries(dict.fromkeys(names, entry))
-        return st.dictionaries(hostile.words, entry, max_size=2)
-    needed = set(node.get("required", ()))
-    fixed = {k: value_of(v, depth + 1) for k, v in properties.items() if k in needed}
-    optional = {k: value_of(v, depth + 1) for k, v in properties.items() if k not in needed}
-    if not optional:
-        return st.fixed_dictionaries(fixed)
-    some = st.lists(st.sampled_from(sorted(optional)), unique=True, max_size=3)
-    return some.flatmap(
-        lambda keys: st.fixed_dictionaries(fixed | {key: optional[key] for key in keys})
-    )

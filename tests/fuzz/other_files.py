@@ -4,8 +4,6 @@ import copy
 import csv
 import json
 import re
-import tempfile
-from functools import cache
 from io import StringIO
 from pathlib import Path
 
@@ -116,46 +114,6 @@ _fixed = st.builds(
                      "thickness", "area", "barus", "{}", "film_onset_pressure"]),
     _TEXTS,
 )  # fmt: skip
-
-# -- a law ------------------------------------------------------------------------------------
-
-law_overrides = st.lists(
-    st.builds(
-        lambda key, text: f"contact.0.{key}={text}",
-        st.sampled_from(
-            [f"friction.{k}" for k in ("mu_s", "mu_d", "A_d", "B", "K_T", "eta_b", "D_min", "D_max",
-             "alpha", "beta", "V_star", "V_star_at", "gamma", "transition_width", "tau_0", "zeta",
-             "critical_rate", "thinning_exponent", "eta_inf", "barus", "film_onset_pressure")]
-            + ["film.thickness"]
-        ),
-        st.one_of(_TEXTS, near.map(text_of)),
-    ),
-    min_size=1,
-    max_size=2,
-)  # fmt: skip
-
-# -- meshes --------------------------------------------------------------------------------------
-
-
-@cache
-def good_mesh() -> bytes:
-    """A gmsh file of two small blocks."""
-    from tribox.geometry.generators.two_blocks import Block, TwoBlocks
-    from tribox.geometry.meshes.gmsh_model import write_msh
-
-    with tempfile.TemporaryDirectory() as directory:
-        path = Path(directory) / "good.msh"
-        write_msh(TwoBlocks(Block(1e-3, 5e-4, (3, 2)), Block(2e-3, 5e-4, (5, 2)), 5e-4), path)
-        return path.read_bytes()
-
-
-@st.composite
-def damaged_meshes(draw: st.DrawFn) -> bytes:
-    """A mesh file with a few numbers and bytes that are others."""
-    good = good_mesh()
-    if draw(st.booleans()):
-        return draw(damaged(good))
-    return draw(_with_odd_cell(good))
 
 
 # -- results ----------------------------------------------------------------------------------

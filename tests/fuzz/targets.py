@@ -1,14 +1,12 @@
 """What is done with one input of the fuzzer: all that reads it, short of running a case."""
 
 import os
-import re
 import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from unittest import mock
 
-from tests.app.conftest import BLOCK as ON_MESH
 from tests.fuzz.guard import OddLine, see_line
 from tribox.app.build.case_notes import notes_on
 from tribox.app.case.case import Case, given_keys, resolved_toml
@@ -17,7 +15,6 @@ from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 from tribox.app.fit.run import run_fit
-from tribox.app.friction_map import run_map
 from tribox.app.results import Results, read
 from tribox.app.results.claim import sweep_labels
 from tribox.app.results.directory import check_free
@@ -92,18 +89,6 @@ def _cells(case: Case) -> float:
     return total
 
 
-def mesh_case(data: object, directory: Path) -> None:
-    """Build a case on a mesh file."""
-    from tribox.app.run.building import notes_on_building
-
-    (directory / "own.msh").write_bytes(bytes(data))  # type: ignore[call-overload]
-    path = directory / "case.toml"
-    table = 'mesh = "own.msh"\nthickness = "1 mm"\n'
-    text = re.sub(r"(?<=\[geometry\]\n).*?(?=\[bodies)", table, ON_MESH, flags=re.DOTALL)
-    path.write_text(text, encoding="utf-8")
-    notes_on_building(load_case(path))
-
-
 def override_case(data: object, directory: Path) -> None:
     """Read a good case with overrides."""
     text, overrides = data  # type: ignore[misc]
@@ -126,21 +111,9 @@ def fit_data(data: object, directory: Path) -> None:
         run_fit(path, None, fixed, [], directory / "fit", force=True)
 
 
-def map_case(data: object, directory: Path) -> None:
-    """Map a law, without figures."""
-    overrides = data
-    with mock.patch("tribox.app.friction_map.figures.draw_map"):
-        run_map(None, overrides, directory / "map", force=True)  # type: ignore[arg-type]
-
-
 def read_results(data: object, directory: Path) -> None:
     """Read all of a results directory of which one file is damaged, and report on it."""
     _with_damage(data, directory, _read_all)
-
-
-def draw_results(data: object, directory: Path) -> None:
-    """Draw the figures of a results directory of which one file is damaged."""
-    _with_damage(data, directory, _draw_all)
 
 
 def _with_damage(data: object, directory: Path, act: Callable[[Path], None]) -> None:
@@ -189,21 +162,6 @@ def _read_all(directory: Path) -> None:
         raise errors[0]
 
 
-def _draw_all(directory: Path) -> None:
-    from tribox.app.figures.run_figures import draw_figures
-
-    errors: list[InputError] = []
-    look = read(directory)
-    with mock.patch("tribox.app.figures.run_figures.save"):
-        for one in _with_parts(look, errors):
-            _try(lambda: draw_figures(one), errors)
-    from matplotlib import pyplot
-
-    pyplot.close("all")
-    if errors:
-        raise errors[0]
-
-
 TABLES = (
     *("case", "summary", "history", "contacts", "surfaces", "bodies", "probes", "body_probes"),
     *("contact_probes", "load_steps", "sweep", "times"),
@@ -240,13 +198,9 @@ def acts() -> dict[str, Act]:
     """What is done with the inputs of each kind."""
     return {
         "changed": read_case,
-        "made": read_case,
         "damaged": read_case,
         "built": build_case,
         "overrides": override_case,
         "data": fit_data,
-        "map": map_case,
-        "meshes": mesh_case,
         "results": read_results,
-        "figures": draw_results,
     }

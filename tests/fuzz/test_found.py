@@ -103,7 +103,7 @@ def test_a_value_that_no_case_may_hold_is_a_line_with_file_and_key(key, value, s
         see_line(line)
         assert line.startswith(str(path))
         assert "nested" in said or "digits" in said or key.split(".")[0] in line
-    came_to = outcome(lambda: load_case(path), tmp_path)
+    came_to = outcome(lambda: load_case(path))
     assert came_to.startswith("refused"), came_to
 
 
@@ -135,7 +135,7 @@ def test_a_list_or_a_table_at_any_text_key_is_a_line(tmp_path):
                 changed["sweep"] = {"key": ".".join(map(str, key)), "values": [shape]}
             else:
                 place(changed, key, shape)
-            came_to = outcome(lambda: read_case(toml_of(changed), tmp_path), tmp_path)
+            came_to = outcome(lambda: read_case(toml_of(changed), tmp_path))
             tried += 1
             if not came_to.startswith(("refused: ", "fine")):
                 found[".".join(map(str, key)), str(shape)] = came_to
@@ -193,9 +193,9 @@ def test_what_is_no_file_of_a_case_is_refused_at_once(kind, tmp_path):
     path = tmp_path / "case.toml"
     make_odd(path, kind)
     for act in (lambda: load_case(path), lambda: read_data(path)):
-        came_to = outcome(act, tmp_path, seconds=2.0)
+        came_to = outcome(act, seconds=2.0)
         assert came_to.startswith(f"refused: {path}: "), came_to
-    assert outcome(lambda: load_case(tmp_path / ("a" * 400)), tmp_path).startswith("refused")
+    assert outcome(lambda: load_case(tmp_path / ("a" * 400))).startswith("refused")
 
 
 @pytest.mark.parametrize("kind", ["loop", "pipe", "endless"])
@@ -209,7 +209,7 @@ def test_what_is_no_file_of_results_is_refused_at_once(kind, tmp_path):
     asked = (lambda: results.history, lambda: results.summary, lambda: results.steps,
              lambda: results.fields(3))  # fmt: skip
     for act in asked[3 * (kind == "loop") :]:  # what leads nowhere is not there: empty tables
-        came_to = outcome(act, tmp_path, seconds=2.0)
+        came_to = outcome(act, seconds=2.0)
         assert came_to.startswith("refused"), came_to
 
 
@@ -251,7 +251,7 @@ DATA = [
 def test_data_that_cannot_be_fitted_are_a_line_with_file_and_row(text, said, tmp_path):
     path = tmp_path / "data.csv"
     path.write_text(text, encoding="utf-8")
-    came_to = outcome(lambda: read_data(path), tmp_path)
+    came_to = outcome(lambda: read_data(path))
     assert came_to.startswith(f"refused: {path}") and said in came_to, came_to[:500]
 
 
@@ -259,7 +259,7 @@ def test_a_law_that_overflows_on_the_data_is_a_line(tmp_path):
     path = tmp_path / "data.csv"
     path.write_bytes(WET)
     act = lambda: run_fit(path, None, ["barus=1"], [], tmp_path / "fit", False)  # noqa: E731
-    came_to = outcome(act, tmp_path)
+    came_to = outcome(act)
     assert came_to.startswith("refused: the law has no finite friction for row 1"), came_to
     assert not (tmp_path / "fit").exists()
 
@@ -277,7 +277,7 @@ def test_a_start_that_turns_elements_inside_out_is_a_line_with_the_file(tmp_path
     path.write_text(SLID)
     wrong = 'boundary.0.displacement.y="1 m"'  # the block below, from the first moment on
     case = load_case(path, [wrong])
-    came_to = outcome(lambda: notes_on_building(case), tmp_path)
+    came_to = outcome(lambda: notes_on_building(case))
     assert came_to.startswith(f"refused: {path}: the start: an element has been turned inside out")
 
 
@@ -288,7 +288,7 @@ def test_a_summary_that_no_file_can_hold_is_a_line(written, tmp_path):
     """Half of a pair of surrogates is JSON, but a report with it cannot be written."""
     (tmp_path / "case.toml").write_text(FILM, encoding="utf-8")
     (tmp_path / "summary.json").write_text(written, encoding="utf-8")
-    came_to = outcome(lambda: write_report(tmp_path), tmp_path)
+    came_to = outcome(lambda: write_report(tmp_path))
     assert came_to.startswith(f"refused: {tmp_path / 'summary.json'}: is cut off"), came_to[:300]
 
 

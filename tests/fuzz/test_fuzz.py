@@ -30,16 +30,12 @@ FIXED = "TRIBOX_FUZZ" not in os.environ
 SEED = int(os.environ.get("TRIBOX_FUZZ_SEED", "14" if FIXED else str(random.randrange(10**6))))
 # Parts of all inputs, by kind.
 SHARES: Mapping[str, float] = {
-    "changed": 0.4,
-    "made": 0.1,
+    "changed": 0.5,
     "damaged": 0.1,
-    "overrides": 0.12,
+    "overrides": 0.15,
     "data": 0.1,
     "results": 0.1,
-    "figures": 0.02,
-    "built": 0.03,
-    "map": 0.03,
-    "meshes": 0.02,
+    "built": 0.05,
 }
 
 
@@ -62,17 +58,14 @@ class Tally:
 
 def strategy(kind: str, work: Path) -> st.SearchStrategy[object]:
     """What the inputs of a kind are; ``work`` is where good results are made."""
-    if kind in ("results", "figures"):
+    if kind == "results":
         return other_files.damaged_results(good_directories(work))
     return {
         "changed": case_files.changed_cases(),
-        "made": case_files.made_cases(),
         "damaged": case_files.damaged_texts(),
         "built": case_files.changed_cases(small=True),
         "overrides": other_files.overrides,
         "data": other_files.data_files(),
-        "map": other_files.law_overrides,
-        "meshes": other_files.damaged_meshes(),
     }[kind]
 
 
@@ -96,7 +89,7 @@ def run(kind: str, inputs: int, work: Path) -> Tally:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 with redirect_stdout(StringIO()):
-                    came_to = outcome(lambda: act(data, place), place)
+                    came_to = outcome(lambda: act(data, place))
         finally:
             shutil.rmtree(place)
         tally.add(data, came_to, time.perf_counter() - begun)
@@ -118,14 +111,3 @@ def test_an_input_comes_to_a_result_or_to_one_line(kind, work):
     told = "\n".join(f"{line}\n  from {str(data)[:300]}" for line, data in tally.faults.items())
     assert not tally.faults, f"seed {SEED}, TRIBOX_FUZZ={INPUTS}\n{told}"
     assert tally.counts["refused"] > 0
-
-
-@settings(max_examples=200, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(st.data())
-def test_the_fuzzer_damages_files_that_are_no_text_too(tmp_path_factory, data):
-    directory = tmp_path_factory.getbasetemp() / "good"
-    directory.mkdir(exist_ok=True)
-    (directory / "arrays.npz").write_bytes(b"PK\xff")
-    _, name, content = data.draw(other_files.damaged_results((directory,)))
-    assert isinstance(data.draw(case_files.damaged(b"PK\xff")), bytes)
-    assert name == "arrays.npz" and (content is None or isinstance(content, str | bytes))

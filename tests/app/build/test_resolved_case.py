@@ -1,25 +1,16 @@
 """A model's case holds every resolved default; written and read it gives the same numbers."""
 
-import csv
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.app.conftest import BLOCK, FILM, SLID
+from tests.app.conftest import BLOCK, FILM
 from tribox.app.build.mesh import make_mesh
 from tribox.app.build.model import Model, build_model
 from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.reading import load_case
-from tribox.app.run.run import run_case
 
-CASES = {
-    "block": BLOCK,
-    "film": FILM.replace('"1e-5 m/s", ', ""),
-    "explicit": SLID.replace('"20 us"\nsteps = 10', '"4 us"\nsteps = 2'),
-}
 STRIBECK = {"law": "stribeck", "mu_s": 0.3, "mu_d": 0.2, "V_s": 1e-3}
 
 
@@ -27,28 +18,6 @@ def built(text: str, friction: dict | None = None, **contact) -> Model:
     data = tomllib.loads(text)
     data["contact"][0] |= contact | ({"friction": friction} if friction else {})
     return build_model(Case.model_validate(data), MPI.COMM_SELF)
-
-
-def history(directory: Path) -> dict[str, list[str]]:
-    with (directory / "history.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return {name: [row[name] for row in rows] for name in rows[0]}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_the_case_in_the_results_reruns_to_the_same_numbers(name, tmp_path):
-    asked = tmp_path / "asked.toml"
-    asked.write_text(CASES[name], encoding="utf-8")
-    first, second = tmp_path / "first", tmp_path / "second"
-    run_case(load_case(asked), first, quiet=True, comm=MPI.COMM_SELF)
-    run_case(load_case(first / "case.toml"), second, quiet=True, comm=MPI.COMM_SELF)
-    before, after = history(first), history(second)
-    for text in ("stage", "velocity"):  # which may be nan
-        assert before.pop(text) == after.pop(text)
-    for column, values in before.items():
-        numbers, again = np.array(values, float), np.array(after[column], float)
-        assert np.abs(again - numbers).max() <= 1e-12 * np.abs(numbers).max(), column
-    assert (second / "case.toml").read_text() == (first / "case.toml").read_text()
 
 
 def test_every_default_of_mesh_and_bodies_is_resolved():

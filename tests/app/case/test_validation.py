@@ -28,7 +28,7 @@ MISTAKES = [
     (f"{MAP}.mu=3", f'key "mu" in {MAP} does not go with law = "friction-map"'),
     ("contact.0.thickness=3", '"thickness" in contact.0; did you mean "film.thickness"?'),
     ("solvr.tolerance=1", 'unknown key "solvr"; did you mean "solver"?'),
-    ("output.zzz=1", 'unknown key "zzz" in output; valid keys: fields_every, formats, figures'),
+    ("output.zzz=1", 'unknown key "zzz" in output; valid keys: fields_every, figures'),
     ("boundary.0.velocity.w=0", '"w" in boundary.0.velocity; valid keys: x, y, z'),
     ("bodies.elastomer.E=1", 'does not go with material = "mooney-rivlin"'),
     ("geometry.mesh=a.msh", 'key "mesh" in geometry does not go with kind = "two-blocks"'),

@@ -126,16 +126,6 @@ def test_of_a_damaged_checkpoint_the_one_before_is_taken(
     assert_alike(finished, killed)
 
 
-def test_what_a_run_that_went_on_has_written_can_be_replaced(tribox, case_file, killed):
-    """ADIOS2's files are not appended to: there are further ones."""
-    words = ("run", case_file(CASE), "--out", killed, "--set", 'output.formats=["adios2"]')
-    assert tribox(*words, "--resume").returncode == 0
-    assert (killed / "fields_after_000004.bp").is_dir()
-    done = tribox(*words, "--force")
-    assert done.returncode == 0, done.stderr
-    assert sorted(p.name for p in killed.glob("*.bp")) == ["fields.bp", "stress.bp"]
-
-
 # -- nothing to go on from ------------------------------------------------------------------------
 
 

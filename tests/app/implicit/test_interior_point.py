@@ -72,6 +72,27 @@ def test_a_flush_flat_takes_no_more_iterations_on_a_finer_mesh(cells):
     assert rows[0].normal_force == pytest.approx(rows[-1].normal_force / 3.0, rel=1e-4)
 
 
+@pytest.mark.parametrize("friction", [FRICTIONLESS, {"law": "coulomb", "mu": 0.5}])
+def test_a_strip_is_lifted_off_the_floor_that_its_weight_presses_it_on(friction):
+    """Pressures from inside began at 100 times the weight's, and lost their way: 4224 iterations.
+
+    Of the weight w per length a length a hangs free, a/2 on the tip: H = w a⁴/24EI (Euler).
+    """
+    rubber, height, lift = {"E": 1e7, "nu": 0.3, "density": 1100.0}, 1e-3, 2e-3
+    data = strip([100, 1], 0.1, {"bed": {"points": [[-1, 0], [1, 0]]}}, 1, friction)
+    data["geometry"]["groups"] = {"tip": ["strip_right", "strip_bottom"]}
+    data["bodies"]["strip"] = {"material": "hencky", "formulation": "q2", **rubber}
+    data["gravity"] = {"y": -9.81}
+    data["boundary"].append({"surface": "tip", "displacement": {"y": [[0, 0], [1, 0], [2, lift]]}})
+    data["stage"].append({"name": "lift", "duration": 1, "steps": 4})
+    rows = run(data).state.rows
+    assert len(rows) == 5 and sum(row.newton_iterations for row in rows) <= 250
+    weight = rubber["density"] * 9.81 * height
+    bending = rubber["E"] / (1.0 - rubber["nu"] ** 2) * height**3 / 12.0
+    free = (24.0 * bending * lift / weight) ** 0.25
+    assert rows[-1].normal_force == pytest.approx(weight * WIDTH * (0.1 - free / 2.0), rel=2e-3)
+
+
 def bending(stroke):
     """A punch that bends a strip over a die, by a stroke, m."""
     return {

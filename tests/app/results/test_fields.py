@@ -1,9 +1,7 @@
 """Stress output against linear elasticity at small strain and closed forms at large strain."""
 
 import csv
-from pathlib import Path
 
-import adios2
 import dolfinx
 import meshio
 import numpy as np
@@ -14,8 +12,8 @@ from tests.contact_boxes import Scene
 from tests.flowing import soft_block
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.results.fields import StressField
-from tribox.app.results.output_files import BpWriter, FieldSeries
+from tribox.app.results.fields import CellStress, ContactPressureField, StressField
+from tribox.app.results.output_files import FieldSeries
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
@@ -27,15 +25,13 @@ from tribox.forms.friction.coulomb import FrictionlessLaw
 E, NU = 3.0e6, 0.4
 
 
-def stretched(gradient: np.ndarray, material: object) -> StressField:
+def stretched(gradient: np.ndarray, material: object) -> CellStress:
     """Stress of a square under the displacement gradient (2, 2)."""
     mesh = grid("quadrilateral", (2, 2))
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
     u.interpolate(lambda x: gradient @ x[:2])
     cells = np.arange(4, dtype=np.int32)
-    field = StressField(u, [Solid("body", u, cells, material, "q1-sri")])  # type: ignore[arg-type]
-    field.update()
-    return field
+    return StressField(u, [Solid("body", u, cells, material, "q1-sri")]).evaluate()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -57,26 +53,12 @@ def test_small_strain_is_linear_elasticity_with_its_out_of_plane_stress(material
     trace = np.trace(strain)
     expected = 2.0 * shear * (strain - trace / 3.0 * np.eye(3)) + bulk * trace * np.eye(3)
     field = stretched(gradient, material)
-    sigma = field.stress.x.array.reshape(-1, 3, 3)
+    sigma = field.stress
     assert np.allclose(sigma, expected, atol=1e-5 * np.abs(expected).max())
     assert sigma[0, 2, 2] == pytest.approx(NU * (sigma[0, 0, 0] + sigma[0, 1, 1]), rel=1e-4)
     deviator = expected - np.trace(expected) / 3.0 * np.eye(3)
-    assert field.von_mises.x.array == pytest.approx(np.sqrt(1.5 * np.sum(deviator**2)), rel=1e-4)
-    assert field.pressure.x.array == pytest.approx(-bulk * trace, rel=1e-4)
-
-
-def strained(cell: str, gradient: np.ndarray, material: object, section: str, degree: int = 1):
-    """Stress of two cells a side under the displacement gradient (i, i)."""
-    mesh = grid(cell, (2, 2, 2) if section == "3D" else (2, 2))
-    dim = mesh.geometry.dim
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,))))
-    u.name = "displacement"
-    u.interpolate(lambda x: gradient @ x[:dim])
-    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    formulation = "q1" if degree == 1 else "q2"
-    field = StressField(u, [Solid("body", u, cells, material, formulation, section=section)])  # type: ignore[arg-type]
-    field.update()
-    return u, field
+    assert field.von_mises == pytest.approx(np.sqrt(1.5 * np.sum(deviator**2)), rel=1e-4)
+    assert field.pressure == pytest.approx(-bulk * trace, rel=1e-4)
 
 
 def test_hencky_stress_in_space() -> None:
@@ -86,51 +68,33 @@ def test_hencky_stress_in_space() -> None:
     values, axes = np.linalg.eigh(F @ F.T)
     logs = 0.5 * np.log(values)
     kirchhoff = axes @ np.diag(2.0 * shear * (logs - logs.mean()) + bulk * logs.sum()) @ axes.T
-    _, field = strained("hexahedron", F - np.eye(3), Hencky(shear, bulk), "3D")
-    sigma = field.stress.x.array.reshape(-1, 3, 3)
+    u = dolfinx.fem.Function(
+        dolfinx.fem.functionspace(grid("hexahedron", (2, 2, 2)), ("Lagrange", 1, (3,)))
+    )
+    u.interpolate(lambda x: (F - np.eye(3)) @ x[:3])
+    cells = np.arange(8, dtype=np.int32)
+    solid = Solid("body", u, cells, Hencky(shear, bulk), "q1", section="3D")
+    sigma = StressField(u, [solid]).evaluate().stress
     assert len(sigma) == 8
     expected = kirchhoff / np.linalg.det(F)
     assert sigma == pytest.approx(np.broadcast_to(expected, sigma.shape), rel=1e-7, abs=1.0)
 
 
-@pytest.mark.parametrize("cell", ["tetrahedron", "quadrilateral"])
-def test_files_of_second_order_displacements(cell: str, tmp_path: Path) -> None:
-    section = "3D" if cell == "tetrahedron" else "axisymmetric"
-    dim = 3 if section == "3D" else 2
-    material = NeoHookean(*shear_and_bulk(E, NU))
-    u, _ = strained(cell, 0.1 * np.eye(dim), material, section, degree=2)
-    cells = np.arange(u.function_space.mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    solid = Solid("body", u, cells, material, "q2", section=section)  # type: ignore[arg-type]
-    writer = BpWriter(u, [solid], tmp_path)
-    writer.write(0.0)
-    writer.close()
-    with adios2.FileReader(str(tmp_path / "fields.bp")) as file:
-        written = file.read("displacement", block_id=0).reshape(-1, 3)
-        where = file.read("geometry", block_id=0).reshape(-1, 3)
-    assert len(written) == len(u.x.array) // dim
-    assert written == pytest.approx(0.1 * where, abs=1e-12)
-
-
 @pytest.mark.parametrize("shape", ["Q4", "Q9", "tet4", "hex27"])
-def test_contact_pressure_at_the_nodes_of_the_slave(shape: str, tmp_path: Path) -> None:
+def test_contact_pressure_at_the_nodes_of_the_slave(shape: str) -> None:
     """Linear between the vertices of a facet, at its inner nodes too; nothing elsewhere."""
     surface = Scene(shape, FrictionlessLaw(), fine=True).surface
-    u = dolfinx.fem.Function(surface.space, name="displacement")
-    writer = BpWriter(u, [], tmp_path, [surface, surface])
+    u = dolfinx.fem.Function(surface.space)
     slope = np.array([3.0, -2.0, 5.0])[: surface.dim]
     at_vertices = 1.0 + surface.vertices.position @ slope
     # Where both have a node the larger counts.
-    writer.write(0.0, [at_vertices, 0.5 * at_vertices])
-    writer.close()
-    with adios2.FileReader(str(tmp_path / "fields.bp")) as file:
-        written = file.read("contact_pressure", block_id=0).reshape(-1)
-        where = file.read("geometry", block_id=0).reshape(-1, 3)[:, : surface.dim]
+    field = ContactPressureField(u, [surface, surface])
+    found = field.at([at_vertices, 0.5 * at_vertices])
     nodes = np.unique(surface.slave.nodes)
-    place = surface.space.tabulate_dof_coordinates()[nodes, : surface.dim]
-    on = np.array([np.linalg.norm(place - x, axis=1).min() < 1e-12 for x in where])
-    assert on.sum() == len(nodes)
-    assert written[on] == pytest.approx(1.0 + where[on] @ slope, rel=1e-12)
-    assert not written[~on].any()
+    place = surface.space.tabulate_dof_coordinates()[:, : surface.dim]
+    on = np.isin(np.arange(len(place)), nodes)
+    assert found[on] == pytest.approx(1.0 + place[on] @ slope, rel=1e-12)
+    assert len(found) == len(place) and not found[~on].any()
 
 
 # -- What is written of bodies that flow: against values by hand and the forces on the body --------
@@ -178,10 +142,12 @@ def test_compression_between_smooth_plates(tmp_path, cell, section, degree, form
     for name, value in hand.items():
         # Rounded to single precision in the file.
         np.testing.assert_allclose(data[name], value, rtol=np.finfo(np.float32).eps)
-    fields = StressField(u, [solid])
-    fields.update()
-    before = dict(zip(("von_mises_stress", "pressure"), fields.own()[1:], strict=True))
-    before["equivalent_plastic_strain"] = fields.own_plastic_strain()
+    own = StressField(u, [solid]).evaluate()
+    before = {
+        "von_mises_stress": own.von_mises,
+        "pressure": own.pressure,
+        "equivalent_plastic_strain": own.plastic_strain,
+    }
     for name, found in before.items():
         np.testing.assert_allclose(found, hand[name], rtol=1e-9)
 

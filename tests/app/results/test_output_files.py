@@ -7,7 +7,6 @@ import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import adios2
 import numpy as np
 import pytest
 import pyvista
@@ -16,7 +15,7 @@ from mpi4py import MPI
 from tests.app.results.test_contact_nodes import SPACE
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
-from tribox.app.errors import InputError, OutputError
+from tribox.app.errors import OutputError
 from tribox.app.results import Results, read
 from tribox.app.results.directory import GrowingTable, prepare
 from tribox.app.results.output_files import Series
@@ -114,21 +113,6 @@ def test_normals_are_unit_and_point_out_of_the_master(pressed, tmp_path, slave, 
         assert np.linalg.norm(normal, axis=1) == pytest.approx(above.astype(float), abs=1e-14)
         assert np.all(sign * normal[above, 1] > 0.99)
     assert above.all() == (slave == "elastomer")
-
-
-def test_adios2_alone_leaves_out_the_fields_of_the_first_rank(tmp_path):
-    data = tomllib.loads(SPACE.replace("steps = 2", "steps = 1"))
-    simulation = run(data | {"output": {"formats": ["adios2"]}}, tmp_path / "out")
-    results = read(tmp_path / "out")
-    assert results.case.output.formats == ("adios2",)
-    assert results.steps.tolist() == [1]
-    assert results.contact().point_data["pressure"].max() > 0.0
-    with pytest.raises(InputError, match="holds no output in fields/"):
-        results.fields()
-    with adios2.FileReader(str(tmp_path / "out" / "fields.bp")) as file:
-        moved = file.read("displacement", block_id=0).reshape(-1, 3)
-    u = simulation.model.problem.u.x.array.reshape(-1, 3)
-    assert np.sort(moved, axis=0) == pytest.approx(np.sort(u, axis=0))
 
 
 def test_the_history_is_that_of_the_run(pressed):

@@ -168,6 +168,40 @@ def test_what_sticks_softly_between_plates_is_said(tmp_path):
     assert said == pytest.approx(100.0 * (1.0 - force[0] / force[1]), rel=0.15)
 
 
+BETWEEN_TOOLS = """
+geometry.kind = "blocks"
+geometry.blocks.rubber = { x = [0, 4e-3], y = [0, 2e-3], elements = [8, 4] }
+bodies.rubber = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+tools.bed = { shape = "plane", point = [0, 0], normal = [0, 1] }
+tools.lid.displacement.y = [[0, 0], [1, -1e-4]]
+tools.lid.normal = [0, -1]
+tools.lid.point = [0, 2e-3]
+tools.lid.shape = "plane"
+contact = [
+    { slave = "rubber_bottom", master = "bed", friction.law = "frictionless" },
+    { slave = "rubber_top", master = "lid", friction.law = "frictionless" },
+]
+stage = [{ name = "press", duration = 1, steps = 2 }]
+output = { fields_every = 0, figures = false }
+"""
+
+
+def test_a_body_that_moved_tools_press_loses_force_though_nothing_else_holds_it(tmp_path):
+    force, found = [], []
+    for factor in (5.0, 5000.0):
+        data = tomllib.loads(BETWEEN_TOOLS)
+        for pair in data["contact"]:
+            pair["penalty_factor"] = factor
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        force.append(run.rows[-1].normal_force)
+        found.append([line for line in summary["warnings"] if "penetration" in line])
+    assert len(found[0]) == 2 and not found[1]
+    for line in found[0]:
+        said = float(re.search(r"about ([\d.]+) % too small", line)[1])
+        assert said == pytest.approx(100.0 * (1.0 - force[0] / force[1]), rel=0.15)
+
+
 def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
     """The same block under a platen: it comes too close, and that is no fault of its forces."""
     data = tomllib.loads(block)

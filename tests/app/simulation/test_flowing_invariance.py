@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from tests.solved import solved as run
 from tests.tool_cases import HEIGHT, block_mesh
@@ -150,26 +149,3 @@ def test_steps_that_are_cut_end_as_these_steps_taken_directly(still, tmp_path, m
 def stages_of(simulation: Simulation) -> list[dict[str, Any]]:
     """One stage of one step for each row of a run."""
     return [{"name": f"step {row.step}", "duration": row.dt, "steps": 1} for row in simulation.rows]
-
-
-def on_all_ranks(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
-    """The case on several ranks: forces, dissipation and what flowed."""
-    path = directory / "block.msh"
-    case = pressed(path) if comm.rank == 0 else None
-    simulation = run(comm.bcast(case), comm)
-    mine = points(simulation)[:, -1]
-    return {
-        "forces": forces(simulation).tolist(),
-        "dissipated": simulation.rows[-1].plastic_dissipation,
-        "most": comm.allreduce(float(mine.max(initial=0.0)), op=MPI.MAX),
-    }
-
-
-@pytest.mark.mpi(on_all_ranks, 3)
-def test_ranks_agree(on_ranks):
-    one, many = on_ranks(on_all_ranks, 1), on_ranks(on_all_ranks, 3)
-    expected = np.array(one["forces"])
-    scale = np.abs(expected).max()
-    np.testing.assert_allclose(many["forces"], expected, rtol=0, atol=1e-9 * scale)
-    for name in ("dissipated", "most"):
-        assert many[name] == pytest.approx(one[name], rel=1e-9)

@@ -214,26 +214,6 @@ def test_work_of_both_controls_is_balanced(both):
     assert run.rows[0].external_work > 0.0
 
 
-def forces_and_energies(comm, directory) -> list[list[float]]:
-    """Of the switched case and of one under its force alone, with the iterations.
-
-    The tolerance is tight: how closely linear systems are solved for another depends on the ranks.
-    """
-    found = []
-    for data in (switched(), pressed("sphere", 0.495, 1)):
-        data["solver"] = data.get("solver", {}) | {"tolerance": 1e-10}
-        run = solved(data, comm)
-        found += [[r.newton_iterations, r.normal_force, r.external_work] for r in run.rows]
-    return found
-
-
-@pytest.mark.mpi(forces_and_energies, 2)
-def test_ranks_agree(on_ranks):
-    np.testing.assert_allclose(
-        on_ranks(forces_and_energies, 2), on_ranks(forces_and_energies, 1), rtol=1e-7
-    )
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

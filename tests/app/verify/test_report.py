@@ -58,9 +58,6 @@ APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 APART |= {"patch-space", "cook-membrane", "mindlin-reversal"}
 LONG = {
     "springback",  # coarse in test_flowing.py
-    "film-over-curve",  # one Poisson's ratio, fewer steps, in test_curved.py
-    "film-over-sphere",
-    "pressed-curve",  # coarser in test_curved.py
     "isotropy",  # coarse in test_space.py
 }
 

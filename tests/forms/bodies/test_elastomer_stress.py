@@ -9,7 +9,9 @@ import dolfinx
 import numpy as np
 import pytest
 
+from tests.forms.bodies.element_matrices import summed
 from tests.grid import grid
+from tribox.forms.bodies.compiled_cells import compiled_cells
 from tribox.forms.bodies.materials import Ogden, Yeoh
 from tribox.forms.bodies.point_stress import PointStress
 from tribox.forms.bodies.solid import DEGREE, Solid
@@ -106,7 +108,7 @@ def test_a_ring_is_stretched_round_its_axis(name):
     [("plane-strain", "q1-sri"), ("axisymmetric", "q1-sri"), ("3D", "q1-sri")],
 )
 def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
-    """In a bent cell, where stretches differ from point to point, and undeformed."""
+    """In a bent cell, where stretches differ by point, and undeformed; the loops have both."""
     cell = Cell(IN_CELLS[name], section, formulation)
     rng, h = np.random.default_rng(3), 1e-6
     for size in (0.0, 0.2):
@@ -123,3 +125,11 @@ def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
         found = tangent @ direction
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
         np.testing.assert_allclose(tangent, tangent.T, rtol=0, atol=1e-12 * np.abs(tangent).max())
+        loops, own = compiled_cells(cell.u.function_space, cell.solid), np.zeros_like(at)
+        assert loops is not None and loops.add(at, own, None)
+        scale = 1e-12 * np.abs(tangent).max()
+        forms = sum(dolfinx.fem.assemble_vector(p.residual).array for p in cell.solid.forms)
+        np.testing.assert_allclose(own, forms, rtol=0, atol=scale)
+        np.testing.assert_allclose(summed(cell.u, loops.loops), tangent, rtol=0, atol=scale)
+        energy = cell.solid.strain_energy()
+        assert loops.energy(at) == pytest.approx(energy, rel=1e-12, abs=1e-14 * K)

@@ -396,29 +396,6 @@ def test_the_distortional_part_is_what_the_bulk_modulus_does_not_change(space):
     )
 
 
-@pytest.mark.parametrize("rate", [None, "johnson-cook", "perzyna"])
-def test_units_change_nothing(rate):
-    """GPa and s against Pa and ms."""
-    pascal, milli = 1e9, 1e3
-    law = given.LAWS["voce"]
-    scaled = Voce(law.yield_stress * pascal, law.saturation_stress * pascal, 12.0, 0.05 * pascal)
-    rates = {
-        None: (None, None),
-        "johnson-cook": (JohnsonCook(0.015, 0.01), JohnsonCook(0.015, 0.01 / milli)),
-        "perzyna": (Perzyna(50.0, 0.25), Perzyna(50.0 / milli, 0.25)),
-    }[rate]
-    first = PlasticPoints(ElastoPlastic(given.SHEAR, given.BULK, law, rates[0]), False)
-    moduli = given.SHEAR * pascal, given.BULK * pascal
-    second = PlasticPoints(ElastoPlastic(*moduli, scaled, rates[1]), False)
-    F, state, _ = gathered(first)
-    one = first.update(F, state, 0.1, True)
-    other = second.update(F, state, 0.1 * milli, True)
-    for field in FIELDS:
-        a, b = getattr(one, field), getattr(other, field)
-        b = b if field == "state" else b / pascal
-        np.testing.assert_allclose(b, a, rtol=0, atol=1e-12 * np.abs(a).max())
-
-
 @both
 def test_no_points_and_arrays_of_any_layout(space):
     points = PlasticPoints(given.material(), space)

@@ -13,8 +13,8 @@ from tests.grid import grid
 from tribox.forms.bodies.compiled_cells import CompiledCells
 from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.loads import FollowerPressure, reference_area
-from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
-from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
+from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.native.compiler import KernelError
 
 MATERIALS = {
@@ -26,6 +26,14 @@ KINDS = [("quadrilateral", "q1"), ("quadrilateral", "q1-sri"), ("triangle", "q1"
 # Material, cell and formulation of rings; the forms of most are in the image.
 RINGS = [(name, "quadrilateral", "q1-sri") for name in MATERIALS]
 RINGS += [("hencky", "quadrilateral", "q1"), ("mooney-rivlin", "triangle", "q1")]
+YEOH = Yeoh(0.5, -0.04, 0.02, 5.0)
+# What no loop of its own serves: of cells of second order, and of an energy.
+OTHERS = [
+    (YEOH, "quadrilateral", "q1-sri", "plane-strain"),
+    (YEOH, "triangle", "q2", "axisymmetric"),
+    (MATERIALS["hencky"], "quadrilateral", "q2", "axisymmetric"),
+    (MATERIALS["neo-hookean"], "quadrilateral", "q2", "plane-strain"),
+]
 
 
 def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=None):
@@ -35,7 +43,8 @@ def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=Non
     x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
     if section == "axisymmetric":
         x[:, 0] += 0.3
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
+    element = ("Lagrange", DEGREE[formulation], (2,))
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
     all_cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     return u, Solid("body", u, all_cells, material, formulation, section=section)
 
@@ -60,6 +69,13 @@ def test_compiled_forces_are_those_of_the_generated_kernel(name, cell, formulati
 @pytest.mark.parametrize(("name", "cell", "formulation"), RINGS)
 def test_forces_of_rings(name, cell, formulation, size):
     same_forces(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
+
+
+@pytest.mark.parametrize(("material", "cell", "formulation", "section"), OTHERS)
+def test_forces_of_points_alone(material, cell, formulation, section):
+    u, solid = body(cell, material, formulation, (3, 3), section=section)
+    for size in (0.1, 1e-4):
+        same_forces(u, solid, size)
 
 
 @pytest.mark.parametrize("name", MATERIALS)

@@ -69,7 +69,7 @@ def forces(solid):
 
 def stiffness(solid):
     out = sum((dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms), 0.0)
-    return out + summed(solid.displacement, solid.point_cells) if solid.remembers else out
+    return out + summed(solid.displacement, [solid.point_cells]) if solid.remembers else out
 
 
 def pattern_matrix(space):

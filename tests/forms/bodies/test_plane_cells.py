@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.forms.bodies.element_matrices import summed
-from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, RINGS, body, stretched
+from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, OTHERS, RINGS, body, stretched
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
 
@@ -43,11 +43,18 @@ def test_tangent_of_rings(name, cell, formulation, size):
     same_tangent(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
 
 
+@pytest.mark.parametrize(("material", "cell", "formulation", "section"), OTHERS)
+def test_tangent_of_points_alone(material, cell, formulation, section):
+    u, solid = body(cell, material, formulation, (3, 3), section=section)
+    for size in (0.1, 1e-4):
+        same_tangent(u, solid, size)
+
+
 def same_tangent(u, solid, size):
     """Compare the tangent of both ways."""
     stretched(u, size)
     wanted = assembled(u, [part.tangent for part in solid.forms])
-    found = summed(u, cells_of(u, solid))
+    found = summed(u, cells_of(u, solid).loops)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(wanted).max())
 
@@ -60,9 +67,9 @@ def test_carried_pressures(name, section):
     before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
     solid.carried.carry(before)
     wanted = assembled(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
-    found = summed(u, cells_of(u, solid), solid.carried.excess())
+    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    plain = summed(u, cells_of(u, solid))
+    plain = summed(u, cells_of(u, solid).loops)
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
@@ -95,7 +102,7 @@ def no_number(name, formulation, depth, section):
         dolfinx.fem.assemble_vector(theirs, part.residual)
     largest = np.nanmax(np.abs(theirs))
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
-    wanted, found = assembled(u, [part.tangent for part in solid.forms]), summed(u, cells)
+    wanted, found = assembled(u, [part.tangent for part in solid.forms]), summed(u, cells.loops)
     assert np.isfinite(found).all() == np.isfinite(wanted).all()
 
 
@@ -106,7 +113,7 @@ def test_a_rank_without_cells_of_a_body(section, cell, formulation):
     cells = cells_of(u, Solid("none", u, none, material, formulation, section=section))
     force = np.zeros_like(u.x.array)
     assert cells.add(u.x.array, force, None) and not force.any()
-    assert cells.energy(u.x.array) == 0.0 and not summed(u, cells).any()
+    assert cells.energy(u.x.array) == 0.0 and not summed(u, cells.loops).any()
 
 
 @pytest.mark.parametrize("name", MATERIALS)

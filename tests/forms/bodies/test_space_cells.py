@@ -8,9 +8,16 @@ import ufl
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import coordinate_element, grid
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
-from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
-from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh, shear_and_bulk
-from tribox.forms.bodies.solid import Solid
+from tribox.forms.bodies.internal_force import GeneratedForce
+from tribox.forms.bodies.materials import (
+    Hencky,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+    shear_and_bulk,
+)
+from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.compat import cell_nodes
 
 MATERIALS = {
@@ -25,6 +32,7 @@ INCOMPRESSIBLE = {
     "hencky": Hencky(*shear_and_bulk(1.0, 0.499)),
     "yeoh": Yeoh(0.5, -0.04, 0.02, 500.0),
 }
+OGDEN = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), 5.0)
 # Full integration differs by the points alone, so that one material shows it.
 KINDS = [
     *((name, cell, kind) for name in MATERIALS for cell, kind in
@@ -50,7 +58,9 @@ def body(cell, material, formulation, distortion=0.15, comm=None):
     mesh = mesh if comm is None else on_all(comm, mesh)
     x = mesh.geometry.x
     x += distortion / 3.0 * np.sin(np.array([7.0, 11.0, 13.0]) * x[:, [1, 2, 0]] + x)
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
+    u = dolfinx.fem.Function(
+        dolfinx.fem.functionspace(mesh, ("Lagrange", DEGREE[formulation], (3,)))
+    )
     count = mesh.topology.index_map(3).size_local
     return u, Solid("body", u, np.arange(count, dtype=np.int32), material, formulation)
 
@@ -89,7 +99,7 @@ def compare(u, solid):
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(1e-12 * largest, rounding))
     energy = slow.energy(u.x.array)
     assert cells.energy(u.x.array) == pytest.approx(energy, rel=1e-12, abs=rounding)
-    found = summed(u, cells)
+    found = summed(u, cells.loops)
     np.testing.assert_allclose(found, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
     return largest / np.abs(stiffness).max()
 
@@ -107,6 +117,36 @@ def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulatio
     for size in (0.5, 1e-2):
         deform(u, size, turned=True)
         compare(u, solid)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("material", [*MATERIALS.values(), OGDEN], ids=[*MATERIALS, "ogden"])
+def test_second_order_by_differences(material, cell):
+    """Without the forms, which take a minute to compile: work of the forces, and their change."""
+    u, solid = body(cell, material, "q2")
+    cells, along = cells_of(u, solid), np.random.default_rng(2).uniform(-1, 1, len(u.x.array))
+    deform(u, 0.5, turned=True)
+    at, step, ends = u.x.array.copy(), 2e-6, []
+    found = summed(u, cells.loops)
+    for sign in (1.0, -1.0):
+        u.x.array[:] = at + sign * step * along
+        force = np.zeros_like(at)
+        assert cells.add(u.x.array, force, None)
+        ends.append((cells.energy(u.x.array), force))
+    energy, forces = ((one - other) / (2.0 * step) for one, other in zip(*ends, strict=True))
+    force = np.zeros_like(at)
+    cells.add(at, force, None)
+    assert force @ along == pytest.approx(energy, rel=1e-7)
+    np.testing.assert_allclose(found @ along, forces, rtol=0, atol=1e-6 * np.abs(forces).max())
+    np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(found).max())
+    # A homogeneous deformation has the energy of first-order cells, which the forms have.
+    where = u.function_space.tabulate_dof_coordinates()
+    u.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
+    first, other = body(cell, material, "q1")
+    where = first.function_space.tabulate_dof_coordinates()
+    first.x.array[:] = (where @ (0.5 * GRADIENT).T).reshape(-1)
+    wanted = cells_of(first, other).energy(first.x.array)
+    assert cells.energy(u.x.array) == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", MATERIALS)
@@ -137,7 +177,7 @@ def test_a_cell_by_hand():
         assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
 
 
-@pytest.mark.parametrize(("name", "formulation"), HEXAHEDRA)
+@pytest.mark.parametrize(("name", "formulation"), [*HEXAHEDRA, ("mooney-rivlin", "q2")])
 def test_the_energy_of_small_strains(name, formulation):
     """Simple shear by 1e-7 of a body that has moved far: G γ²/2, though F is 1 + 1e-7.
 
@@ -158,9 +198,9 @@ def test_carried_pressures(name):
     before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
     solid.carried.carry(before)
     wanted = dense(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
-    found = summed(u, cells_of(u, solid), solid.carried.excess())
+    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
-    plain = summed(u, cells_of(u, solid))
+    plain = summed(u, cells_of(u, solid).loops)
     assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
 
 
@@ -184,29 +224,6 @@ def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
     largest = np.nanmax(np.abs(theirs))
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
     finite = np.isfinite(dense(u, [part.tangent for part in solid.forms])).all()
-    assert np.isfinite(summed(u, cells)).all() == finite
+    assert np.isfinite(summed(u, cells.loops)).all() == finite
     u.x.array[3 * corner] = np.nan
     assert not cells.add(u.x.array, mine, None)
-
-
-def forces_by_place(comm, directory):
-    """Norm and moment of all nodal forces, and the energy, on the ranks of ``comm``."""
-    u, solid = body("hexahedron", MATERIALS["hencky"], "q1-sri", comm=comm)
-    deform(u, 0.3)
-    u.x.scatter_forward()
-    internal, force = InternalForce(u, [solid]), dolfinx.fem.Function(u.function_space)
-    assert internal.compiled and internal.evaluate(u.x.array, force.x.array)
-    force.x.scatter_reverse(dolfinx.la.InsertMode.add)
-    owned = u.function_space.dofmap.index_map.size_local
-    f = force.x.array[: 3 * owned].reshape(-1, 3)
-    x = u.function_space.tabulate_dof_coordinates()[:owned]
-    sums = [np.sum(f**2), np.sum(f * np.sin(5.0 * x)), internal.energy(u.x.array)]
-    return comm.allreduce(np.array(sums)).tolist()
-
-
-@pytest.mark.mpi(forces_by_place, 2, 3)
-def test_forces_do_not_depend_on_the_ranks(on_ranks):
-    alone = on_ranks(forces_by_place, 1)
-    assert 0.0 not in alone
-    for ranks in (2, 3):
-        np.testing.assert_allclose(on_ranks(forces_by_place, ranks), alone, rtol=1e-12)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import dolfinx
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.contact_boxes import PENALTY, SHAPES, Scene, take_all_for_kinked
-from tests.geometry.surfaces.test_vertices import parted
 from tests.laws import coulomb, film_map
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.forms.contact.penalty import ContactTerm
@@ -19,7 +19,10 @@ from tribox.forms.contact.pressure import (
 )
 from tribox.forms.contact.state import AS_IS, ContactMode
 from tribox.forms.friction.coulomb import FrictionlessLaw
+from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.facets import order_by_place
+from tribox.geometry.surfaces.surface import ContactSurface
 
 KINDS = ("averaged", "pointwise")
 DEPTH = 0.02
@@ -199,6 +202,22 @@ def test_springs_at_the_points_are_at_least_as_stiff(shape):
 
 SHARED = ("T3", "Q9", "tet4", "hex8")
 FILMS = ("T3 film", "hex8 film", "T3 over the end", "T3 rays")
+NAMES = ("elastomer_contact", "aluminium_contact")
+
+
+def parted(shape: str, comm: MPI.Comm) -> ContactSurface:
+    """The contact of two bodies whose slave facets are shared out among the ranks; collective."""
+    cell, order = SHAPES[shape]
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    blocks: TwoBlocks
+    if dim == 2:
+        blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), 0.47, cell=cell)
+    else:
+        upper, lower = Box(1.0, 0.5, 0.6, (4, 1, 3)), Box(2.0, 0.5, 1.0, (5, 1, 4))
+        blocks = TwoBlocks(upper, lower, (0.47, 0.23), cell=cell)
+    named = generate(blocks, comm, [NAMES])
+    space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", order, (dim,)))
+    return ContactSurface(space, *map(named.facets, NAMES), 5)
 
 
 def facts(comm, directory):

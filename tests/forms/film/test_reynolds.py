@@ -306,18 +306,6 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
             assert np.abs(exact - difference).max() < 1e-6 * np.abs(difference).max()
 
 
-def test_nothing_depends_on_the_units():
-    x, h, b = parabola(90)
-    start = np.where(x < 0.0, 0.1, -0.1)
-    film = smooth_film(x, 0.1, 12 * 0.1 * b / 1e-12 / 10)
-    first = film.solve(flooded(h, 0.5), start)
-    length, time, pressure = 1e3, 7.0, 1e-6
-    other = smooth_film(length * x, 0.1 * pressure * time, film.scale * pressure)
-    second = other.solve(flooded(length * h, 0.5 * length / time), start)
-    assert second.pressure == pytest.approx(pressure * first.pressure, rel=1e-9, abs=1e-12)
-    assert second.filled == pytest.approx(first.filled, rel=1e-9)
-
-
 def test_a_film_that_cannot_balance_says_so():
     x = np.linspace(0.0, 1.0, 5)
     film = smooth_film(x, 1.0, 1.0)

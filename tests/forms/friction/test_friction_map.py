@@ -416,56 +416,6 @@ def test_rotated_inputs_give_rotated_outputs(law, seed, dim):
         np.testing.assert_allclose(turned.dissipation.total, response.dissipation.total, atol=atol)
 
 
-@PROFILE
-@given(laws, seeds, dims)
-def test_other_units_give_scaled_outputs(law, seed, dim):
-    """Micrometres, milliseconds and kilopascals (as powers of two: exact)."""
-    length, time, stress = 2.0**20, 2.0**10, 2.0**-10
-    p = law.parameters
-    rows = isinstance(p.beta, tuple)
-    scaled_law = FrictionMap(
-        dataclasses.replace(
-            p,
-            A_d=p.A_d * length,
-            B=p.B / length,
-            K_T=p.K_T * stress / length,
-            eta_b=p.eta_b * stress * time,
-            D_min=p.D_min * length,
-            D_max=p.D_max * length,
-            V_star=p.V_star * length / time,
-            V_star_at=p.V_star_at * length,
-            film_onset_pressure=p.film_onset_pressure * stress,
-            tau_0=None if p.tau_0 is None else p.tau_0 * stress,
-            critical_rate=None if p.critical_rate is None else p.critical_rate / time,
-            eta_inf=p.eta_inf * stress * time,
-            barus=p.barus / stress,
-            beta=tuple((D * length, beta) for D, beta in p.beta) if rows else p.beta,
-        )
-    )
-    scaled_state = scaled_law.initial_state(POINTS, dim)
-    for step, _, response in history(law, random_path(seed, dim)):
-        scaled = Step(
-            slip=step.slip * length,
-            dt=step.dt * time,
-            pressure=step.pressure * stress,
-            film=step.film * length,
-            area=step.area,
-        )
-        other = scaled.of(scaled_law, scaled_state)
-        for name, unit in {
-            "traction": stress,
-            "d_traction_d_slip": stress / length,
-            "d_traction_d_elastic": stress / length,
-            "d_traction_d_pressure": 1.0,
-            "d_traction_d_film": stress / length,
-        }.items():
-            expected = unit * getattr(response, name)
-            scale = np.abs(expected).max()
-            np.testing.assert_allclose(getattr(other, name), expected, atol=1e-9 * scale)
-        np.testing.assert_array_equal(other.regime, response.regime)
-        scaled_state = other.state
-
-
 # -- The friction-map law in its three regimes, and what its options do ----------------------------
 
 

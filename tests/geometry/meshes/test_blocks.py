@@ -7,9 +7,6 @@ import pytest
 import ufl
 
 from tribox.app.results.fields import GatheredMesh
-from tribox.app.results.output_files import BpWriter
-from tribox.forms.bodies.materials import NeoHookean
-from tribox.forms.bodies.solid import Solid
 from tribox.geometry.generators.two_blocks import Block as Rectangle
 from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 from tribox.geometry.meshes.blocks import Block, with_blocks
@@ -97,34 +94,3 @@ def test_blocks_have_nodes_of_their_own_and_leave_the_mesh_as_it_is(on_ranks):
             assert found["read"]
             assert found["places"] == one["places"] == sorted(one["places"])
             assert not found["cells"]
-
-
-def written(comm, directory):
-    """Fields of a mesh with blocks beside it, as ADIOS2 has them: places and displacement."""
-    import adios2
-
-    named, _, space, _ = spaces(PLANE, comm)
-    u = dolfinx.fem.Function(space, name="displacement")
-    u.interpolate(lambda x: 1e-3 * np.stack([x[0] + 2.0 * x[1], x[1] ** 2]))
-    material = NeoHookean(shear_modulus=1e6, bulk_modulus=3e6)
-    solids = [Solid(name, u, named.cells(name), material, "q1") for name in named.bodies]
-    writer = BpWriter(u, solids, directory)
-    writer.write(0.0)
-    writer.close()
-    if comm.rank > 0:
-        return None
-    with adios2.FileReader(str(directory / "fields.bp")) as file:
-        x, moved = (
-            np.concatenate([file.read(name, block_id=k).reshape(-1, 3) for k in range(comm.size)])
-            for name in ("geometry", "displacement")
-        )
-    true = 1e-3 * np.stack([x[:, 0] + 2.0 * x[:, 1], x[:, 1] ** 2], axis=1)
-    return {"nodes": len(x), "off": float(np.abs(moved[:, :2] - true).max())}
-
-
-@pytest.mark.mpi(written, 2)
-def test_fields_of_adios2_have_the_nodes_of_the_mesh(on_ranks):
-    one = on_ranks(written, 1)
-    assert one["nodes"] == 4 * 3 + 5 * 3
-    assert one["off"] < 1e-15
-    assert on_ranks(written, 2)["off"] < 1e-15

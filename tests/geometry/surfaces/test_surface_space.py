@@ -134,33 +134,6 @@ def test_stretch_is_that_of_nanson(space):
     assert np.ptp(stretch) > 0.01
 
 
-def test_nodal_forces_of_a_varying_traction(space):
-    """The order of the points on each facet: vectors of forces against a form without points."""
-    surface = surface_of(space)
-    slave, dim = surface.slave, surface.dim
-    load = np.stack([np.sin(3.0 * slave.position[:, i] + i) for i in range(dim)], axis=1)
-    load *= (1.0 + slave.position[:, :1] ** 2) * slave.weight[:, None]
-    forces = np.zeros((space.dofmap.index_map.size_local, dim))
-    np.add.at(forces, slave.nodes, slave.shape[:, :, None] * load[:, None, :])
-    X = ufl.SpatialCoordinate(space.mesh)
-    exact = (1.0 + X[0] ** 2) * ufl.as_vector([ufl.sin(3.0 * X[i] + i) for i in range(dim)])
-    ds = measure_on(space.mesh, sides(space.mesh)[0], 4)
-    form = dolfinx.fem.form(ufl.inner(exact, ufl.TestFunction(space)) * ds)
-    direct = dolfinx.fem.assemble_vector(form).array.reshape(-1, dim)
-    np.testing.assert_allclose(forces, direct, rtol=0, atol=1e-13 * np.abs(direct).max())
-
-
-def test_slopes_along_the_tangents(space):
-    surface = surface_of(space)
-    u = dolfinx.fem.Function(space)
-    dim = surface.dim
-    A = np.random.default_rng(3).normal(size=(dim, dim))
-    u.interpolate(lambda X: A @ X[:dim])
-    slave = surface.gather(u.x.petsc_vec)[surface.slave_rows]
-    slopes = np.einsum("qba,qai->qbi", surface.slave.shape_derivative, slave)
-    np.testing.assert_allclose(slopes, surface.slave.tangents @ A.T, rtol=0, atol=1e-12)
-
-
 def test_master_facets_face_outwards_and_keep_their_nodes(space):
     surface = surface_of(space)
     master, form = surface.master, surface.shape
@@ -178,12 +151,6 @@ def test_master_facets_face_outwards_and_keep_their_nodes(space):
     middle = np.full((1, form.directions), 1.0 / 3.0)
     tangents = np.einsum("ba,fai->fbi", form.first(middle)[0], master.position[master.facets])
     assert (unit_normals(tangents)[:, -1] > 0.5).all()
-
-
-def test_facets_are_in_the_order_of_their_places(space):
-    surface = surface_of(space)
-    middle = surface.master.position[surface.master.facets[:, : surface.shape.corners]].mean(axis=1)
-    assert (np.diff(np.round(middle[:, 0], 7)) >= 0.0).all()
 
 
 def test_rings_of_an_axisymmetric_surface():

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpi4py import MPI
 
 from tests.contact_boxes import SHAPES
 from tests.grid import grid
-from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
-from tribox.geometry.meshes.mesh import generate
 from tribox.geometry.surfaces.surface import ContactSurface
 
 COUNT = 4  # cells along x
@@ -125,62 +122,3 @@ def test_area_of_rings(shape):
     np.testing.assert_allclose(surface.slave.facet_length, flat.slave.facet_length, rtol=1e-12)
     inner = surface.vertices.length[1:-1]
     assert np.all((inner > (b - a)[:-1]) & (inner < (b - a)[1:]))
-
-
-# -- ranks ----------------------------------------------------------------------------------------
-
-SHARED = ("T3", "Q9", "tet4", "hex8")
-NAMES = ("elastomer_contact", "aluminium_contact")
-
-
-def parted(shape: str, comm: MPI.Comm) -> ContactSurface:
-    """The contact of two bodies whose slave facets are shared out among the ranks; collective."""
-    cell, order = SHAPES[shape]
-    blocks: TwoBlocks
-    if BODY[cell] == 2:
-        blocks = TwoBlocks(Block(1.0, 0.5, (6, 2)), Block(2.0, 0.5, (7, 2)), 0.47, cell=cell)
-    else:
-        upper, lower = Box(1.0, 0.5, 0.6, (4, 1, 3)), Box(2.0, 0.5, 1.0, (5, 1, 4))
-        blocks = TwoBlocks(upper, lower, (0.47, 0.23), cell=cell)
-    named = generate(blocks, comm, [NAMES])
-    space = dolfinx.fem.functionspace(named.mesh, ("Lagrange", order, (BODY[cell],)))
-    return ContactSurface(space, *map(named.facets, NAMES), 5)
-
-
-def facts(comm, directory):
-    """What the vertices of a pair are on all ranks, and the sums of a function of place."""
-    found = {}
-    for shape in SHARED:
-        surface = parted(shape, comm)
-        vertices, slave = surface.vertices, surface.slave
-        value = np.sin(slave.position @ np.array([3.0, 5.0, 4.0])[: surface.dim])
-        one = {
-            "position": vertices.position.tolist(),
-            "area": vertices.area.tolist(),
-            "length": vertices.length.tolist(),
-            "sums": vertices.sums(slave.weight * value).tolist(),
-        }
-        mine = np.zeros(vertices.count, dtype=np.int64)
-        mine[vertices.of_point] = 1
-        several = comm.allreduce(mine) > 1
-        found[shape] = {
-            "same": comm.allgather(comm.bcast(one) == one),
-            "shared": comm.allgather(bool(np.array_equal(vertices.shared, several))),
-            "several": int(several.sum()),
-            "points": comm.allgather(len(slave.weight)),
-            **one,
-        }
-    return found
-
-
-@pytest.mark.mpi(facts, 2, 3)
-@pytest.mark.parametrize("shape", SHARED)
-def test_vertices_do_not_depend_on_the_ranks(shape, on_ranks):
-    """All ranks hold the very same, also of vertices between facets of several ranks."""
-    alone = on_ranks(facts, 1)[shape]
-    assert alone["several"] == 0 and all(alone["shared"])
-    for one in (on_ranks(facts, ranks)[shape] for ranks in (2, 3)):
-        assert min(one["points"]) > 0 and sum(one["points"]) == sum(alone["points"])
-        assert one["several"] > 0 and all(one["shared"]) and all(one["same"])
-        for name in ("position", "area", "length", "sums"):
-            np.testing.assert_allclose(one[name], alone[name], rtol=1e-12, atol=1e-13)
