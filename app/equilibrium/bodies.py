@@ -226,7 +226,7 @@ class Bodies:
         self, A: PETSc.Mat, index: int, pattern: object, carried: bool, unrolled: bool
     ) -> None:
         """Add the tangent of one solid; nothing is communicated."""
-        solid, cells = self.solids[index], self.cells[index]
+        solid, cells = self.solids[index], self._cells_for(A, index)
         carrier = solid.carried if carried else None
         loops = [] if cells is None else list(cells.loops)
         if isinstance(solid, MemorySolid):
@@ -245,12 +245,16 @@ class Bodies:
 
     def add_elastic_tangent(self, A: PETSc.Mat, index: int) -> None:
         """Add the tangent of the strain energy of one solid to a matrix that is made once."""
-        cells = self.cells[index]
+        cells = self._cells_for(A, index)
         if cells is not None:
             self._add_cells(A, self._found(A, cells.loops), None)
             return
         for part in self.solids[index].forms:
             add_matrix(A, part.tangent, unrolled=False)
+
+    def _cells_for(self, A: PETSc.Mat, index: int) -> CompiledCells | None:
+        """The loops of one solid, which are quick only where they find their places in ``A``."""
+        return self.cells[index] if is_direct(A) else None
 
     def _found(
         self,

@@ -58,9 +58,9 @@ def _petsc() -> ctypes.CDLL | None:
 
 
 def is_direct(A: PETSc.Mat) -> bool:
-    """Whether `values_in_place` can be used with a matrix."""
-    real = np.dtype(PETSc.ScalarType) == np.float64
-    return real and A.getType() in _DIRECT and _petsc() is not None
+    """Whether `values_in_place` and `pattern_in_place` can be used with a matrix."""
+    kinds = np.dtype(PETSc.ScalarType), np.dtype(PETSc.IntType)
+    return kinds == (np.float64, np.int32) and A.getType() in _DIRECT and _petsc() is not None
 
 
 def own_block(A: PETSc.Mat) -> PETSc.Mat:
@@ -126,7 +126,7 @@ def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
 
     A sum of both would need room for two matrices of that size.
     """
-    if not is_direct(A) or np.dtype(PETSc.IntType) != np.int32:
+    if not is_direct(A):
         A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         A.zeroEntries()
         return
@@ -199,7 +199,7 @@ class PlacesOfPart:
         And that this can be told: of PETSc's kinds of matrices :func:`is_direct` knows some.
         """
         self.found, self._places = False, []
-        if not is_direct(A) or np.dtype(PETSc.IntType) != np.int32:
+        if not is_direct(A):
             return False
         search = library(SOURCE).tribox_part_places
         search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 8], ctypes.c_int

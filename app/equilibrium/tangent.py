@@ -165,7 +165,7 @@ class Tangent:
 
     def _add_contact(self, A: PETSc.Mat, term: ContactTerm, trial: ContactTrial) -> None:
         """Add the tangent of one pair, in place where that can be; collective."""
-        if is_direct(A) and np.dtype(PETSc.IntType) == np.int32:
+        if is_direct(A):
             with pattern_in_place(A) as (indptr, indices), values_in_place(A) as values:
                 entries = Entries(indptr, indices, values, self._first_of)
                 couplings = term.add_tangent(trial, entries)

@@ -486,6 +486,16 @@ class FitResult:
         """What the data do not determine, a line each."""
         return tuple(e.warning for e in self.estimates if e.warning)
 
+    @property
+    def correlated(self) -> tuple[str, ...]:
+        """Names of the coordinates that have a slope."""
+        return tuple(self.slopes.names)
+
+    @property
+    def correlation(self) -> Floats:
+        """(c, c), of the coordinates ``correlated``."""
+        return self.slopes.correlation()
+
 
 @dataclass(frozen=True, slots=True)
 class Found:

@@ -274,8 +274,7 @@ def _starting_point(
         mean = modulus
     ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     mu = barrier * mean * ahead
-    open_ = mu / np.maximum(gap, TINY)
-    pressure = np.maximum(pressure, np.minimum(open_, mean))
+    pressure = np.maximum(pressure, mu / np.maximum(gap, mu / mean))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
     found = InteriorPoint(pressure, mu / pressure, mu, near)
     return replace(found, slip=_starting_slip(term, trial, found, mean, barrier * ahead))

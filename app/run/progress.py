@@ -297,7 +297,7 @@ class Log:
 # -- How far a run has come within its stages: on a terminal a bar for each ------------------------
 
 MOST_BARS = 6  # stages shown at a time
-BAR_WIDTH = 20  # characters
+BAR_WIDTH, NAME_WIDTH = 20, 24  # characters
 PACE_OVER = 3600.0  # s, over which the pace is taken that says what time is left
 
 
@@ -326,16 +326,18 @@ class StageBars:
         from rich.table import Column
         from rich.text import Text
 
+        # Where the terminal is narrow, names and places are cut, not bars and times.
         name, place = (
-            TextColumn(
-                f"{{task.{what}}}",
-                markup=False,
-                table_column=Column(no_wrap=True, overflow="ellipsis"),
+            TextColumn(f"{{task.{what}}}", markup=False, table_column=column)
+            for what, column in (
+                ("description", Column(no_wrap=True, overflow="ellipsis", max_width=NAME_WIDTH)),
+                ("fields[place]", Column(no_wrap=True, overflow="ellipsis", ratio=1)),
             )
-            for what in ("description", "fields[place]")
         )
-        left = TimeRemainingColumn(compact=True)
-        bars = Progress(name, BarColumn(BAR_WIDTH), left, place, speed_estimate_period=PACE_OVER)
+        left = TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True))
+        bars = Progress(
+            name, BarColumn(BAR_WIDTH), left, place, speed_estimate_period=PACE_OVER, expand=True
+        )
 
         def rendered() -> RenderableType:
             return Group(bars, Text(self._details, no_wrap=True, overflow="ellipsis"))

@@ -91,13 +91,15 @@ class SweepScreen(SweepLines):
 
         super().__init__()
         self._count, self._ended = count, [0, 0]  # well and badly
-        last = Column(no_wrap=True, overflow="ellipsis")
+        whole = Column(no_wrap=True)  # the last column has what these leave
+        last = Column(no_wrap=True, overflow="ellipsis", ratio=1)
         self._lines = Progress(
-            TextColumn("{task.description}", markup=False),
-            TimeElapsedColumn(),
+            TextColumn("{task.description}", markup=False, table_column=whole),
+            TimeElapsedColumn(table_column=whole.copy()),
             TextColumn("{task.fields[line]}", markup=False, table_column=last),
             console=console,
             transient=True,
+            expand=True,
             redirect_stderr=False,
         )
         self._all = self._lines.add_task("sweep", line="")

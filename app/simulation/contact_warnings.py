@@ -343,7 +343,7 @@ class ContactWarnings(Remembers):
             return
         # Not in the middle of a run: another stage may hold the bodies otherwise, and the search
         # for facets, done at the start, would be done anew at the next step.
-        self._by_force = [pressed_by_force(problem, term) for term in problem.contacts]
+        self._by_force = pressed_by_force(problem)
 
     def step(self, row: Row, thickness: float) -> None:
         """Look at a converged step; collective.

@@ -116,21 +116,77 @@ def _drive(problem: Equilibrium, one: Loose, index: int) -> float:
     return float(np.sign(load * out[one.component])) if across else 0.0
 
 
-def pressed_by_force(problem: Equilibrium, term: ContactTerm) -> bool:
-    """Whether forces act, and nothing moves one of the bodies across a contact; collective.
+def pressed_by_force(problem: Equilibrium) -> list[bool]:
+    """Whether the normal force of each contact is given, and not what a soft contact costs.
 
-    The normal force is given then, and not what a soft contact costs.
+    Collective. It is where nothing prescribes the displacement of one of the bodies across the
+    contact, unless that body, or a stack of such bodies, lies between two that are held or moved.
     """
-    surface, bodies = term.surface, bodies_of(problem, term)
-    at = surface.project(surface.slave.position, surface.master.position)
-    normal = np.abs(problem.comm.allreduce((surface.slave.weight * at.on_surface) @ at.normal))
-    names = {bodies.slave.name, bodies.master.name}
-    every = [one for one in loose_directions(problem) if not one.turns]
-    forced = problem.platens or problem.loads or problem.nodal_loads
-    if not forced and all(one.kind != "tool" for one in every):
-        return False  # a body between tools that displacements move
-    loose = [one.component for one in every if names & set(one.bodies)]
-    return any(normal[axis] > 0.5 * np.linalg.norm(normal) for axis in loose)
+    loose = [one for one in loose_directions(problem) if not one.turns]
+    pairs = [_Across.of(problem, term) for term in problem.contacts]
+    return [
+        any(
+            axis in pair.axes
+            and not _lies_between(problem, [o for o in loose if o.component == axis], pairs, pair)
+            for axis in {one.component for one in loose if pair.names & set(one.bodies)}
+        )
+        for pair in pairs
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Across:
+    """A contact by the names of its bodies, and its mean normal as drawn."""
+
+    slave: str
+    master: str
+    normal: Floats  # (i,), out of the master
+    axes: frozenset[int]  # along which that points more than not
+
+    @classmethod
+    def of(cls, problem: Equilibrium, term: ContactTerm) -> _Across:
+        """Of a contact; collective."""
+        surface, bodies = term.surface, bodies_of(problem, term)
+        at = surface.project(surface.slave.position, surface.master.position)
+        local = (surface.slave.weight * at.on_surface) @ at.normal
+        normal: Floats = problem.comm.allreduce(local)
+        long = np.abs(normal) > 0.5 * np.linalg.norm(normal)
+        return cls(bodies.slave.name, bodies.master.name, normal, frozenset(np.flatnonzero(long)))
+
+    @property
+    def names(self) -> set[str]:
+        """Of both bodies."""
+        return {self.slave, self.master}
+
+
+def _lies_between(
+    problem: Equilibrium, loose: Sequence[Loose], pairs: Sequence[_Across], pair: _Across
+) -> bool:
+    """Whether bodies that nothing holds along an axis lie between two that are held; collective.
+
+    No platen may press them. ``loose`` are all bodies without support along the axis; those looked
+    at are these of ``pair``, and what they touch.
+    """
+    axis = loose[0].component
+    along = [other for other in pairs if axis in other.axes]
+    stack = [one for one in loose if pair.names & set(one.bodies)]
+    for member in stack:  # and those that are found on the way
+        touched = set().union(*(o.names for o in along if o.names & set(member.bodies)))
+        beside = [one for one in loose if touched & set(one.bodies)]
+        stack += [one for one in beside if all(one is not known for known in stack)]
+    names = {name for member in stack for name in member.bodies}
+    sides = {
+        np.sign(other.normal[axis]) * (1.0 if other.slave in names else -1.0)
+        for other in along
+        if (other.slave in names) != (other.master in names)
+    }
+    pushed = [
+        _share(problem, platen.dofs, member.nodes * problem.dim + axis)
+        for platen in problem.platens
+        if platen.displacement is None
+        for member in stack
+    ]
+    return len(sides) == 2 and not any(pushed)
 
 
 # -- friction -------------------------------------------------------------------------------------

@@ -117,6 +117,8 @@ class ImplicitStage:
 
     def _is_hopeless(self, result: StepResult) -> bool:
         """Whether shorter pieces would fail like those that have failed in a row; collective."""
+        if result.too_long:  # it was solved
+            return False
         if self.state.position.failures <= (ADRIFT if result.adrift else COLLAPSING):
             return False
         if result.adrift:

@@ -194,7 +194,8 @@ class PointCells:
         heads: dict[int, _Work] = {}
         last: _Work | None = None
         for work in works:
-            if (head := heads.get(work.shape)) is not None:  # points at the same places
+            # Matrices of points at the same places are added up; forces and energies are not.
+            if work.values and (head := heads.get(work.shape)) is not None:
                 work.same, head.same = head.same, ctypes.addressof(work)
                 continue
             heads[work.shape] = work

@@ -271,7 +271,7 @@ class PairTangent:
             # Those with the same two master facets, now and before, come one after the other.
             masters = np.int64(len(self.surface.target.stencil))
             slaves = np.int64(self.surface.slave.facet.max(initial=0)) + 1
-            both = trial.projection.facet[take] * masters + state.facet[take]
+            both = trial.projection.facet[take].astype(np.int64) * masters + state.facet[take]
             key = both * slaves + slave
         for known in self._groups:
             if np.array_equal(known.key, key) and np.array_equal(known.take, take):

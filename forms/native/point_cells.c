@@ -245,7 +245,7 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
     }
 }
 
-/* Adds what a pressure more, dW/dJ, is in the moduli, upper half. */
+/* Adds what a pressure more, dW/dJ, is in the moduli. */
 INLINE void add_pressure(enum section section, const vec *F, vec excess, vec *A)
 {
     if (section == SPACE) {

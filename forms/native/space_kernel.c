@@ -311,12 +311,6 @@ INLINE void scatter(enum shape shape, const int32_t *node, int lanes, vec force[
                 f[3 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
 }
 
-/* An entry of moduli, of which only the upper half is there. */
-INLINE const vec *of(const vec moduli[9][9], int p, int q)
-{
-    return p <= q ? &moduli[p][q] : &moduli[q][p];
-}
-
 /* What a call works on. `node` (blocks, a, LANES), `edge` (blocks, 7, 3, LANES) the coefficients of
  * the reference positions; the last block repeats its last cell where there are fewer than LANES,
  * and counts `lanes_of_last`. Null where not wanted: `forces`, which are added to, `total`, the energy. */
@@ -414,7 +408,7 @@ INLINE void update(enum section section, const Law *law, const vec *F, const vec
     for (int p = 0; p < 9; ++p) {
         P[p] = found.h[p % 3][p / 3];
         for (int q = 0; moduli && q < 9; ++q)
-            moduli[9 * p + q] = *of(found.moduli, 3 * (p % 3) + p / 3, 3 * (q % 3) + q / 3);
+            moduli[9 * p + q] = found.moduli[3 * (p % 3) + p / 3][3 * (q % 3) + q / 3];
     }
 }
 

@@ -1,17 +1,113 @@
-"""Which bodies the compiled loops stand for, and what they make of inverted cells."""
+"""Residual, energy and tangent by the compiled loops against those by DOLFINx's forms."""
 
 import numpy as np
+import pytest
+from petsc4py import PETSc
 
+from tests.conftest import Pair
+from tests.laws import coulomb
 from tribox.app.equilibrium.bodies import Bodies
+from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.step_mode import DEFAULT_STEP
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
+from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.generators.two_blocks import Block, TwoBlocks
+from tribox.geometry.meshes.mesh import generate
 
 RUBBER = MooneyRivlin(0.4, 0.1, 5.0)
 STEEL = Hencky(300.0, 700.0)  # far stiffer than the other body
+TRIALS = {"pressed": (0.0, -0.06), "slid": (1.5, -0.06)}
 
 
 class Own(NeoHookean):
     """An energy of one's own, as far as the program knows."""
+
+
+class Scene:
+    """Two blocks in contact under a platen, solved by no one."""
+
+    def __init__(self, comm, cell, formulation, lower):
+        blocks = TwoBlocks(
+            Block(1.0, 0.5, (6, 3)), Block(2.0, 0.5, (9, 2)), offset=0.47, gap=0.0, cell=cell
+        )
+        self.pair = Pair(generate(blocks, comm))
+        self.platen = Platen(self.pair.held("top", 1).dofs, force=-0.1, stiffness=0.3)
+        law = coulomb(0.3)
+        contact = ContactTerm(self.pair.surface(), law, 50.0, 0.0, "averaged")
+        solids = self.pair.solids(RUBBER, lower, formulation)
+        self.problem = Equilibrium(self.pair.u, solids, [contact], platens=[self.platen])
+        self.A = self.problem.new_matrix(self.at((0.0, 0.0)))
+
+    def at(self, shift, ripple=0.01):
+        """Unknowns of a strained and shifted upper block, on a lower one that hardly moves."""
+
+        def upper(x):
+            strained = np.sin(x @ [[5.0, 3.0], [2.0, 7.0]]) + 0.3 * x**2
+            return ripple * strained + np.array(shift) * (0.5 + x[:, 1:])
+
+        return self.pair.displaced(upper, lambda x: 1e-5 * np.cos(4.0 * x[:, ::-1]))
+
+    def apart(self, x, before=None):
+        """Largest differences of residual, energy and tangent, over the largest of each."""
+        bodies, found = self.problem.bodies, []
+        cells = bodies.cells
+        for bodies.cells in (cells, [None] * len(cells)):
+            f = self.problem.new_vector()
+            self.problem.residual(None, x, f)
+            energy = self.problem.strain_energy()
+            self.problem.assemble_tangent(x, self.A, DEFAULT_STEP, before)
+            found.append((f, energy, self.A.copy()))
+        if before is not None:  # or it would make no difference whether pressures are carried
+            self.problem.assemble_tangent(x, self.A)
+            self.A.axpy(-1.0, found[0][2], PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            assert self.A.norm() > 1e-8 * found[0][2].norm()
+        bodies.cells = cells
+        (f, energy, A), (g, other, B) = found
+        largest = g.norm(PETSc.NormType.INFINITY), B.norm(PETSc.NormType.INFINITY)
+        f.axpy(-1.0, g)
+        A.axpy(-1.0, B, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return [
+            f.norm(PETSc.NormType.INFINITY) / largest[0],
+            abs(energy / other - 1.0),
+            A.norm(PETSc.NormType.INFINITY) / largest[1],
+        ]
+
+
+def differences(comm, cell, formulation, lower):
+    """Of each state of contact and platen, what is apart, and numbers that say what was at hand."""
+    scene = Scene(comm, cell, formulation, lower)
+    tangent, found, outside = scene.problem.tangent, {}, {}
+    for acts in (True, False):
+        scene.platen.acts = acts
+        for name, shift in TRIALS.items():
+            x = scene.at(shift)
+            found[f"{name}, {acts}"] = scene.apart(x)
+            if formulation == "q1-sri":
+                found[f"{name}, {acts}, carried"] = scene.apart(x, scene.at(shift, 0.02))
+            placed = scene.problem.bodies._placed.values()
+            outside[str(acts)] = comm.allreduce(sum(len(one.places.dense) for one in placed))
+    return {"apart": found, "patterns": tangent.pattern_changes, "outside": outside}
+
+
+def all_differences(comm, directory):
+    softer = NeoHookean(3.0, 8.0)
+    return [differences(comm, "quadrilateral", "q1-sri", lower) for lower in (STEEL, softer)]
+
+
+@pytest.mark.mpi(all_differences, 3)
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_loops_give_what_forms_give(ranks, on_ranks):
+    """With platens or without, at one pattern and the next, with carried pressures."""
+    for scene in on_ranks(all_differences, ranks):
+        for state, (residual, energy, tangent) in scene["apart"].items():
+            assert residual < 1e-12, state
+            assert energy < 1e-11, state  # strains of 1 %: differences of numbers 1e4 as large
+            assert tangent < 1e-12, state
+        assert scene["patterns"] >= 3
+        # Cells of the platen, and those at the seam of two ranks, which may be that of two bodies.
+        assert scene["outside"]["True"] > scene["outside"]["False"]
+        assert (scene["outside"]["False"] > 0) == (ranks > 2)
 
 
 def test_who_is_covered(pair):

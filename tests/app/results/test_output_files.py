@@ -1,4 +1,4 @@
-"""What a run leaves: indices whole at any moment, contact files, formats; read back as one."""
+"""What a run leaves: indices whole at any moment, contact files; read back as one."""
 
 import errno
 import os

@@ -171,7 +171,7 @@ def test_what_sticks_softly_between_plates_is_said(tmp_path):
 BETWEEN_TOOLS = """
 geometry.kind = "blocks"
 geometry.blocks.rubber = { x = [0, 4e-3], y = [0, 2e-3], elements = [8, 4] }
-bodies.rubber = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+bodies.rubber = { material = "neo-hookean", E = "1 MPa", nu = 0.3, density = 1e3 }
 tools.bed = { shape = "plane", point = [0, 0], normal = [0, 1] }
 tools.lid.displacement.y = [[0, 0], [1, -1e-4]]
 tools.lid.normal = [0, -1]
@@ -183,6 +183,7 @@ contact = [
 ]
 stage = [{ name = "press", duration = 1, steps = 2 }]
 output = { fields_every = 0, figures = false }
+gravity.y = -9.81
 """
 
 

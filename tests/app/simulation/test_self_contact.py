@@ -60,7 +60,7 @@ def pressed(geometry, **tables):
             {"slave": "upper", "master": "lower", "friction": dry},
         ],
         "boundary": [{"surface": "floor", "displacement": {"x": 0, "y": 0}}],
-        "stage": [{"name": "press", "duration": "1 s", "steps": 4}],
+        "stage": [{"name": "press", "duration": "1 s", "steps": 8}],
         **tables,
     }
 
