@@ -103,19 +103,6 @@ class CellPlaces:
             search(*unknowns.shape, indptr.ctypes.data, columns.ctypes.data, ends, *arrays)
         return there
 
-    def add(self, A: PETSc.Mat, matrices: Floats) -> None:
-        """Add element matrices (c, a, i, b, j) of all cells; not collective.
-
-        This is what a compiled loop does at once: `starts` and `dense` are made for those.
-        """
-        dim = matrices.shape[-1]
-        with self.values(A) as values:
-            places = self.starts[..., None] + np.arange(dim)
-            values += np.bincount(
-                places.reshape(-1), matrices[self.inside].reshape(-1), minlength=len(values)
-            )
-        self.add_outside(A, matrices[~self.inside])
-
     @contextmanager
     def values(self, A: PETSc.Mat) -> Iterator[Floats]:
         """Within a ``with`` block the values of ``A`` that `starts` are places in.

@@ -177,18 +177,19 @@ def linear_gaps(
     """Gaps (v,) or (q,), m, of each pair that a Newton step from ``start`` to ``trial`` expects.
 
     Those that it comes to over a curved tool differ by far more than the contact is deep: pressures
-    from them are a hundred times too high, and turn with the tools in the next tangent. Collective.
+    from them are a hundred times too high, and turn with the tools in the next tangent. Those at
+    ``trial`` are of the last evaluation. Collective.
     """
     near = trial.copy()
     near.axpy(-1.0, start)
     most = 2.0 * near.norm(PETSc.NormType.INFINITY)
     near.aypx(STRIDE, start)
     out = []
-    for term, mode in step.pairs(problem.contacts):
-        before, ahead, there = (_gap(term.evaluate(x, step.dt, mode)) for x in (start, near, trial))
+    for (term, mode), there in zip(step.pairs(problem.contacts), problem.trials, strict=True):
+        before, ahead = (_gap(term.evaluate(x, step.dt, mode)) for x in (start, near))
         change = (ahead - before) / STRIDE
         # Where a point passes the end of a master there is no rate.
-        out.append(np.where(np.abs(change) <= most, before + change, there))
+        out.append(np.where(np.abs(change) <= most, before + change, _gap(there)))
     near.destroy()
     return out
 
@@ -274,7 +275,7 @@ def _starting_point(
         mean = modulus
     ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     mu = barrier * mean * ahead
-    pressure = np.maximum(pressure, mu / np.maximum(gap, mu / mean))
+    pressure = np.maximum(pressure, mu / np.maximum(gap, barrier * ahead))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
     found = InteriorPoint(pressure, mu / pressure, mu, near)
     return replace(found, slip=_starting_slip(term, trial, found, mean, barrier * ahead))

@@ -130,6 +130,7 @@ class ContactTerm:
         self.offset: Floats | None = None
         self.neighbours: list[Neighbour] = []
         self.rule = normal_rule(pressure, surface, penalty)
+        self._known_parts = -1  # none
         self._prepare_tangent()
         q = len(surface.slave.weight)
         self.film = film_thickness(film)
@@ -144,9 +145,10 @@ class ContactTerm:
         self._left: Left | None = None  # by neighbours, at the last step
 
     def _prepare_tangent(self) -> None:
-        """Lay out the tangent over the master's facets that are known."""
-        surface, self._known_parts = self.surface, self.surface.parts
-        self.linearised = PairTangent(surface, self.rule)
+        """Lay out the tangent over the master's facets that are known, where these are others."""
+        if self._known_parts != self.surface.parts:
+            self._known_parts = self.surface.parts
+            self.linearised = PairTangent(self.surface, self.rule)
 
     @classmethod
     def between(
@@ -187,8 +189,7 @@ class ContactTerm:
         Nothing is changed; the evaluation of the same ``x`` twice in a row costs one gather.
         """
         values = self.surface.gather(x)
-        if self._known_parts != self.surface.parts:
-            self._prepare_tangent()
+        self._prepare_tangent()
         last = self._last
         # An averaged pressure is summed over the ranks: they must all evaluate, or none.
         known = last is not None and last.answers(dt, mode, values)
@@ -239,6 +240,7 @@ class ContactTerm:
         self, points: Floats, nodes: Floats, at: Projection, closed: Bools
     ) -> tuple[Anchor, ContactKinematics]:
         """Places of the last step, and slip, of points (q, i), m, over nodes (n, i), m."""
+        self._prepare_tangent()
         brought = None if self._left is None else self._left.brought
         return self.linearised.relate(points, nodes, at, self.state, closed, brought)
 

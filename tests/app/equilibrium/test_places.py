@@ -49,6 +49,16 @@ def matrix_of(mesh):
     return space, A
 
 
+def add_all(places, A, matrices):
+    """Add element matrices (c, a, i, b, j) of all cells; a compiled loop does this at once."""
+    columns = places.starts[..., None] + np.arange(matrices.shape[-1])
+    with places.values(A) as values:
+        values += np.bincount(
+            columns.reshape(-1), matrices[places.inside].reshape(-1), minlength=len(values)
+        )
+    places.add_outside(A, matrices[~places.inside])
+
+
 def difference(mesh, every=1, condensed=None):
     """Largest difference between both ways of adding, each done twice, and of what is inside."""
     space, A = matrix_of(mesh)
@@ -71,7 +81,7 @@ def difference(mesh, every=1, condensed=None):
     A.zeroEntries()
     places = CellPlaces(A, nodes, dim)
     for _ in range(2):
-        places.add(A, values)
+        add_all(places, A, values)
     A.assemble()
     A.axpy(-1.0, wanted)
     inside = mesh.comm.allreduce(int(places.inside.sum())), mesh.comm.allreduce(len(nodes))

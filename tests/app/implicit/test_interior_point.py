@@ -149,6 +149,7 @@ def test_pressures_follow_the_gaps_that_the_tangent_expects():
     start.array[:] = problem.u.x.array[: problem.owned]
     trial = start.copy()
     trial.array[::2] += 5e-4
+    problem.residual(None, trial, trial.duplicate(), step)
     found = linear_gaps(problem, step, start, trial)
     for term, gap in zip(problem.contacts, found, strict=True):
         here = term.evaluate(start, 1.0)
