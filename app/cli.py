@@ -26,7 +26,7 @@ if _rich is not None:
 
 import tribox  # noqa: E402
 from tribox.app.errors import InputError, Interrupted  # noqa: E402
-from tribox.app.run.process import lasting_imports, ranks_around, with_sources  # noqa: E402
+from tribox.app.run.process import lasting_imports, with_sources  # noqa: E402
 from tribox.app.run.ranks import end_interrupted, end_with, ensure_cache  # noqa: E402
 
 if TYPE_CHECKING:
@@ -412,27 +412,20 @@ def _refuse(options: dict[str, object], reason: str) -> None:
 @cli.command(context_settings=_PASSED_ON, add_help_option=False)
 def bench(context: typer.Context) -> None:
     """Measure where the CPU time of a case goes, or compare two versions, in a checkout."""
-    root = _checkout("bench", "benchmarks")
+    _run_beside("bench", "benchmarks.bench", context.args)
+
+
+@cli.command(context_settings=_PASSED_ON, add_help_option=False)
+def verify(context: typer.Context) -> None:
+    """Compute cases and compare them with closed forms, in a checkout; exit code 3 if one fails."""
+    _run_beside("verify", "benchmarks.verify", context.args)
+
+
+def _run_beside(command: str, module: str, words: list[str]) -> None:
+    """Become a program of the source tree's benchmarks."""
+    root = _checkout(command, "benchmarks")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(root), with_sources(os.environ)["PYTHONPATH"]])
-    os.execv(sys.executable, [sys.executable, "-P", "-m", "benchmarks.bench", *context.args])
-
-
-@cli.command()
-def verify(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME ...]", help="cases (default: all)")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="directory for a report with figures (default: none)")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="replace a report that is there")] = False,
-) -> None:
-    """Compute verification cases and compare them with closed forms; exit code 3 if one fails."""
-    from tribox.app.verify.report import run_verify
-
-    if ranks_around() > 1:
-        raise InputError("verify runs on one rank")
-    run_verify(names or [], out, force)
+    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *words])
 
 
 @cli.command()

@@ -22,10 +22,10 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from benchmarks.verify.result import solve
+from benchmarks.verify.space import PatchErrors, stress_errors
 from tribox.app.errors import SolutionError
 from tribox.app.figures.style import STYLE, save
-from tribox.app.verify.result import solve
-from tribox.app.verify.space import PatchErrors, stress_errors
 
 PRESSURE = 1e5  # Pa, a fiftieth of the elastomer's modulus
 CASE = """

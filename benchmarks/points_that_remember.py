@@ -16,9 +16,9 @@ import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 
+from benchmarks.verify.flowing import FlowingBody, Shape, rectangle
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.tangent import pattern_form
-from tribox.app.verify.flowing import FlowingBody, Shape, rectangle
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.internal_force import InternalForce

@@ -12,9 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tribox.app.errors import SolutionError
-from tribox.app.verify.report import percent
-from tribox.app.verify.space import (
+from benchmarks.verify.report import percent
+from benchmarks.verify.space import (
     MISMATCHES,
     SECTION,
     SLAVE_FACETS,
@@ -25,6 +24,7 @@ from tribox.app.verify.space import (
     press_sphere,
     roll,
 )
+from tribox.app.errors import SolutionError
 
 DEGREES = (1, 3, 5, 7, 9, 11)
 COARSER = 7  # slave facets along x and z under which the master has up to 1.5 times as many

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.comparison import level_options
+from benchmarks.verify.contact import REFERENCE, Profile, press, pressure_checks, traction_checks
+from benchmarks.verify.report import percent
+from benchmarks.verify.result import Check
 from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
-from tribox.app.verify.contact import REFERENCE, Profile, press, pressure_checks, traction_checks
-from tribox.app.verify.report import percent
-from tribox.app.verify.result import Check
 from tribox.forms.closed_forms.homogeneous_sliding import (
     Floats,
     effective_viscosity,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.verify.test_flowing import fibre_moments
+from tests.benchmarks.verify.test_flowing import fibre_moments
 from tests.forming_pictures import draw_picture
 from tribox import load_case, read, run_case
 from tribox.app.results.recorder import force_balance

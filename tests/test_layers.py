@@ -40,7 +40,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("tribox.app.figures",),
     ("tribox.app.friction_map",),
     ("tribox.app.fit", "tribox.app.init", "tribox.app.report", "tribox.app.run"),
-    ("tribox.app.verify", "tribox.app.fit_model", "tribox.app.fit_run"),
+    ("tribox.app.fit_model", "tribox.app.fit_run"),
     ("tribox.app.cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}

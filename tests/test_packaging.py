@@ -146,9 +146,9 @@ def test_a_checkout_without_symbolic_links_runs_and_is_not_packaged(sources, tmp
         link.unlink()
         link.write_text(content)
     script = (
-        "from tribox.app.verify.result import CASES; from tribox import load_case; import "
-        "tribox.forms.friction, tribox.geometry.native; "
-        "print(load_case(CASES / 'block-slide.toml').title)"
+        "from pathlib import Path; from tribox import load_case; import tribox.app, "
+        "tribox.forms.friction, tribox.geometry.native; cases = Path(tribox.app.__file__).parents"
+        "[1] / 'cases'; print(load_case(cases / 'block-slide.toml').title)"
     )
     done = subprocess.run(
         [sys.executable, "-P", "-c", script],

@@ -32,9 +32,9 @@ from benchmarks.curved_contact.runs import (
     stages,
 )
 from benchmarks.curved_contact.shapes import ridge, tool_on_rubber
+from benchmarks.verify.contact import REFERENCE
+from benchmarks.verify.result import CASES
 from tribox.app.case.reading import load_case
-from tribox.app.verify.contact import REFERENCE
-from tribox.app.verify.result import CASES
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ from benchmarks.curved_contact import runs
 from benchmarks.curved_contact.runs import MM, Frame, Outcome
 from benchmarks.curved_contact.shapes import Moved, TwoHemispheres, graded
 from benchmarks.curved_contact.surfaces import beyond_line, beyond_point, half_width
-from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.forms.closed_forms.hertz import LineContact, PointContact, relative_radius
+from benchmarks.verify.contact import case_modulus, fit_ellipse
+from benchmarks.verify.hertz import LineContact, PointContact, relative_radius
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
 from tribox.geometry.generators.cylinders import LineContact as Lines
 from tribox.geometry.generators.sphere_on_block import SphereOnBlock

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize, minimize_scalar
 
+from benchmarks.verify.result import Floats
 from tribox.app.build.model import Model
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_resultants import turned_right
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Interval, Observer, RunState
-from tribox.app.verify.result import Floats
 from tribox.forms.contact.pressure import nodal_pressure
 from tribox.geometry.surfaces.body_facets import facet_nodes
 from tribox.geometry.surfaces.facets import Ints

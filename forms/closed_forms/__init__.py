@@ -1,4 +1,4 @@
-"""Closed forms for verification; those of homogeneous sliding can be imported from here."""
+"""Closed forms of homogeneous sliding."""
 
 from tribox.forms.closed_forms.homogeneous_sliding import (
     crossover_speed,

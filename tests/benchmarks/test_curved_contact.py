@@ -16,8 +16,8 @@ from benchmarks.curved_contact.surfaces import (
     half_width,
     slip_integral,
 )
-from tribox.app.verify.result import solve
-from tribox.app.verify.space import held
+from benchmarks.verify.result import solve
+from benchmarks.verify.space import held
 
 RADIUS, A = 5e-3, 0.5e-3
 

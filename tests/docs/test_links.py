@@ -69,7 +69,9 @@ def test_files_that_are_named_exist(page):
             assert next(ROOT.glob(pattern), None), name
 
 
-BENCH = Path(__file__).parents[2] / "benchmarks" / "bench.py"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+# Commands whose words are those of other programs, and what reads these.
+PASSED_ON = {"bench": BENCHMARKS / "bench.py", "verify": BENCHMARKS / "verify" / "__main__.py"}
 
 
 def unknown_words(text: str) -> list[str]:
@@ -81,8 +83,8 @@ def unknown_words(text: str) -> list[str]:
         if named := COMMAND.fullmatch(quoted):
             command = group.commands.get(named[1])
             known = [] if command is None else [o for p in command.params for o in p.opts]
-            if named[1] == "bench":  # its words are another program's
-                known = re.findall(r'add\("(--[a-z-]+)"', BENCH.read_text(encoding="utf-8"))
+            if source := PASSED_ON.get(named[1]):
+                known = re.findall(r'add\w*\("(--[a-z-]+)"', source.read_text(encoding="utf-8"))
             options = re.findall(r"(?<![\w-])--[a-z][a-z-]*", named[2])
             if command is None or not (named[1] == "test" or set(options) <= set(known)):
                 unknown.append(quoted)

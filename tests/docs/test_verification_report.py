@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tribox.app.verify.report import CASES
+from benchmarks.verify.report import CASES
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/verification.md"
 ROW = re.compile(r"^\| `([\w-]+)` \| (\d+) \|", re.MULTILINE)

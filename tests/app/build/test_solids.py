@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 from pydantic import TypeAdapter
 
+from benchmarks.verify import hertz
 from tribox.app.build.contacts import contact_modulus, penalty_modulus
 from tribox.app.build.model import build_model, notes_on_materials
 from tribox.app.case.bodies import Body
@@ -33,7 +34,6 @@ from tribox.forms.bodies.materials import (
 )
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
-from tribox.forms.closed_forms import hertz
 
 BODY = TypeAdapter(Body)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from benchmarks.verify.result import CASES
 from tests.app.read_log import read_log
 from tests.contact_boxes import GAP, Scene
 from tests.laws import coulomb
@@ -23,7 +24,6 @@ from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results import read
 from tribox.app.run.run import run_case
 from tribox.app.simulation.contact_resultants import measure_contact
-from tribox.app.verify.result import CASES
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.gmsh_model import gmsh_session

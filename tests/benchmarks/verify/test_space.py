@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tribox.app.verify.space import (
+from benchmarks.verify.space import (
     QUICK_BOXES,
     SECTION,
     SMOOTH,

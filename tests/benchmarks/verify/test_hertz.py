@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from tribox.forms.closed_forms.hertz import (
+from benchmarks.verify.hertz import (
     LineContact,
     PointContact,
     Twist,

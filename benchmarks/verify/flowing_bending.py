@@ -9,15 +9,15 @@ import numpy as np
 import ufl
 from petsc4py import PETSc
 
+from benchmarks.verify.flowing import POISSON, YOUNG, FlowingBody, Shape, metal, rectangle
+from benchmarks.verify.metal_bar import Strip
+from benchmarks.verify.result import Check, Line, Panel, Verification, compare
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.verify.flowing import POISSON, YOUNG, FlowingBody, Shape, metal, rectangle
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Hardening, Linear, Voce
 from tribox.forms.bodies.loads import Load, surface_measure
 from tribox.forms.bodies.solid import Formulation
-from tribox.forms.closed_forms.metal_bar import Strip
 from tribox.geometry.surfaces.facets import Floats, Longs
 
 # -- Cook's membrane ------------------------------------------------------------------------------

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
-from tribox.forms.bodies.hardening import Linear, Swift, Voce
-from tribox.forms.closed_forms.metal_bar import (
+from benchmarks.verify.metal_bar import (
     flow_curve,
     inner_pressure,
     load_maximum,
     stress_at,
     stretch_and_stress,
 )
+from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
+from tribox.forms.bodies.hardening import Linear, Swift, Voce
 
 LAW = Voce(60e6, 160e6, 12.0, 50e6)
 

@@ -18,15 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.case.generators import BlocksGeometry
-from tribox.app.case.table import nearest
-from tribox.app.errors import InputError, SolutionError
-from tribox.app.figures.style import STYLE, colour_of, marker_of, save
-from tribox.app.results.claim import claimed
-from tribox.app.results.directory import write_text
-from tribox.app.results.fields import StressField
-from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.contact import (
+from benchmarks.verify.contact import (
     block_slide,
     cattaneo_mindlin,
     film_sliding,
@@ -36,10 +28,18 @@ from tribox.app.verify.contact import (
     mindlin_reversal,
     penalty,
 )
-from tribox.app.verify.flowing import considere, thick_tube, upset
-from tribox.app.verify.flowing_bending import cook, pure_bending
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
-from tribox.app.verify.space import curved_sliding, hertz_point, isotropy, patch_space, sphere_twist
+from benchmarks.verify.flowing import considere, thick_tube, upset
+from benchmarks.verify.flowing_bending import cook, pure_bending
+from benchmarks.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
+from benchmarks.verify.space import curved_sliding, hertz_point, isotropy, patch_space, sphere_twist
+from tribox.app.case.generators import BlocksGeometry
+from tribox.app.case.table import nearest
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.figures.style import STYLE, colour_of, marker_of, save
+from tribox.app.results.claim import claimed
+from tribox.app.results.directory import write_text
+from tribox.app.results.fields import StressField
+from tribox.app.simulation.simulation import Simulation
 
 # -- Verification of the solids: a nearly incompressible block in plane-strain compression ---------
 

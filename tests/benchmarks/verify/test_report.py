@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import tribox.app.verify.report as verification
-from tribox.app.build.mesh import make_mesh
-from tribox.app.build.model import build_model
-from tribox.app.case.reading import check_case, load_case
-from tribox.app.errors import InputError, SolutionError
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.contact import block_slide, cattaneo_mindlin, fit_ellipse, hertz_line
-from tribox.app.verify.report import (
+import benchmarks.verify.report as verification
+from benchmarks.verify.contact import block_slide, cattaneo_mindlin, fit_ellipse, hertz_line
+from benchmarks.verify.report import (
     CASES,
     block_compression,
     plane_strain_pressure,
     plane_strain_stress,
     run_verify,
 )
-from tribox.app.verify.result import CASES as DIRECTORY
-from tribox.app.verify.result import Check, Line, Panel, Verification, compare
+from benchmarks.verify.result import CASES as DIRECTORY
+from benchmarks.verify.result import Check, Line, Panel, Verification, compare
+from tribox.app.build.mesh import make_mesh
+from tribox.app.build.model import build_model
+from tribox.app.case.reading import check_case, load_case
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.simulation.run_state import Observer
+from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 COARSE = (
@@ -244,7 +244,7 @@ def test_an_unknown_case_is_refused_before_any_runs(cases, capsys):
 
 
 def test_the_command(tribox):
-    done = tribox("verify", "friction-law", "--out", "report")
+    done = tribox("verify", "friction-law", "--out", "report", process=True)
     assert done.returncode == 0, done.stderr
     assert "checks of 1 cases passed" in done.stdout and "report in report" in done.stdout
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from benchmarks.verify.hertz import LineContact, contact_modulus, relative_radius
+from benchmarks.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.app.build.model import Model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import LawTable
@@ -19,9 +21,7 @@ from tribox.app.friction_map.setup import map_setup
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.point_probes import PointProbes
 from tribox.app.simulation.history import Row
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, compare, solve
 from tribox.forms.bodies.materials import young_and_poisson
-from tribox.forms.closed_forms.hertz import LineContact, contact_modulus, relative_radius
 from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity
 from tribox.forms.friction.law import Regime
 

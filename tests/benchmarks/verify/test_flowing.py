@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tribox.app.verify.flowing import (
+from benchmarks.verify.flowing import (
     FLOWS,
     GROWTH,
     INNER,
@@ -16,7 +16,7 @@ from tribox.app.verify.flowing import (
     quarter_of_tube,
     tube_of_revolution,
 )
-from tribox.app.verify.flowing_bending import (
+from benchmarks.verify.flowing_bending import (
     ANGLES,
     POISSON,
     PUBLISHED,
@@ -28,8 +28,8 @@ from tribox.app.verify.flowing_bending import (
     membrane_tip,
     springback,
 )
+from benchmarks.verify.metal_bar import Strip, inner_pressure, load_maximum, stress_at
 from tribox.forms.bodies.hardening import Backstress, Voce
-from tribox.forms.closed_forms.metal_bar import Strip, inner_pressure, load_maximum, stress_at
 
 RIGID_VOLUME = metal(TUBE, poisson=0.4999)
 

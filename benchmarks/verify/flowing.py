@@ -10,12 +10,13 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.verify.metal_bar import inner_pressure, load_maximum, stress_at
+from benchmarks.verify.result import Check, Line, Panel, Verification, apart, compare, solve
 from tribox.app.case.generators import PlacedBlocksGeometry
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
-from tribox.app.verify.result import Check, Line, Panel, Verification, apart, compare, solve
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Hardening, Swift, Voce
 from tribox.forms.bodies.kinematics import Section
@@ -23,7 +24,6 @@ from tribox.forms.bodies.loads import FollowerPressure, Load
 from tribox.forms.bodies.materials import Material, young_and_poisson
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.solid import DEGREE, Formulation
-from tribox.forms.closed_forms.metal_bar import inner_pressure, load_maximum, stress_at
 from tribox.geometry.compat import cell_nodes, mesh_of_cells
 from tribox.geometry.surfaces.facets import Floats, Ints
 

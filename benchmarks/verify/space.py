@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.verify.contact import case_modulus, fit_ellipse
+from benchmarks.verify.hertz import PointContact, Twist
+from benchmarks.verify.result import Check, Floats, Line, Panel, Verification, apart, compare, solve
 from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import SphereGeometry
 from tribox.app.case.time_tables import value_at
 from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.fields import StressField
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.verify.contact import case_modulus, fit_ellipse
-from tribox.app.verify.result import Check, Floats, Line, Panel, Verification, apart, compare, solve
-from tribox.forms.closed_forms.hertz import PointContact, Twist
 from tribox.geometry.compat import cell_nodes
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.verify.metal_bar import Strip
 from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
 from tribox.forms.bodies.hardening import Linear, Voce
-from tribox.forms.closed_forms.metal_bar import Strip
 
 E, NU, T = 70e9, 0.33, 1e-3
 STIFFNESS = E * T**3 / 12.0 / (1.0 - NU**2)
