@@ -161,39 +161,6 @@ class Layout:
 
     # -- and back -----------------------------------------------------------------------------
 
-    def check(
-        self, tree: Any, arrays: dict[str, Array], like: tuple[Any, dict[str, Array]]
-    ) -> None:
-        """See that all arrays of a tree are there and of the shape that they are to have.
-
-        On the first rank: what :meth:`scatter` fails at there, the others would wait for.
-
-        Raises:
-            ValueError: one has not.
-            LookupError: one is missing.
-        """
-        for place, (kind, name, *whose) in _leaves(tree):
-            order = self._order(kind, whose)
-            rows = None if order is None else len(order.order)
-            array, row = arrays[name], () if kind == "nodal" else None
-            if not array.ndim or rows not in (None, len(array)):
-                raise ValueError(f"{len(np.atleast_1d(array))} rows instead of {rows} in {place}")
-            if row not in (None, array.shape[1:]) or array.dtype.kind not in "fiub":
-                raise ValueError(f"{array.dtype} of shape {array.shape} in {place}")
-        expected = dict(_leaves(like[0]))
-        for place, leaf in _leaves(tree):
-            if place in expected:
-                self._compare(place, arrays[leaf[1]], like[1][expected[place][1]])
-
-    @staticmethod
-    def _compare(place: str, array: Array, other: Array) -> None:
-        """See that an array is one of rows like those of another."""
-        if (array.shape[1:], array.dtype.kind) != (other.shape[1:], other.dtype.kind):
-            raise ValueError(
-                f"{array.dtype} of shape {array.shape} instead of {other.dtype}, "
-                f"{other.shape} in {place}"
-            )
-
     def scatter(self, tree: Any, arrays: dict[str, Array]) -> Any:
         """The tree on every rank with this rank's arrays in it; collective."""
         tree = self.comm.bcast(tree)
@@ -212,15 +179,6 @@ class Layout:
             return order.scatter(array)
         whole: Array = self.comm.bcast(array)
         return np.zeros_like(whole) if kind == "sum" and self.comm.rank > 0 else whole.copy()
-
-
-def _leaves(tree: Any, place: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """Dotted places of the arrays of a plain tree, and what stands for each."""
-    if isinstance(tree, dict) and "$" in tree:
-        yield place, tree["$"]
-    elif isinstance(tree, dict | list):
-        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
-            yield from _leaves(value, f"{place}.{key}" if place else str(key))
 
 
 def _mapped(

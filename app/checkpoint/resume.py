@@ -26,13 +26,6 @@ from tribox.app.results.saving import on_first
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import RunState
 from tribox.app.simulation.simulation import Simulation
-from tribox.app.simulation.watches import Watches
-
-# What a manifest must hold of a run.
-_KINDS: dict[str, type | tuple[type, ...]] = {
-    **{"step": int, "time": (int, float), "stage": str, "status": str},
-    **{"inputs": dict, "versions": dict},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +63,6 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
             f"{notes[0].removesuffix(INSTEAD)}, and there is no other to go on from; begin anew "
             "with --force, or name another directory with --out"
         )
-    about = {} if found is None else found.about
-    for name, kind in _KINDS.items():
-        if found is not None and not isinstance(about.get(name), kind):
-            raise InputError(_strange(directory, ValueError(f"{name} in its manifest")))
     return found, notes
 
 
@@ -93,8 +82,7 @@ def go_on(
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint
     layout = Layout(model)
-    like = layout.gather(_not_begun(simulation))
-    on_first(comm, lambda: _compare(simulation, checkpoint, layout, like, directory))
+    on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
     on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
@@ -130,20 +118,10 @@ def started_line(found: Found, simulation: Simulation) -> str:
     )
 
 
-def _not_begun(simulation: Simulation) -> Snapshot:
-    """What a run remembers before its first step, as it stands in a checkpoint; collective."""
-    whole: Snapshot = {"state": simulation.state.snapshot(), "model": simulation.model.snapshot()}
-    if simulation.implicit is not None:
-        whole["runner"] = simulation.implicit.snapshot()
-    watches = Watches(simulation.model).snapshot()
-    return {"simulation": whole, "recorder": {"watches": watches}}
-
-
 def _compare(
     simulation: Simulation,
     checkpoint: Checkpoint | None,
     layout: Layout,
-    like: tuple[Any, dict[str, Array]],
     directory: Path,
 ) -> None:
     """Refuse another case or mesh; on the first rank."""
@@ -160,10 +138,6 @@ def _compare(
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))
-        if not found:
-            if checkpoint.tree["simulation"]["solver"] != "implicit":
-                like[0]["simulation"].pop("runner", None)
-            layout.check(checkpoint.tree, checkpoint.arrays, like)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     if found:

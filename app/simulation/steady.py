@@ -140,8 +140,6 @@ class SlidWay:
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        if not 0 < len(kept["driven"]) == len(kept["force"]) == len(kept["unsettled"]):
-            raise ValueError("samples of unlike number")
         self._driven, self._force = kept["driven"].tolist(), kept["force"].tolist()
         self._unsettled = kept["unsettled"].tolist()
         self._presliding, self._stiffness = kept["presliding"], kept["stiffness"]
