@@ -23,6 +23,7 @@ from tribox.app.equilibrium.supports import (
     body_nodes,
     joined_bodies,
     loose_directions,
+    rigid_motions,
     sprung_dofs,
 )
 from tribox.app.equilibrium.unknowns import Prescribed, box_of
@@ -309,27 +310,18 @@ class RigidMotions:
     def __init__(self, problem: Equilibrium) -> None:
         """Find the motions about the middle of the mesh; collective."""
         self._problem, dim = problem, problem.dim
-        count = problem.owned // dim
         place = problem.unknowns.node_places()
         sums = problem.comm.allreduce(np.array([*place.sum(axis=0), len(place)]))
         arm = place - sums[:-1] / sums[-1]
         size = problem.comm.allreduce(float(np.abs(arm).max(initial=0.0)), op=MPI.MAX)
-        motions, self.names = [], []
-        for axis in range(dim):
-            motions.append(np.tile(np.eye(dim)[axis], (count, 1)))
-            self.names.append(f"moving in {'xyz'[axis]}")
-        for axis in (2,) if dim == 2 else (0, 1, 2):
-            across = np.zeros((count, 3))
-            # A turn moves the farthest node by 1, as a displacement does: one bound serves for
-            # both.
-            across[:, :dim] = arm / size
-            motions.append(np.cross(np.eye(3)[axis], across)[:, :dim])
-            self.names.append(f"turning about {'xyz'[axis]}")
-        self._motions: Floats = np.stack(motions, axis=-1).reshape(count * dim, -1)
+        ring = bool(problem.solids) and problem.solids[0].section == "axisymmetric"
+        # A turn moves the farthest node by 1, as a displacement does: one bound serves for both.
+        motions = rigid_motions(arm / size, ring).transpose(0, 2, 1)
+        self._motions: Floats = motions.reshape(len(arm) * dim, motions.shape[2])
+        turns = [f"turning about {axis}" for axis in ("z" if dim == 2 else "xyz")]
+        names = [*(f"moving in {axis}" for axis in "xyz"[:dim]), *turns]
+        self.names = names[1:2] if ring else names
         self._nodes = {s.name: body_nodes(problem, s.cells) for s in problem.solids}
-        if problem.solids and problem.solids[0].section == "axisymmetric":
-            # A ring moves as a whole along its axis only.
-            self._motions, self.names = self._motions[:, 1:2], self.names[1:2]
 
     def rows(self, dofs: Ints) -> tuple[Ints, Floats]:
         """Unknowns that are held, and their displacements (c, k) in each motion."""
