@@ -304,7 +304,8 @@ class NumpyPair:
             parts = own, trial.carried.forces(master, -force)
             return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
         shape = np.concatenate([slave.shape, -master], axis=1)
-        nodes = np.concatenate([slave.nodes, self.surface.master_nodes(at.facet)], axis=1)
+        moved = self.surface.master.nodes[self.surface.target.stencil[at.facet]]
+        nodes = np.concatenate([slave.nodes, moved], axis=1)
         values = shape[:, :, None] * force[:, None, :]
         if (images := self.surface.images) is None:
             return nodes, values

@@ -64,15 +64,7 @@ void tribox_line_places(const Line *l, int64_t count, const int32_t *piece, cons
                         double *place, double *tangent, double *bend)
 {
     for (int64_t q = 0; q < count; ++q)
-        place_of(l, piece[q], xi[q], place + 2 * q, tangent ? tangent + 2 * q : 0,
-                 tangent ? bend + 2 * q : 0);
-}
-
-void tribox_line_nearest(const Line *l, int64_t count, const double *x, const int32_t *piece,
-                         double *xi)
-{
-    for (int64_t q = 0; q < count; ++q)
-        xi[q] = nearest(l, piece[q], x + 2 * q);
+        place_of(l, piece[q], xi[q], place + 2 * q, tangent + 2 * q, bend + 2 * q);
 }
 
 /* Closest points (q, i). Of pieces equally close, within `tie`, the first is taken, one that holds

@@ -142,10 +142,6 @@ class RigidSurface(ABC):
     def at(self, facet: Ints, xi: Floats) -> Places:
         """The undeformed surface at the places ξ (q, α) of facets (q,)."""
 
-    def place(self, facet: Ints, xi: Floats) -> Floats:
-        """Places (q, i), m, of :meth:`at` alone."""
-        return self.at(facet, xi).place
-
     @abstractmethod
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """The undeformed surface as lines or triangles.
@@ -221,7 +217,7 @@ class RigidSurface(ABC):
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """N_a (q, a) at the place ξ (q, α) of each facet (q,)."""
-        return self.shares(self.place(facet, xi))
+        return self.shares(self.at(facet, xi).place)
 
     def shares(self, places: Floats) -> Floats:
         """N_a (q, a) at undeformed places (q, i), m, of the tool, on its surface or not."""

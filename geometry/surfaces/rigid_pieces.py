@@ -199,26 +199,6 @@ class CompiledPieces:
         self._call("places", len(xi), *map(_at, (piece, xi, *out)))
         return out[0], out[1], out[2]
 
-    def places(self, piece: Ints, xi: Floats) -> Floats:
-        """As :meth:`Pieces.places`."""
-        out, piece, xi = (
-            np.empty((len(xi), 2)),
-            _ints(piece),
-            _floats(xi),
-        )
-        self._call("places", len(xi), *map(_at, (piece, xi, out)), None, None)
-        return out
-
-    def nearest(self, points: Floats, piece: Ints) -> Floats:
-        """As :meth:`Pieces.nearest`."""
-        out, points, piece = (
-            np.empty(len(points)),
-            _floats(points),
-            _ints(piece),
-        )
-        self._call("nearest", len(points), *map(_at, (points, piece, out)))
-        return out
-
     def closest(self, points: Floats, tie: float) -> tuple[Ints, Floats, Ints]:
         """Pieces (q,) and ξ (q,) of the closest points, and whether ends hold them (q,).
 

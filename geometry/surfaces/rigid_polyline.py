@@ -108,10 +108,6 @@ class Polyline(RigidShape):
         place, tangent, bend = self._code.at(facet, xi[:, 0])
         return Places(place, tangent[:, None], bend[:, None, None])
 
-    def place(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
-        return self._code.places(facet, xi[:, 0])
-
     def excess(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
@@ -131,7 +127,7 @@ class Polyline(RigidShape):
         facet, found, at_end = self._code.closest(points, _TIE * self.size)
         held, end = at_end > 0, np.maximum(at_end - 1, 0)
         if frozen_facets is not None and self._sharp.any():
-            there = self._code.nearest(points, frozen_facets)
+            there = self.pieces.nearest(points, frozen_facets)
             low, high = self._limits[frozen_facets].T
             stays = np.maximum(low - there, there - high) <= OVERRUN
             facet = np.where(stays, frozen_facets, facet)

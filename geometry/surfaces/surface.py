@@ -341,11 +341,6 @@ class ContactSurface:
         position = self.vertices.position[self.normals.around] + values[self.chain_rows]
         return self.normals.at(position)
 
-    def master_nodes(self, facet: Ints) -> Longs:
-        """Global nodes (q, m) that move the master facets ``facet`` (q,)."""
-        nodes: Longs = self.master.nodes[self.target.stencil[facet]]
-        return nodes
-
     def slave_positions(self, displacement: Floats) -> Floats:
         """Current positions (q, i) of the slave points from nodal displacements (q, a, i)."""
         moved: Floats = np.einsum("qa,qai->qi", self.slave.shape, displacement)
