@@ -167,6 +167,10 @@ def _value_cure(line: str) -> str:
 _INDEX = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
 _PLAIN = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 _LONGEST = 100  # letters of an override that a message shows
+_NO_KEY = (
+    "not a dotted key such as contact.0.film.thickness, or "
+    "bodies.'rubber pad'.nu with quotes round what has spaces"
+)
 
 
 class KeyPathError(ValueError):
@@ -229,11 +233,11 @@ def _split(key: str) -> list[str]:
     try:
         here: Any = parse_toml(f"{key.strip()} = 0")
     except TomlError:
-        raise KeyPathError("not a dotted key such as contact.0.film.thickness") from None
+        raise KeyPathError(_NO_KEY) from None
     names = []
     while isinstance(here, dict):
         if len(here) != 1:
-            raise KeyPathError("not a dotted key such as contact.0.film.thickness")
+            raise KeyPathError(_NO_KEY)
         [(name, here)] = here.items()
         names.append(name)
     return names

@@ -146,7 +146,7 @@ MISTAKES = [
     # overrides
     ("contact.7.slave=a", '"contact.7.slave=a": contact has no entry "7"'),
     ("stage.0", '"stage.0": an override is written key=value'),
-    ("a b=3", "not a dotted key"),
+    ("bodies.rubber pad.nu=3", "not a dotted key such as contact.0.film.thickness, or bodies.'"),
 ]  # fmt: skip
 
 
