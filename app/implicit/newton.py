@@ -327,7 +327,7 @@ class Newton(Remembers):
 
         if whole >= 0.0:
             length_to_least_energy(work, 1.0)
-        elif before < near:
+        elif before < near or not np.isfinite(whole):  # no numbers: the caller sees that
             work(1.0)
         else:
             furthest = increment.norm(PETSc.NormType.INFINITY)

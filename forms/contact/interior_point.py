@@ -259,7 +259,9 @@ class CentralSlip(InteriorSlip):
     ) -> CentralSlip:
         """See :class:`InteriorSlip`: the next path, at the threshold that follows."""
         at = self.linear(trial, threshold)
-        reached = np.maximum(following, ROUND_OFF * self.threshold)
+        # Where nothing holds the points any length will do: one that fell by ROUND_OFF in each
+        # iteration would soon have no square.
+        reached = np.where(following > ROUND_OFF * self.threshold, following, self.threshold)
         return CentralSlip(at.elastic, at.permanent, reached, shrinks * self.barrier)
 
 

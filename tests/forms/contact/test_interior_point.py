@@ -115,3 +115,17 @@ def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure, 
     mode = ContactMode(interior=inside)
     x = scene.vector(np.array(given.now)[pick], 0.04, 0.7, 0.01)
     assert scene.error(x, mode=mode) < 1e-7
+
+
+def test_slips_without_a_threshold_stay_finite_however_many_iterations_there_are():
+    """Points that a film carries: their length fell by a factor in each, until its square was 0."""
+    nothing = np.zeros(3)
+    at = InteriorSlip(np.zeros((3, 1)), np.ones(3), np.full(3, 1e-9), np.array([0.0, 1e-20, 1e-15]))
+    at = at.central()
+    trial = np.array([[0.0], [1e-9], [1e-3]])
+    for _ in range(40):
+        at = at.advanced(trial, nothing, nothing, 0.1)
+    np.testing.assert_array_equal(at.threshold, 1e-9)
+    new = at.linear(trial, nothing)
+    assert np.isfinite(new.d_trial).all() and not new.d_threshold.any()
+    assert np.abs(new.elastic).max() <= 1e-9 * 1e-11
