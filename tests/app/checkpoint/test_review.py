@@ -16,7 +16,7 @@ from tests.app.checkpoint.going_on import unlike
 from tests.app.conftest import BLOCK
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.checkpoint.checkpointer import _sum, latest
+from tribox.app.checkpoint.checkpointer import _sum
 from tribox.app.checkpoint.layout import _leaves
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
@@ -109,38 +109,6 @@ def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_pat
     assert (out / "history.csv").read_text() == rows
 
 
-def test_compressed_arrays_are_not_unpacked(done, tmp_path):
-    out = as_killed(done, tmp_path / "out", 2)
-    rewritten(
-        out / "checkpoints" / "000002", arrays={"a0": np.zeros(10**7)}, save=np.savez_compressed
-    )
-    found, notes = latest(out)
-    assert found is not None and found.about["step"] == 1 and "arrays.npz" in notes[0]
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda tree: tree["simulation"].pop("runner"), "'runner' is missing"),
-        (lambda tree: tree["simulation"].update(state=None), "NoneType"),
-        (lambda tree: tree.update(case="["), "Invalid"),
-        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["nodal", "999"]}), "'999'"),
-        (lambda tree: tree["simulation"]["runner"].update(x={"$": ["array", "2"]}), "(96,)"),
-        (lambda tree: tree["recorder"].update(left={"$": ["points", "0", 7]}), "range"),
-    ],
-    ids=["no runner", "no state", "no case", "no array", "fewer rows", "no pair"],
-)
-def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
-    out = as_killed(done, tmp_path / "out", 1)
-    path = out / "checkpoints" / "000001"
-    tree = json.loads((path / "state.json").read_text())
-    change(tree)
-    rewritten(path, state=tree)
-    with pytest.raises(InputError, match="not as this version of tribox writes it") as error:
-        run(case_of(), out, resume=True)
-    assert said in str(error.value)
-
-
 WRONG = [
     ("simulation.runner.x", lambda array: array[:, None], r"\(96, 1\)"),
     ("simulation.runner.x", lambda array: np.array(1.0), "rows instead of 96"),
@@ -209,21 +177,6 @@ def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
     run(case_of(probe=probe), out, resume=True)
     table = (tmp_path / "whole" / "body_probes.csv").read_text()
     assert (out / "body_probes.csv").read_text() == table
-
-
-def test_a_table_of_probes_with_other_columns_is_not_gone_on_with(tmp_path):
-    """As one that was written before a column came in."""
-    probe = [{"name": "upper", "body": "elastomer"}]
-    run(case_of(probe=probe), tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
-    path = out / "body_probes.csv"
-    rows = [line.split(",") for line in path.read_text().splitlines()]
-    dropped = rows[0][-1]
-    older = "".join(",".join(row[:-1]) + "\n" for row in rows)
-    path.write_text(older)
-    with pytest.raises(InputError, match=rf"body_probes\.csv: does not have .* \({dropped}\)"):
-        run(case_of(probe=probe), out, resume=True)
-    assert path.read_text().splitlines() == older.splitlines()[:3]
 
 
 # -- directories --------------------------------------------------------------------------------
