@@ -16,7 +16,7 @@ from tests.app.checkpoint.going_on import unlike
 from tests.app.conftest import BLOCK
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
-from tribox.app.checkpoint.checkpointer import _sum
+from tribox.app.checkpoint.checkpointer import _sum, latest
 from tribox.app.checkpoint.layout import _leaves
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
@@ -107,6 +107,35 @@ def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_pat
     with pytest.raises(InputError, match=r"000002: is damaged .*begin anew with --force"):
         run(case_of(), out, resume=True)
     assert (out / "history.csv").read_text() == rows
+
+
+def test_compressed_arrays_are_not_unpacked(done, tmp_path):
+    out = as_killed(done, tmp_path / "out", 2)
+    rewritten(
+        out / "checkpoints" / "000002", arrays={"a0": np.zeros(10**7)}, save=np.savez_compressed
+    )
+    found, notes = latest(out)
+    assert found is not None and found.about["step"] == 1 and "arrays.npz" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda tree: tree["simulation"].pop("runner"), "'runner' is missing"),
+        (lambda tree: tree["simulation"].update(state=None), "NoneType"),
+        (lambda tree: tree["recorder"].update(left={"$": ["points", "0", 7]}), "range"),
+    ],
+    ids=["no runner", "no state", "no pair"],
+)
+def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
+    out = as_killed(done, tmp_path / "out", 1)
+    path = out / "checkpoints" / "000001"
+    tree = json.loads((path / "state.json").read_text())
+    change(tree)
+    rewritten(path, state=tree)
+    with pytest.raises(InputError, match="not as this version of tribox writes it") as error:
+        run(case_of(), out, resume=True)
+    assert said in str(error.value)
 
 
 WRONG = [
