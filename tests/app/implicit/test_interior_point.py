@@ -1,13 +1,15 @@
 """Contacts that are found from inside: flush sheets, on which Newton's method chatters."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.solved import solved as run
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.implicit.interior_point import OPENINGS_FLOWING, linear_gaps
+from tribox.app.implicit import interior_point
+from tribox.app.implicit.interior_point import OPENINGS_FLOWING, linear_gaps, order
 
 E, NU = 70e9, 0.33
 WIDTH = 0.1  # m, of the slab
@@ -181,6 +183,49 @@ def test_metal_that_slides_on_a_film_is_bent_without_a_cut():
     rows = run(data).state.rows
     assert [row.attempts for row in rows] == [1, 1]
     assert sum(row.newton_iterations for row in rows) <= 40
+
+
+@pytest.mark.parametrize(
+    ("pressed", "last", "central"),
+    [(True, 0, [True, True]), (True, 1, [True]), (True, 3, [True]), (False, 1, [])],
+    ids=["predicted", "linear", "lost", "first-contact"],
+)
+def test_once_the_predicted_path_was_lost_it_begins_at_the_linear_step(pressed, last, central):
+    inside = SimpleNamespace(opening=last)
+    newton = SimpleNamespace(problem=SimpleNamespace(flows=True), inside=inside)
+    tried = [OPENINGS_FLOWING[n] for n in order(SimpleNamespace(newton=newton, pressed=pressed))]
+    paths = [opening for opening in tried if opening.central]
+    assert paths == tried[: len(paths)] and [path.central for path in paths] == central
+    assert [path.linear for path in paths] == ([False, True] if last == 0 and pressed else central)
+    assert len(tried) - len(paths) == 2
+
+
+@pytest.mark.parametrize(
+    ("pressed", "continued", "tried", "kept"),
+    [(True, True, [0, 1, 2], 2), (True, False, [0, 2], 2), (False, True, [2], 0)],
+    ids=["continued", "linear-already", "first-contact"],
+)
+def test_no_path_is_tried_twice_and_a_first_contact_says_nothing_of_them(
+    monkeypatch, pressed, continued, tried, kept
+):
+    """Only the first of the linear laws finds the step here."""
+    asked = []
+
+    def way(attempt, opening):
+        asked.append(OPENINGS_FLOWING.index(opening))
+        return 1, not opening.central
+
+    for name in ("followed", "approached"):
+        monkeypatch.setattr(interior_point, name, way)
+    inside, vector = SimpleNamespace(opening=0), SimpleNamespace(array=np.zeros(1), array_r=0.0)
+    newton = SimpleNamespace(problem=SimpleNamespace(flows=True), inside=inside)
+    newton.begin, newton.solve = lambda x: None, lambda step: (1, 1)
+    attempt = SimpleNamespace(
+        newton=newton, pressed=pressed, continued=continued, trial=vector, x=vector, step=None
+    )
+    iterations, reason = interior_point.FromInside().run(attempt)
+    assert (asked, inside.opening) == (tried, kept)
+    assert iterations == len(tried) + 1 and reason > 0
 
 
 MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04

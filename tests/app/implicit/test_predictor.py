@@ -2,10 +2,12 @@
 
 import copy
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import tribox.app.implicit.predictor
 from tests.app.conftest import BLOCK
 from tests.solved import built
 from tribox.app.case.stage import load_steps_of
@@ -106,6 +108,30 @@ def pressed(**slide):
     for load_step in load_steps_of(sim.model.case.stage[0], None, 0.0):
         sim.state.run(load_step, Observer(), sim.implicit.advance)
     return sim
+
+
+def test_a_body_that_sticks_is_not_predicted_to_slide(monkeypatch):
+    """A good start costs one factorisation; where both are tried, the better one stays."""
+    sim = pressed()
+    stepper = sim.implicit.stepper
+    sim.model.set_loads(1.001, 1.5e-7)
+    trial = stepper.problem.new_vector()
+    assert stepper.predictor.predict(stepper.x, trial) == 1
+    start = trial.array_r.copy()
+    monkeypatch.setattr(tribox.app.implicit.predictor, "FAR_OFF", 0.0)
+    assert stepper.predictor.predict(stepper.x, trial) == 2
+    np.testing.assert_array_equal(trial.array_r, start)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_supports_that_move_by_rounding_lead_nowhere(sign):
+    """What is let go is unloaded, whichever way round-off moves the supports."""
+    predictor = pressed().implicit.stepper.predictor
+    last = predictor._drive
+    assert predictor._goes_on(last)
+    assert not predictor._goes_on(replace(last, constrained=-0.1 * last.constrained))
+    still = replace(last, constrained=sign * 1e-13 * last.constrained)
+    assert not predictor._goes_on(still)
 
 
 def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
