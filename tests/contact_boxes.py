@@ -7,8 +7,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tests import numpy_pair
 from tests.grid import coordinate_element, grid
-from tests.numpy_pair import NumpyPair
 from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.penalty import AS_IS, ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
@@ -42,7 +42,7 @@ def nodal_forces(term, trial, count):
     made = np.zeros((count, sums.shape[1]))
     np.add.at(made, nodes, sums)
     if not term.tied and np.isfinite(made).all():
-        nodes, values = NumpyPair(term).nodal_forces(trial)
+        nodes, values = numpy_pair.nodal_forces(term, trial)
         out = np.zeros_like(made)
         np.add.at(out, nodes.reshape(-1), values.reshape(-1, values.shape[-1]))
         np.testing.assert_allclose(made, out, rtol=0, atol=1e-13 * np.abs(values).max(initial=0.0))
@@ -50,29 +50,9 @@ def nodal_forces(term, trial, count):
 
 
 def dense_tangent(term, trial, count):
-    """Tangent (n dim, n dim) of so many nodes; numpy must give the same as compiled loops.
-
-    Not of ties and films, which are compared with differences alone.
-    """
-    dim = term.surface.dim
-    matrix = Dense(dim, count)
-    made = matrix.with_rest(term.add_tangent(trial, matrix.entries()))
-    if type(term) is ContactTerm:
-        out = exact_tangent(term, trial, count)
-        np.testing.assert_allclose(made, out, rtol=0, atol=1e-13 * np.abs(out).max())
-    return made
-
-
-def exact_tangent(term, trial, count):
-    """That of numpy: the points' blocks, and the vertices' part."""
-    dim, exact = term.surface.dim, NumpyPair(term)
-    out = np.zeros((dim * count,) * 2)
-    for nodes, values in exact.point_blocks(trial):
-        at = unknowns_of(nodes, dim)
-        values = values.reshape(len(at), at.shape[1], at.shape[1])
-        np.add.at(out, (at[:, :, None], at[:, None, :]), values)
-    coupling = exact.coupling(trial)
-    return out if coupling is None else with_couplings(out, [coupling], dim)
+    """Tangent (n dim, n dim) of so many nodes."""
+    matrix = Dense(term.surface.dim, count)
+    return matrix.with_rest(term.add_tangent(trial, matrix.entries()))
 
 
 class Dense:

@@ -1,11 +1,7 @@
-"""What is done with one input of the fuzzer: all that reads it, short of running a case."""
+"""What is done with one case file of the fuzzer: all that reads it, short of running it."""
 
-import os
-import shutil
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from unittest import mock
 
 from tests.fuzz.guard import OddLine, see_line
 from tribox.app.build.case_notes import notes_on
@@ -14,10 +10,6 @@ from tribox.app.case.generators import BlocksGeometry, BoxesGeometry
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
-from tribox.app.fit.run import run_fit
-from tribox.app.results import Results, read
-from tribox.app.results.claim import sweep_labels
-from tribox.app.results.directory import check_free
 
 SMALL = 300  # cells that are meshed for an input
 
@@ -89,118 +81,5 @@ def _cells(case: Case) -> float:
     return total
 
 
-def override_case(data: object, directory: Path) -> None:
-    """Read a good case with overrides."""
-    text, overrides = data  # type: ignore[misc]
-    path = directory / "case.toml"
-    path.write_text(text, encoding="utf-8")
-    lines = check_case(path, overrides)
-    for line in lines:
-        see_line(line)
-    if lines:
-        raise InputError(lines[0])
-    _look_at(load_case(path, overrides))
-
-
-def fit_data(data: object, directory: Path) -> None:
-    """Fit the law to a data file, without figures."""
-    content, fixed = data  # type: ignore[misc]
-    path = directory / "data.csv"
-    path.write_bytes(content)
-    with mock.patch("tribox.app.fit.run.draw_fit"):
-        run_fit(path, None, fixed, [], directory / "fit", force=True)
-
-
-def read_results(data: object, directory: Path) -> None:
-    """Read all of a results directory of which one file is damaged, and report on it."""
-    _with_damage(data, directory, _read_all)
-
-
-def _with_damage(data: object, directory: Path, act: Callable[[Path], None]) -> None:
-    good, name, content = data  # type: ignore[misc]
-    here = directory / "results"
-    shutil.copytree(good, here)
-    damage(here / name, content)
-    try:
-        act(here)
-    finally:
-        if not (here / name).is_dir():  # A pipe, say, on which a copy of the tree would wait.
-            (here / name).unlink(missing_ok=True)
-
-
-def damage(path: Path, content: bytes | str | None) -> None:
-    """Put other content in the place of a file: bytes, nothing, or "directory", "loop", "pipe"."""
-    path.unlink(missing_ok=True)
-    if isinstance(content, bytes):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    elif content == "directory":
-        path.mkdir()
-    elif content == "loop":
-        path.symlink_to(path)
-    elif content == "pipe":
-        os.mkfifo(path)
-    elif content == "endless":
-        path.symlink_to("/dev/zero")
-
-
-def _read_all(directory: Path) -> None:
-    sweep_labels(directory)
-    errors: list[InputError] = []
-    look = read(directory)
-    for one in _with_parts(look, errors):
-        for name in TABLES:
-            _try(lambda: getattr(one, name), errors)
-        for step in _steps(one, errors):
-            for kind in ("fields", "contact", "contact_points"):
-                _try(lambda: getattr(one, kind)(step), errors)
-    from tribox.app.report import write_report
-
-    _try(lambda: write_report(directory, directory.parent / "report.html"), errors)
-    _try(lambda: check_free(directory, True, sweep_labels(directory)), errors)
-    if errors:
-        raise errors[0]
-
-
-TABLES = (
-    *("case", "summary", "history", "contacts", "surfaces", "bodies", "probes", "body_probes"),
-    *("contact_probes", "load_steps", "sweep", "times"),
-)
-
-
-def _with_parts(results: Results, errors: list[InputError]) -> list[Results]:
-    try:
-        return [results, *results.parts.values()]
-    except InputError as error:
-        errors.append(error)
-        return [results]
-
-
-def _steps(results: Results, errors: list[InputError]) -> list[int]:
-    try:
-        return [-1, *map(int, results.steps)][:4]
-    except InputError as error:
-        errors.append(error)
-        return [-1]
-
-
-def _try(act: Callable[[], object], errors: list[InputError]) -> None:
-    """Do one thing; a refusal is kept, seen to be a line, and the next thing follows."""
-    try:
-        act()
-    except InputError as error:
-        see_line(str(error))
-        errors.append(error)
-
-
-@cache
-def acts() -> dict[str, Act]:
-    """What is done with the inputs of each kind."""
-    return {
-        "changed": read_case,
-        "damaged": read_case,
-        "built": build_case,
-        "overrides": override_case,
-        "data": fit_data,
-        "results": read_results,
-    }
+ACTS: Mapping[str, Act] = {"changed": read_case, "damaged": read_case, "built": build_case}
+"""What is done with the inputs of each kind."""

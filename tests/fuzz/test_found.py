@@ -13,7 +13,6 @@ from tests.app.conftest import BLOCK, FILM, SLID
 from tests.fuzz.case_files import SWEEP, Key, good_cases, place, text_keys, value_at
 from tests.fuzz.guard import outcome, see_line
 from tests.fuzz.hostile import Raw, toml_of
-from tests.fuzz.other_files import WET
 from tests.fuzz.targets import read_case
 from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, as_line
@@ -253,6 +252,18 @@ def test_data_that_cannot_be_fitted_are_a_line_with_file_and_row(text, said, tmp
     path.write_text(text, encoding="utf-8")
     came_to = outcome(lambda: read_data(path))
     assert came_to.startswith(f"refused: {path}") and said in came_to, came_to[:500]
+
+
+WET = b"""# a film
+thickness [nm],velocity [mm/s],load [N],area [mm^2],friction_coefficient,weight
+10,0.001,3,1,0.0829,1
+10,0.0977,3,1,0.0807,1
+10,0.965,3,1,0.0164,2
+10,9.54,3,1,0.1579,1
+30,0.001,3,1,0.0201,1
+30,30,3,1,0.168,1
+300,3.04,3,1,0.001,1
+"""
 
 
 def test_a_law_that_overflows_on_the_data_is_a_line(tmp_path):

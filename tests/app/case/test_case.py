@@ -14,7 +14,6 @@ from tests.app.conftest import BLOCK, BOXES, FILM
 from tribox.app.case.bodies import formulations
 from tribox.app.case.case import Case, given_keys, resolved_toml
 from tribox.app.case.reading import check_case, load_case
-from tribox.app.case.time_tables import TimeTable
 from tribox.app.case.toml_files import KeyPathError, set_value
 
 ROOT = Path(__file__).parents[3]
@@ -92,28 +91,6 @@ def test_defaults_that_follow_from_other_keys(film):
     assert load_case(film, ["contact.0.penalty=1e13 Pa/m"]).contact[0].penalty_factor is None
     friction = load_case(film, [PRESET]).contact[0].friction
     assert friction.mu_d == friction.mu_s == 0.1
-
-
-def test_elastic_constants(film):
-    bodies = load_case(film).bodies
-    assert bodies["elastomer"].shear_modulus == pytest.approx(2 * 0.592e6)
-    assert bodies["elastomer"].bulk_modulus == 1e9
-    assert bodies["aluminium"].shear_modulus == pytest.approx(70e9 / 2.66)
-    assert bodies["aluminium"].bulk_modulus == pytest.approx(70e9 / 1.02)
-    pair = 'bodies.aluminium={ material = "neo-hookean", G = "26 GPa", K = "68 GPa" }'
-    body = load_case(film, [pair]).bodies["aluminium"]
-    assert (body.shear_modulus, body.bulk_modulus) == (26e9, 68e9)
-
-
-def test_programs(film):
-    case = load_case(film)
-    bottom, top = case.boundary
-    assert bottom.displacement.x == TimeTable.constant(0.0)
-    assert list(top.driven_keys()) == [("displacement", "x")]
-    assert list(bottom.driven_keys()) == []
-    assert top.platen.pressure(0.5) == 1.5e6
-    assert [stage.is_driven for stage in case.stage] == [False, True]
-    assert case.stage[1].velocities == (1e-8, -1e-7)
 
 
 def test_preset_fills_what_is_not_given(film):

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.checkpoint.going_on import numbers, unlike, unlike_tables
+from tests.app.checkpoint.going_on import unlike, unlike_tables
 from tests.app.checkpoint.small_cases import COARSE, changed
 from tests.app.checkpoint.test_resume import CASE
 from tests.app.conftest import BLOCK, SLID
-from tests.app.run.test_signals import SWEEP, of_run, statuses
+from tests.app.run.test_signals import SWEEP, of_run
 from tests.own_law import documented_law, with_law
 from tests.ranks import LIMIT, ROOT, called, mpi_environment
 from tribox.app.case.toml_files import toml_text
@@ -141,27 +141,3 @@ def test_a_run_that_is_killed_at_any_rename_goes_on_with_the_same_bytes(tmp_path
     lines = done.stdout.splitlines()
     assert done.returncode == 0 and len(lines) > 12, done.stderr
     assert all(line.endswith("done, same bytes") for line in lines), done.stdout + done.stderr
-
-
-@pytest.mark.long
-def test_a_run_may_be_killed_again_and_again(work, tmp_path):
-    path, reference, out = *left_alone("explicit", work), tmp_path / "out"
-    for row, words in ((8, ()), (16, ("--resume",))):
-        kill_after(start(path, out, *words), out, row)
-    finish(start(path, out, "--resume"))
-    assert unlike(reference, out) == []
-    resumed = read(out).summary["resumed"]
-    assert len(resumed) == 2 and resumed == sorted(set(resumed))
-
-
-@pytest.mark.mpi
-@pytest.mark.long
-def test_ranks_that_are_killed_go_on_as_many(work, tmp_path):
-    """Two ranks write the same bytes again as two ranks."""
-    path, _ = left_alone("implicit", work)
-    out, reference = tmp_path / "out", tmp_path / "two"
-    finish(start(path, reference, "--np", "2"))
-    kill_after(start(path, out, "--np", "2"), out, 10)
-    assert statuses(out) == {"out": "running"} and numbers(out)
-    finish(start(path, out, "--np", "2", "--resume"))
-    assert unlike(reference, out) == []

@@ -54,10 +54,6 @@ def found_over_facets(root: Path) -> dict[str, Any]:
 
 
 CASES = {
-    "coulomb": (IMPLICIT["coulomb"], TIGHT),
-    "boundaries by stage": (IMPLICIT["boundaries by stage"], TIGHT),
-    "oblique": (IMPLICIT["oblique"], TIGHT),
-    "film": (IMPLICIT["film"], TIGHT),
     "space by Krylov": (IMPLICIT["space by Krylov"], KRYLOV),
     "pairs": (IMPLICIT["pairs"], TIGHT),
     "film that is found": (found_film, {"tolerance": 1e-10, "partition": "cells"}),
@@ -67,7 +63,7 @@ CASES = {
 
 WAVERING = 20  # iterations of a step that rounding may change the number of
 
-FEW = ("coulomb", "film that is found", "thrown")
+FEW = ("film that is found", "thrown")
 
 
 def switched(

@@ -168,13 +168,8 @@ def test_results_that_are_whole_are_never_cleared(tribox, case_file, finished, t
 
 REFUSED = {
     "contact.0.friction.mu": ("0.25", "contact.0.friction.mu = 0.25 instead of 0.2"),
-    "bodies.elastomer.E": ('"6 MPa"', 'bodies.elastomer.E = "6000000.0 Pa" instead of'),
-    "geometry.thickness": ('"2 mm"', 'geometry.thickness = "0.002 m" instead of "0.001 m"'),
     "geometry.upper.elements": ("[6, 3]", "geometry.upper.elements = [6, 3] instead of [5, 3]"),
-    "boundary.1.displacement.y": ('[["0 s", 0], ["1 s", "-0.06 mm"]]', "boundary.1.displacement.y"),
     "stage.0.steps": ("3", "stage.0.steps = 3 instead of 2"),
-    "stage.1.name": ('"drag"', 'stage.1.name = "drag" instead of "slide"'),
-    "stage.1.duration": ('"2 s"', 'stage.1.duration = "2.0 s" instead of "1.0 s"'),
     "stage.1.steps": ("3", "stage.1.steps = 3 instead of 4"),
     "solver.linear": ('"krylov"', 'solver.linear = "krylov" instead of "direct"'),
 }
@@ -244,8 +239,9 @@ def test_a_law_that_was_changed_is_refused(tribox, case_file, tmp_path):
 # -- past the end ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("how", ["longer", "further stage", "both"])
-@pytest.mark.parametrize("ended", [False, True])
+@pytest.mark.parametrize(
+    ("how", "ended"), [("longer", True), ("further stage", False), ("both", True)]
+)
 def test_a_run_goes_on_past_its_end(
     assert_alike, tribox, case_file, finished, tmp_path, how, ended
 ):
@@ -284,15 +280,14 @@ def at_step(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], N
     monkeypatch.setattr(Together, "step", step)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_run_that_was_told_to_stop_goes_on(
-    assert_alike, tribox, case_file, finished, tmp_path, monkeypatch, number
+    assert_alike, tribox, case_file, finished, tmp_path, monkeypatch
 ):
     """Without a checkpoint of its own choice: the one that is written then is enough."""
     never = ("--set", "output.checkpoint_every=0")
     words = ("run", case_file(CASE), "--out", tmp_path / "out", *never)
     with monkeypatch.context() as patch:
-        at_step(patch, 4, lambda: os.kill(os.getpid(), number))
+        at_step(patch, 4, lambda: os.kill(os.getpid(), signal.SIGTERM))
         stopped = tribox(*words)
     assert stopped.returncode == 130 and numbers(tmp_path / "out") == [1]
     done = tribox(*words, "--resume")

@@ -102,9 +102,8 @@ def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_pat
     [
         (lambda tree: tree["simulation"].pop("runner"), "'runner' is missing"),
         (lambda tree: tree["simulation"].update(state=None), "NoneType"),
-        (lambda tree: tree.update(case="["), "Invalid"),
     ],
-    ids=["no runner", "no state", "no case"],
+    ids=["no runner", "no state"],
 )
 def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
     out = as_killed(done, tmp_path / "out", 1)
@@ -161,21 +160,6 @@ def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
     run(case_of(probe=probe), out, resume=True)
     table = (tmp_path / "whole" / "body_probes.csv").read_text()
     assert (out / "body_probes.csv").read_text() == table
-
-
-def test_a_table_of_probes_with_other_columns_is_not_gone_on_with(tmp_path):
-    """As one that was written before a column came in."""
-    probe = [{"name": "upper", "body": "elastomer"}]
-    run(case_of(probe=probe), tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
-    path = out / "body_probes.csv"
-    rows = [line.split(",") for line in path.read_text().splitlines()]
-    dropped = rows[0][-1]
-    older = "".join(",".join(row[:-1]) + "\n" for row in rows)
-    path.write_text(older)
-    with pytest.raises(InputError, match=rf"body_probes\.csv: does not have .* \({dropped}\)"):
-        run(case_of(probe=probe), out, resume=True)
-    assert path.read_text().splitlines() == older.splitlines()[:3]
 
 
 # -- directories --------------------------------------------------------------------------------

@@ -305,22 +305,6 @@ def test_contact_forces_balance(pair):
     np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-13)
 
 
-def test_wider_pattern_is_made_when_a_point_leaves_its_window(pair):
-    """A long slide, evaluated with the matrix of the start."""
-    blocks = pair("quadrilateral", (5, 2), (29, 2))
-    problem = blocks.problem(coulomb(0.3))
-    setting = Setting(coulomb(0.3), bend=0.02)
-    problem.contacts[0].commit(
-        problem.contacts[0].evaluate(state(blocks, setting, (0.0, -0.05), 0.4, 0.0, 1), 1.0)
-    )
-    A = problem.new_matrix(state(blocks, setting, (0.0, -0.05), 0.4, 0.0, 1))
-    changes = problem.pattern_changes
-    x = state(blocks, setting, (0.42, -0.05), 0.9, 0.0, 2)
-    slopes = differences(problem, x)
-    assert slopes.error(problem, x, A) < 1e-6
-    assert problem.pattern_changes > changes
-
-
 # -- What rounding leaves of the residual, against Newton's method carried on without end ----------
 
 SECTIONS = {

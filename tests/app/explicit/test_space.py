@@ -67,24 +67,6 @@ def test_the_stable_step(shape, compiled):
     assert found <= 2.0 / np.sqrt(values[-1])
 
 
-@pytest.mark.parametrize(("shape", "formulation"), [("hex8", "q1-sri"), ("tet4", "q1")])
-def test_the_compiled_loop_makes_the_same_history(shape, formulation):
-    """As the generated kernels, to round-off, while boxes meet and slide."""
-    ends, dt = [], None
-    for compiled in (False, True):
-        _, top, problem = dragged(shape, formulation)
-        stepper = ExplicitStepper(problem, ExplicitOptions(compiled=compiled))
-        dt = dt or 0.5 * stepper.stable_step()
-        for step in range(80):
-            drive(top, step)
-            stepper.advance(dt)
-        pressure, energy = problem.trials[0].pressure, np.array([stepper.kinetic_energy()])
-        ends.append([problem.u.x.array.copy(), pressure, energy])
-    for generated, found in zip(*ends, strict=True):
-        assert np.abs(generated).max() > 0.0
-        np.testing.assert_allclose(found, generated, rtol=0, atol=1e-12 * np.abs(generated).max())
-
-
 @pytest.mark.parametrize("shape", ["hex8", "tet4"])
 def test_rows_hold_mean_vectors(shape):
     """Force, friction and twist of an interval are means over its steps."""

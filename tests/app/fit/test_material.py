@@ -22,7 +22,7 @@ from tribox.app.fit.material_files import body_section, run_material
 from tribox.app.fit.metal import Metal, MetalProblem, fit_metal, paths, response, with_turns
 from tribox.app.fit.model import interval
 from tribox.app.fit.prony import PronyProblem, Shift, branch_stress, fit_prony, relaxation_curve
-from tribox.forms.bodies.hardening import Linear, Swift, Voce
+from tribox.forms.bodies.hardening import Swift, Voce
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "cases" / "data"
@@ -165,18 +165,6 @@ def test_relaxation_after_a_large_step_is_faster_than_exponential():
     assert small == pytest.approx(np.exp(-s), rel=1e-4)
     sheared, _ = relaxation_curve(relaxation(strain=np.full(40, 0.5), in_shear=True))(s)
     assert (large[1:] < sheared[1:]).all() and (sheared[1:] < np.exp(-s[1:])).all()
-
-
-def test_the_metal_follows_the_closed_form_of_a_cycle():
-    """X = c/b (1 - e^(-b a)) in tension, -c/b + (X0 + c/b) e^(-b a) after the turn."""
-    c, b, E = 4e9, 100.0, 70e9
-    strain = np.array([0.001, 0.02, 0.04, 0.0])
-    stress, alpha = response(Metal(E, Linear(80e6), ((c, b),)), strain, paths(strain))
-    X = c / b * -np.expm1(-b * alpha[:3])
-    assert stress[0] == pytest.approx(E * 0.001) and alpha[0] == 0.0
-    assert stress[1:3] == pytest.approx(80e6 + X[1:])
-    back = -c / b + (X[2] + c / b) * math.exp(-b * (alpha[3] - alpha[2]))
-    assert stress[3] == pytest.approx(back - 80e6)
 
 
 def test_the_metal_is_what_small_steps_give():

@@ -527,41 +527,24 @@ def test_factors_of_many_unknowns_do_not_fit(monkeypatch):
     assert factors_fit(MPI.COMM_SELF, 100_000) and not factors_fit(MPI.COMM_SELF, 1_000_000)
 
 
-def iterations_of_boxes(comm, petsc=None):
+def iterations_of(comm, directory):
     """Those of a box that is pressed on another one and pulled."""
     data = tomllib.loads((Path(__file__).parents[3] / "cases" / "boxes-3d.toml").read_text())
-    if petsc is None:
-        data["geometry"]["upper"]["elements"] = [12, 6, 12]
-        data["geometry"]["lower"]["elements"] = [17, 5, 17]
+    data["geometry"]["upper"]["elements"] = [12, 6, 12]
+    data["geometry"]["lower"]["elements"] = [17, 5, 17]
     data["stage"][0]["steps"], data["stage"][1] = (
         1,
         data["stage"][1] | {"duration": "0.1 s", "steps": 1},
     )
-    data["solver"] = {"linear": "krylov", "petsc": petsc or {}}
+    data["solver"] = {"linear": "krylov"}
     sim = Simulation(build_model(Case.model_validate(data), comm))
     sim.run(Observer())
     return sim.implicit.stepper.solver.iterations
 
 
-def iterations_of(comm, directory):
-    """With the program's options."""
-    return iterations_of_boxes(comm)
-
-
-def iterations_with_own_options(comm, directory):
-    """With an option of the user's."""
-    return iterations_of_boxes(comm, {"ksp_rtol": 1e-3})
-
-
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, marks=pytest.mark.mpi(case, 4))
-        for case in (iterations_of, iterations_with_own_options)
-    ],
-)
-def test_sweeps_within_each_rank_keep_the_iterations_few(on_ranks, case):
+@pytest.mark.mpi(iterations_of, 4)
+def test_sweeps_within_each_rank_keep_the_iterations_few(on_ranks):
     """Undamped, they raise errors where three ranks meet: three times the iterations on four."""
-    alone = case(MPI.COMM_SELF, None)
-    assert on_ranks(case, 4) <= 1.6 * alone
+    alone = iterations_of(MPI.COMM_SELF, None)
+    assert on_ranks(iterations_of, 4) <= 1.6 * alone

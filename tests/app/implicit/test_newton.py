@@ -10,7 +10,6 @@ import pytest
 import tribox.app.implicit.newton
 import tribox.app.implicit.predictor
 from tests.laws import FILM, coulomb, film_map
-from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import (
@@ -105,46 +104,6 @@ def test_newton_ends_quadratically_at_the_onset_of_slip(pair):
     partly = [i for i in onset if sliding[i] < points]
     assert len(onset) >= 3 and partly, sliding
     check_quadratic([results[i] for i in onset])
-
-
-def test_bodies_without_contact(pair):
-    """No contacts at all: one block stretched, the other at rest."""
-    blocks = pair()
-    held = [blocks.held(name, axis) for name in ("top", "bottom") for axis in (0, 1)]
-    held.append(blocks.held("elastomer_contact", 1))
-    held.append(blocks.held("elastomer_contact", 0))
-    problem = blocks.problem(None, prescribed=held)
-    held[1].value = 0.1
-    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
-    result = stepper.attempt(1.0)
-    assert result.converged and len(result.residuals) <= 6
-    stepper.commit()
-    moved = stepper.x.array_r.reshape(-1, 2)
-    np.testing.assert_allclose(moved[blocks.nodes("aluminium")], 0.0, atol=1e-14)
-    top = blocks.named.facets("top")
-    assert len(top) and np.isclose(moved[:, 1].max(), 0.1)
-
-
-def test_platen_moves_as_one_under_the_force_given(pair):
-    """The edge stays straight, its forces sum to the platen's, and the bottom gives them back."""
-    blocks = pair()
-    bottom = [blocks.held("bottom", 0), blocks.held("bottom", 1)]
-    platen = Platen(blocks.held("top", 1).dofs)
-    problem = blocks.problem(
-        coulomb(0.3), prescribed=[*bottom, blocks.held("top", 0)], platens=[platen]
-    )
-    stepper = ImplicitStepper(problem, ImplicitOptions(tolerance=1e-11))
-    heights = []
-    for force in (-0.1, -0.2):
-        platen.force = force
-        assert stepper.attempt(1.0).converged
-        stepper.commit()
-        moved = stepper.x.array_r[platen.dofs]
-        np.testing.assert_allclose(moved, moved[0], rtol=0, atol=1e-13)
-        assert problem.unbalanced[platen.dofs].sum() == pytest.approx(force, rel=1e-9)
-        assert problem.unbalanced[bottom[1].dofs].sum() == pytest.approx(-force, rel=1e-9)
-        heights.append(moved[0])
-    assert heights[1] < heights[0] < -0.01
 
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, FloatingPointError])

@@ -92,11 +92,6 @@ def test_a_comb_of_points_is_not_to_be_pressed_harder(tmp_path, on_ranks):
     assert on_two == lines and theirs == pytest.approx(numbers, rel=1e-6)
 
 
-def test_the_penalty_that_a_comb_is_told_to_have_smooths_it(tmp_path):
-    """The warning names a value to try; with it the contact is even, and still stiff enough."""
-    assert pressed(tmp_path, pressure="pointwise", penalty_factor=1.0)[0] == []
-
-
 @pytest.mark.parametrize(
     ("size", "cure", "combed"),
     [

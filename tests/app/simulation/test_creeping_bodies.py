@@ -227,16 +227,15 @@ def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("speed", "steady"), [(0.1, 35), (10.0, 55)])
-def test_what_a_drive_does_is_lost_in_the_track(speed, steady, tmp_path):
+def test_what_a_drive_does_is_lost_in_the_track(tmp_path):
     """Two ways of rolling, then a rest: what the longer one takes more is lost, none is stored.
 
-    At zeta/a of 1 and 100. Begin, end and rest are the same but for their place.
+    At zeta/a of 100. Begin, end and rest are the same but for their place.
     """
     data = tomllib.loads((ROOT / "cases" / "rolling.toml").read_text())
     data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "4 mm"], "elements": [140, 1]}
     rest = {"name": "rest", "duration": "1 s", "steps": 1, "rate_dependent": False}
-    roll = {"velocities": [speed], "slip_step": "0.04 mm", "min_steps": steady, "max_steps": steady}
+    roll = {"velocities": [10.0], "slip_step": "0.04 mm", "min_steps": 55, "max_steps": 55}
     press, rolled = data["stage"][0], data["stage"][1] | roll
     further = rolled | {"name": "further", "min_steps": 5, "max_steps": 5}
     few = {"fields_every": 0, "checkpoint_interval": 1e9}  # but at the end, where both go on

@@ -201,7 +201,6 @@ def test_a_dry_pair_beside_a_film_leaves_its_viscosity_alone():
 
 CASE = Path(__file__).parents[3] / "cases" / "block-slide.toml"
 
-FRICTIONLESS = ['contact.0.friction={ law = "frictionless" }']
 # Without a film all the map can do is Coulomb friction; mu_d below mu_s adds slip weakening.
 LITERAL = [
     'contact.0.friction={ law = "friction-map", mu_s = 0.2, mu_d = 0.15, A_d = "10 um", '
@@ -237,23 +236,6 @@ def test_newton_needs_few_iterations(rows):
     ]
     assert len(gross) >= 20
     assert max(row.newton_iterations for row in gross) <= 3
-
-
-def test_dissipation_grows(rows):
-    """Forces of other codes, friction and energies: `tribox verify block-slide`."""
-    dissipation = [row.dissipation for row in rows]
-    assert all(b >= a for a, b in pairwise(dissipation))
-    assert dissipation[-1] > 0.5 * rows[-1].external_work
-
-
-def test_without_friction_nothing_drags_and_nothing_is_lost(rows):
-    free = run(*FRICTIONLESS)
-    assert all(row.tangential_force == 0.0 and row.dissipation == 0.0 for row in free)
-    assert relative_energy_error(free) <= 1e-3
-    # Friction holds the sliding surface back from spreading: without, the block is softer.
-    assert 0.8 * rows[9].normal_force < free[9].normal_force < rows[9].normal_force
-    # Sliding sideways over a flat body without friction changes nothing.
-    assert free[-1].normal_force == pytest.approx(free[9].normal_force, rel=2e-2)
 
 
 def test_literal_flow_rule_keeps_the_whole_threshold(rows):

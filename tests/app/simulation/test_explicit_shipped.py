@@ -25,30 +25,6 @@ def column(rows: list, name: str) -> np.ndarray:
     return np.array([row[name] if isinstance(row, dict) else getattr(row, name) for row in rows])
 
 
-def test_impact(tmp_path):
-    simulation, motion = run(
-        "impact.toml",
-        tmp_path,
-        "geometry.upper.elements=[20, 10]",
-        "geometry.lower.elements=[31, 3]",
-        "output.figures=false",
-    )
-    rows = simulation.rows
-    energy = column(rows, "kinetic_energy")[0]
-    mass = 1100.0 * 20e-3 * 10e-3 * 10e-3
-    assert energy == pytest.approx(0.5 * mass * 18.0, rel=1e-6)
-    assert np.max(np.abs(column(rows, "energy_error"))) < 1e-3 * energy
-    lost = column(rows, "dissipation")
-    assert np.all(np.diff(lost) >= 0.0) and lost[-1] > 0.1 * energy
-    # It lands, is pushed back and braked, and is gone.
-    force = column(rows, "normal_force")
-    assert force[0] == 0.0 < force.max() and np.all(force[-20:] == 0.0)
-    speed, rebound = (motion.of_body("elastomer", f"velocity_{axis}") for axis in "xy")
-    assert rebound[-1] > 1.0
-    # Impulses: friction takes at most mu of what pushes back.
-    assert 0.0 < 3.0 - speed[-1] <= 0.3 * (3.0 + rebound[-1]) * 1.001
-
-
 @pytest.mark.long
 def test_stick_slip(tmp_path):
     """A lighter platen on a stiffer spring and a thinner layer: it slips in a third of the time."""
@@ -75,23 +51,3 @@ def test_stick_slip(tmp_path):
     assert np.all(np.diff(column(simulation.rows, "dissipation")) >= 0.0)
     error = np.abs(column(simulation.rows, "energy_error")).max()
     assert error < 0.01 * column(simulation.rows, "external_work").max()
-
-
-@pytest.mark.long
-def test_sliding_by_both_solvers(tmp_path):
-    small = (
-        *("geometry.upper.width=2 mm", "geometry.upper.elements=[20, 2]"),
-        *("geometry.lower.width=3 mm", "geometry.lower.elements=[25, 3]"),
-        *("stage.1.velocities=[0.1, 0.2]", "output.figures=false"),
-    )
-    explicit, _ = run("sfa-explicit.toml", tmp_path, *small, label="thickness=30nm")
-    case = load_case(CASES / "sfa-explicit.toml", [*small, "stage.1.solver=implicit"])
-    case = dict(case.sweep_cases())["thickness=30nm"]
-    implicit = run_case(case, tmp_path / "implicit", quiet=True, comm=MPI.COMM_SELF)
-    for speed, film in ((0.1, 0.0), (0.2, 1.0)):
-        mine, theirs = (
-            [row for row in simulation.rows if row.velocity == speed][-1]
-            for simulation in (explicit, implicit)
-        )
-        assert mine.viscous_fraction == theirs.viscous_fraction == film
-        assert mine.tangential_force == pytest.approx(theirs.tangential_force, rel=5e-3)

@@ -149,16 +149,6 @@ def test_a_wedge_in_steps_that_change_its_film_is_told_by_how_much_it_is_off(
     assert -100.0 * off == pytest.approx(float(told[0]), rel=0.2) if said else abs(off) < 0.01
 
 
-def test_a_slow_slider_on_metal_carries_as_much_less(tmp_path):
-    """Its 300 Pa are far below what its metal could bear, and as exact."""
-    slow = 'tools.runner.velocity={x="0.1 mm/s", y="-0.2 um/s"}'
-    directory = shipped(
-        "slider", tmp_path / "out", slow, "stage.0.steps=1", "stage.0.duration=10 s"
-    )
-    assert column(directory, "normal_force") == pytest.approx(31776.6e-4, rel=8e-3)
-    assert "of their own" not in words_of(directory)
-
-
 def test_a_slider_so_slow_that_its_reservoirs_bear_a_part_is_told(tmp_path):
     slow = 'tools.runner.velocity={x="1 um/s", y="-2 nm/s"}', "stage.0.duration=1000 s"
     directory = shipped("slider", tmp_path / "out", *slow, "stage.0.steps=1")

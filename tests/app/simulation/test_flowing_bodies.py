@@ -89,17 +89,6 @@ def pressed(billet, depths, tolerance=1e-8, dt=1.0):
     return results, stepper, balance
 
 
-@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric"])
-def test_newton_converges_quadratically_while_all_of_it_flows(section):
-    """Of each step the last residuals: each as the square of the one before, or at round-off."""
-    results, _, _ = pressed(Billet(section=section), np.linspace(0.03, 0.15, 5), 1e-11)
-    for result in results[1:]:
-        assert result.iterations <= 5
-        small = [r for r in result.residuals if r < 1e-2]
-        for before, after in pairwise(small):
-            assert after <= max(30.0 * before**2, 1e-9)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_step_that_fails_leaves_no_trace(kind):
     """Bits: with a step in between that turns cells inside out, and without."""

@@ -169,16 +169,6 @@ def test_a_quarter_turn_changes_nothing_between_the_bodies(pair, law, mode):
         assert after.measure.stick == pytest.approx(1.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(("law", "mode"), [("coulomb", "sliding"), ("film", "stuck")])
-def test_shearing_while_turning_is_shearing(pair, law, mode):
-    mu, shift = MODES[mode]
-    turned, still = (turntable(pair, law, mu) for _ in range(2))
-    for k in range(1, 11):
-        after = turned.step((0.1 * k * shift, -DEPTH), angle=np.pi / 20.0 * k)
-        assert_same(after, still.step((0.1 * k * shift, -DEPTH)))
-    assert (after.dissipated > 1e-3) is (mode == "sliding")
-
-
 def test_turning_costs_the_moment_of_friction_over_the_penetration(pair):
     """The tractions on slave and master are g apart: a couple that vanishes with g.
 

@@ -404,19 +404,6 @@ def test_ranks_fail_together(on_ranks, number):
         assert json.loads((out / "summary.json").read_text())["status"] == "failed"
 
 
-@pytest.mark.long
-@pytest.mark.mpi
-def test_the_command_on_ranks_that_fail_ends(tribox, case_file, tmp_path):
-    """The same with mpirun and its processes: their exit code, and nothing left running."""
-    (case, more, changes, code, said), out = FAILURES[1], tmp_path / "out"
-    words = [word for change in changes for word in ("--set", change)]
-    done = tribox("run", case_file(CASES[case] + more), "--out", out, *words, ranks=3)
-    assert done.returncode == code, done.stdout + done.stderr
-    [line] = [line for line in done.stderr.splitlines() if line.startswith("tribox: ")]
-    assert said in line and "Traceback" not in done.stderr
-    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
-
-
 # -- bodies that only contact holds ---------------------------------------------------------------
 
 # Its top can move sideways: before it touches anything, the tangent is singular.

@@ -129,6 +129,7 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
 
 
+@pytest.mark.long
 def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
     """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
     run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5, 28)
@@ -140,17 +141,6 @@ def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
 
 
 # -- what the slip of points that come into contact is measured from -------------------------------
-
-
-def test_equal_cylinders_do_not_rub():
-    """Pressed on each other they spread alike: no friction, however few the steps."""
-    data = tomllib.loads(Path("cases/hertz-two-cylinders.toml").read_text())
-    data["geometry"] |= {"contact_size": "40 um", "growth": 2.0}
-    data["boundary"][1]["displacement"]["y"] = [["0 s", "0 um"], ["1 s", "-10 um"]]
-    data["stage"][0]["steps"] = 5
-    last = simulate(data)[0].rows[-1]
-    assert last.normal_force > 0.0
-    assert last.friction_force < 1e-3 * last.normal_force
 
 
 def test_equal_cylinders_of_meshes_that_do_not_match_hardly_rub():
@@ -255,25 +245,13 @@ def boxes_that_slip(layers: int, duration: str, steps: int) -> list[Row]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("duration", "steps", "fewer"), [("0.75 s", 3, 3), ("0.5 s", 1, 1)])
-def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch, duration, steps, fewer):
-    """A path, or a linear step, opens vertices at the rim; Newton's method closes them by twos."""
-    held = boxes_that_slip(6, duration, steps)
+def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
+    """A path opens vertices at the rim; Newton's method closes them by twos."""
+    held = boxes_that_slip(6, "0.75 s", 3)
     monkeypatch.setattr(globalisation, "HOLDS", 0)
-    left = boxes_that_slip(6, duration, steps)
+    left = boxes_that_slip(6, "0.75 s", 3)
     iterations = [sum(row.newton_iterations for row in rows) for rows in (held, left)]
-    assert iterations[0] <= iterations[1] - fewer
+    assert iterations[0] <= iterations[1] - 3
     for now, then in zip(held, left, strict=True):
         assert now.newton_iterations <= then.newton_iterations
         assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)
-
-
-@pytest.mark.long
-def test_rim_that_a_close_prediction_opens_is_not_held(monkeypatch):
-    """Where hardly anything is left, holding points and letting them go costs iterations."""
-    held = boxes_that_slip(3, "4 s", 7)
-    monkeypatch.setattr(globalisation, "SOLVED", 0.0)
-    always = boxes_that_slip(3, "4 s", 7)
-    iterations = [sum(row.newton_iterations for row in rows) for rows in (held, always)]
-    assert iterations[0] <= iterations[1] - 3
-    assert held[-1].tangential_force == pytest.approx(always[-1].tangential_force, rel=1e-7)

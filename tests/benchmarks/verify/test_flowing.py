@@ -47,12 +47,6 @@ def test_second_order_elements_meet_the_closed_form_where_metals_are_compressibl
     np.testing.assert_allclose(found.pressure[FLOWS:], found.exact[FLOWS:], rtol=0.01)
 
 
-def test_a_tube_of_full_integration_locks():
-    """What the other formulations are for: the same mesh, far too stiff."""
-    pressures = np.array([30e6, 60e6])
-    assert quarter_of_tube(RIGID_VOLUME, (6, 6), "q1", pressures).error > 0.05
-
-
 def test_a_tube_in_few_steps_is_that_in_many():
     """Flow in one direction: the step's size does not count."""
     exact = [
@@ -69,13 +63,11 @@ def test_a_tube_in_few_steps_is_that_in_many():
 # -- drawn bars -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("formulation", ["q1", "q1-sri", "q2"])
 @pytest.mark.parametrize(
-    ("counts", "section"), [((2, 4), "axisymmetric"), ((1, 1, 1), "3D"), ((1, 2, 3), "3D")]
+    ("formulation", "counts", "section"),
+    [("q1", (1, 2, 3), "3D"), ("q1-sri", (2, 4), "axisymmetric"), ("q2", (1, 1, 2), "3D")],
 )
 def test_a_bar_bears_most_where_considere_says(formulation, counts, section):
-    if formulation == "q2" and counts == (1, 2, 3):
-        counts = (1, 1, 2)
     strains = np.array([0.04, 0.16, 0.19, 0.22])
     bar = drawn_bar(SWIFT, counts, section, strains, formulation)
     stretch, stress = load_maximum(YOUNG, SWIFT)

@@ -253,11 +253,9 @@ def test_the_command(tribox):
 
 WRONG = [
     ("hertz-line", "geometry.cylinder.radius=-1 mm", "geometry.cylinder.radius = "),
-    ("hertz-line", "geometry.contact_width=10 mm", "geometry.cylinder: contact_width = 0.01 m"),
     ("hertz-line", "geometry.block.contact_width=20 mm", "geometry.block: contact_width = 0.02 m"),
     ("hertz-line", "geometry.contact_size=0.4 mm", "geometry.cylinder: contact_size = 0.0004 m"),
     ("hertz-line", "geometry.growth=0.5", "geometry.growth = 0.5: must be >= 1 and <= 2"),
-    ("hertz-line", "geometry.growth=3", "geometry.growth = 3: must be >= 1 and <= 2"),
     ("hertz-line", "geometry.upper.radius=1", 'key "upper" in geometry does not go with kind'),
     ("cattaneo-mindlin", "geometry.lower.radius=0.1 mm", "geometry.lower: contact_width = "),
     ("cattaneo-mindlin", "geometry.lower.width=1", 'unknown key "width" in geometry.lower'),
@@ -290,7 +288,7 @@ def test_either_body_may_be_the_slave():
     assert forces[0] == pytest.approx(forces[1], rel=5e-3)
 
 
-@pytest.mark.parametrize("what", ["elastomer", "aluminium", "elastomer_contact", "both contacts"])
+@pytest.mark.parametrize("what", ["elastomer", "both contacts"])
 def test_the_direction_in_which_a_mesh_numbers_its_facets_does_not_matter(tmp_path, what):
     case = load_case(DIRECTORY / "hertz-line.toml", COARSE_BLOCK)
     dim = 2 if "contact" not in what else 1

@@ -59,7 +59,7 @@ COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geom
 QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
 
 
-@pytest.mark.parametrize("size", [32.5, 20, 14, 10])
+@pytest.mark.parametrize("size", [32.5, 10])
 def test_section_meets_hertz(size):
     found = press_sphere([*SECTION, f"geometry.contact_size={size} um"])
     radius, peak = found.fitted
@@ -83,11 +83,6 @@ def test_checks_of_the_point_contact_can_fail():
     assert {"quarter: radius a", "section: radius a"} <= failed
     assert len(found.checks) == 8 and len(found.panels[0].lines) == 3
     assert [check.bar for check in found.checks] == [0.03] * 4 + [0.02] * 4
-
-
-def test_a_soft_penalty_fails_hertz():
-    soft = press_sphere([*SECTION, "contact.0.penalty_factor=0.05", "geometry.contact_width=1 mm"])
-    assert abs(soft.fitted[0] / soft.exact.contact_radius - 1.0) > 0.05
 
 
 def test_contact_beyond_the_fine_zone_is_no_result():

@@ -59,21 +59,6 @@ def test_the_pressure_is_that_of_the_linearised_volume(cell, name):
     assert field(test) @ A @ field(trial) == pytest.approx(excess * second, rel=1e-5)
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_carried_from_where_it_is_the_tangent_is_exact(cell):
-    u, solid = block(cell, MATERIALS["neo-hookean"], 2)
-    u.x.array[:] = 0.05 * np.random.default_rng(0).normal(size=len(u.x.array))
-    solid.carried.carry(u.x.array.copy())
-    A = dolfinx.fem.assemble_matrix(solid.carried.tangent).to_dense()
-    exact = dolfinx.fem.assemble_matrix(solid.forms[1].tangent).to_dense()
-    assert np.abs(A).max() <= 1e-13 * np.abs(exact).max()
-
-
-def test_full_integration_carries_none():
-    u, _ = block("quadrilateral", MATERIALS["neo-hookean"], 1)
-    assert Solid("body", u, np.zeros(1, np.int32), NeoHookean(G, K), "q1").carried is None
-
-
 @pytest.mark.parametrize("nu", [0.45, 0.4999, 0.499999])
 def test_a_block_is_bent_far_in_few_iterations_however_incompressible(nu):
     """The side of a block turns by 0.3 rad in one step."""

@@ -416,20 +416,6 @@ def test_no_points_and_arrays_of_any_layout(space):
     np.testing.assert_array_equal(state, before[1])
 
 
-@pytest.mark.parametrize(
-    ("F", "state", "dt", "rate", "words"),
-    [
-        (np.zeros((2, 9)), np.zeros((2, 5)), 1.0, "no rate", r"\(2, 9\), \(2, 5\), not"),
-        (np.zeros((2, 5)), np.zeros((3, 5)), 1.0, "no rate", r"\(3, 5\)"),
-        (np.zeros((2, 5)), np.zeros((2, 5)), 0.0, "perzyna", "dt is 0.0"),
-        (np.zeros((2, 5)), np.zeros((2, 5)), float("nan"), "johnson-cook", "dt is nan"),
-    ],
-)
-def test_wrong_shapes_and_steps_are_refused(F, state, dt, rate, words):
-    with pytest.raises(ValueError, match=words):
-        PlasticPoints(given.material("linear", rate), False).update(F, state, dt, False)
-
-
 # -- The end of a step lies on the yield surface, whatever the law, the rate and the step ----------
 
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from tests.forms.bodies import plastic_samples as given
 from tribox.forms.bodies.elastoplastic import ElastoPlastic, PlasticPoints
-from tribox.forms.bodies.hardening import Linear, Perzyna, Swift
+from tribox.forms.bodies.hardening import Perzyna
 
 G, K = given.SHEAR, given.BULK
 YOUNG = 9.0 * K * G / (3.0 * K + G)
@@ -61,35 +61,6 @@ def test_uniaxial_tension_and_compression_are_exact_in_one_step(space, law):
     across = np.log(F[:, [4, 8]] if space else F[:, [3, 4]])
     wanted = -POISSON * tau / YOUNG - 0.5 * sign * alpha
     np.testing.assert_allclose(across, np.stack([wanted, wanted], 1), rtol=1e-11)
-
-
-@pytest.mark.parametrize("rate", ["johnson-cook", "perzyna"])
-def test_at_a_constant_rate_the_stress_is_that_of_the_law_times_the_factor(rate):
-    """Far beyond yield α̇ is the rate of strain; the tests of rate tables are read so."""
-    material = given.material("linear", rate)
-    for speed in (1.0, 100.0):
-        F, update = pulled(PlasticPoints(material, False), np.array([0.3]), 0.3 / speed, 30)
-        tau, alpha = update.P[0, 0] * F[0, 0], update.state[0, -1]
-        modulus = given.LAWS["linear"].modulus
-        wanted = given.LAWS["linear"].stress(alpha) * material.rate.factor(np.array(speed))
-        assert tau == pytest.approx(wanted, rel=2.0 * modulus / YOUNG)
-        assert tau > 1.05 * given.LAWS["linear"].stress(alpha)
-
-
-def test_the_load_of_a_bar_is_largest_where_stress_and_hardening_are_equal():
-    """Considère: dτ/de = τ, with dτ/de = σ_Y' E/(E + σ_Y') of the whole strain."""
-    law = Swift(0.18, 0.01, 0.22)
-    points = PlasticPoints(ElastoPlastic(G, K, law), True)
-
-    def surplus(alpha):
-        slope = law.slope(alpha)
-        return slope * YOUNG / (YOUNG + slope) - law.stress(alpha)
-
-    alpha = brentq(surplus, 0.01, 1.0)
-    strain = law.stress(alpha) / YOUNG + alpha
-    strains = strain + np.linspace(-0.02, 0.02, 41)
-    _, update = pulled(points, strains)
-    assert np.argmax(update.P[:, 0]) == 20
 
 
 def shear(amount):
@@ -174,52 +145,6 @@ def test_simple_shear_with_a_rate_goes_to_the_solution_of_the_overstress_equatio
     assert wanted[0, 1] > 1.5 * law.stress(alpha) / np.sqrt(3.0)
     assert np.abs(tau - wanted).max() < 1e-3 * np.linalg.norm(wanted)
     assert end == pytest.approx(alpha, abs=1e-4)
-
-
-def integrated_compression(law, end):
-    """τ₂ and α in plane-strain compression along 2, free along 1, from the rate equations."""
-
-    def deviator(e):
-        return e - e.mean()
-
-    def strains(e2, plastic):
-        """Elastic strains with τ₁ = K tr e + 2G dev₁ e = 0; plastic strain has no trace."""
-        e2, e3 = e2 - plastic[1], -plastic[2]
-        e1 = -(K - 2.0 / 3.0 * G) / (K + 4.0 / 3.0 * G) * (e2 + e3)
-        return np.array([e1, e2, e3])
-
-    def slope(time, y):
-        e = strains(-time, y[:3])
-        n = deviator(e) / np.linalg.norm(deviator(e))
-        hard = 2.0 * G + 2.0 / 3.0 * law.slope(y[3])
-        # Unknowns: rate of the strain along 1, and of flow; f and τ₁ stay zero.
-        rows = [[2.0 * G * n[0], -hard], [K + 4.0 / 3.0 * G, -2.0 * G * n[0]]]
-        _, flow = np.linalg.solve(rows, [2.0 * G * n[1], K - 2.0 / 3.0 * G])
-        return np.r_[flow * n, np.sqrt(2.0 / 3.0) * flow]
-
-    def over_yield(amount):
-        size = np.linalg.norm(deviator(strains(-amount, np.zeros(3))))
-        return 2.0 * G * size - np.sqrt(2.0 / 3.0) * law.stress(0.0)
-
-    first = brentq(over_yield, 1e-9, end)
-    found = solve_ivp(slope, (first, end), np.zeros(4), "DOP853", rtol=1e-9, atol=1e-12).y[:, -1]
-    e = strains(-end, found[:3])
-    return K * e.sum() + 2.0 * G * deviator(e)[1], found[3]
-
-
-def test_plane_strain_compression_goes_to_the_solution_of_the_rate_equations():
-    law = Linear(0.06, 0.2)
-    points = PlasticPoints(ElastoPlastic(G, K, law), False)
-    state, F = points.start(1), given.components(np.eye(3)[None], False)
-    for strain in np.linspace(0.0, 0.3, 61)[1:]:
-        F = F.copy()
-        F[:, 0], F[:, 3] = np.exp(strain), np.exp(-strain)
-        F, update = free_across(points, F, state, 1.0, [0])
-        state = update.state
-    wanted, alpha = integrated_compression(law, 0.3)
-    assert update.P[0, 3] * F[0, 3] == pytest.approx(wanted, rel=1e-3)
-    assert state[0, -1] == pytest.approx(alpha, rel=1e-3)
-    assert wanted == pytest.approx(-2.0 / np.sqrt(3.0) * law.stress(alpha), rel=1e-3)
 
 
 def closed_path(points, ends, steps):

@@ -121,15 +121,6 @@ def test_residual_is_the_derivative_of_the_energy(element):
     )
 
 
-def test_tangent_is_the_derivative_of_the_residual(element):
-    u, solid = element
-    A = sum(dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms)
-    np.testing.assert_allclose(A, A.T, rtol=0, atol=1e-13 * np.abs(A).max())
-    along = directions(u, 3)
-    slope = slopes(u, lambda: forces(solid.forms), along, 1e-6)
-    np.testing.assert_allclose(along @ A, slope, rtol=0, atol=1e-7 * np.abs(slope).max())
-
-
 def test_reduced_integration_is_the_sum_of_its_parts():
     """Each part against a form of its own with that one quadrature degree, written out here."""
     u = box("quadrilateral", counts=3, distortion=0.2)
@@ -147,16 +138,6 @@ def test_reduced_integration_is_the_sum_of_its_parts():
     # Full integration differs by far more, so that a part at the wrong points would be seen.
     full = forces(solid_on(u, NEO, "q1").forms)
     assert np.abs(full - total).max() > 1e-3 * np.abs(total).max()
-
-
-def test_energy_density_of_a_ring_is_that_of_its_three_stretches():
-    """A cylinder stretched evenly: W(λ_r, λ_r, λ_y) times the whole volume π H."""
-    u = box("quadrilateral", distortion=0.1)
-    solid = solid_on(u, HENCKY, "q1", "axisymmetric")
-    u.x.array.reshape(-1, 2)[:] = points(u) * [0.2, -0.3]
-    logs = np.log([1.2, 1.2, 0.7])
-    density = np.sum((logs - logs.mean()) ** 2) + 2.5 * logs.sum() ** 2
-    assert solid.strain_energy() == pytest.approx(np.pi * density, rel=1e-12)
 
 
 # --- patch tests ----------------------------------------------------------------------------------
@@ -240,15 +221,6 @@ def pull(u, solid, stretch, symmetric):
         assert stepper.attempt(1.0).converged
         stepper.commit()
     return problem.unbalanced[top.dofs].sum()
-
-
-@pytest.mark.parametrize("stretch", [0.7, 1.3, 1.8])
-def test_incompressible_block_in_plane_strain(stretch):
-    """Neo-Hookean, nu → 1/2: nominal stress G (λ − λ⁻³)."""
-    shear, bulk = shear_and_bulk(3.0, 0.4999)
-    u = box("quadrilateral", counts=3, distortion=0.2)
-    stress = pull(u, solid_on(u, NeoHookean(shear, bulk), "q1-sri"), stretch, (0,))
-    assert stress == pytest.approx(shear * (stretch - stretch**-3), rel=5e-3)
 
 
 def squeezed_energy(formulation, counts):
@@ -344,6 +316,7 @@ def test_cylinder_under_even_pressure_stays_a_cylinder(formulation):
     [
         ("hexahedron", 1, "3D"), ("tetrahedron", 2, "3D"), ("quadrilateral", 1, "axisymmetric"),
         ("triangle", 2, "axisymmetric"), ("quadrilateral", 2, "plane-strain"),
+        ("triangle", 1, "plane-strain"),
     ],
 )  # fmt: skip
 def test_pressure_all_round_works_against_the_volume(cell, degree, section):

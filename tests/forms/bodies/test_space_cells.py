@@ -160,23 +160,6 @@ def test_large_strains_and_equal_stretches(name):
         compare(u, solid)
 
 
-def test_a_cell_by_hand():
-    """Simple shear of a unit cube, neo-Hookean: P = G (F − F⁻ᵀ) on its faces, W = G γ²/2."""
-    shear, gamma = 2.0, 0.3
-    mesh = grid("hexahedron", (1, 1, 1), [1.0, 1.0, 1.0])
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (3,))))
-    where = u.function_space.tabulate_dof_coordinates()
-    u.x.array[0::3] = gamma * where[:, 1]
-    for formulation in ("q1", "q1-sri"):
-        solid = Solid("cube", u, np.array([0], np.int32), NeoHookean(shear, 9.0), formulation)
-        cells, force = cells_of(u, solid), np.zeros_like(u.x.array)
-        assert cells.add(u.x.array, force, None)
-        P = shear * gamma * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
-        outward = 2.0 * where - 1.0  # a quarter of each of the three faces at a corner
-        np.testing.assert_allclose(force.reshape(-1, 3), 0.25 * outward @ P.T, atol=1e-15)
-        assert cells.energy(u.x.array) == pytest.approx(0.5 * shear * gamma**2, rel=1e-14)
-
-
 @pytest.mark.parametrize(("name", "formulation"), [*HEXAHEDRA, ("mooney-rivlin", "q2")])
 def test_the_energy_of_small_strains(name, formulation):
     """Simple shear by 1e-7 of a body that has moved far: G γ²/2, though F is 1 + 1e-7.

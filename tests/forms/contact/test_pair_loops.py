@@ -1,21 +1,21 @@
-"""Slip, forces and tangent of a pair by compiled loops against those of numpy."""
+"""Slip and forces of a pair by compiled loops against those of numpy, tangents of all matrices."""
 
 import numpy as np
 import pytest
 
+from tests import numpy_pair
 from tests.contact_boxes import (
     GAP,
     PENALTY,
     Dense,
     Scene,
-    exact_tangent,
     held_ends,
     nodal_forces,
     take_all_for_kinked,
 )
 from tests.forms.contact.test_explicit import LAWS
 from tests.forms.contact.test_tangent_ends import at_the_rim
-from tests.numpy_pair import NumpyPair, relate
+from tests.numpy_pair import anchor_of, relate
 from tribox.forms.contact.pair_loops import Entries
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactMode
@@ -44,6 +44,8 @@ def states(scene):
         shift = (x, y, -GAP - 0.03) if scene.dim == 3 else (x, -GAP - 0.03)
         vector = scene.vector(shift, bend, 0.4, 0.01)
         trial = scene.term.evaluate(vector, 0.5)
+        # Of images, beside supports that hold: test_tangent.py.
+        assert scene.surface.images is not None or scene.error(vector) < 1e-9
         yield trial, scene.tangent(vector, 0.5)
         scene.term.commit(trial)
 
@@ -62,7 +64,7 @@ def scene_of(name, patch=None):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_adds_the_tangent_of_numpy(monkeypatch, name):
+def test_the_tangent_is_exact_whatever_the_matrix_holds(monkeypatch, name):
     """With all nodes in the matrix; with some that are not; over a master as it was and moved."""
     scene = scene_of(name, monkeypatch)
     assert (scene.surface.normals is not None) == name.endswith("rays")
@@ -102,11 +104,11 @@ def test_its_forces_are_those_of_numpy(name):
         nodes, sums, squared = scene.term.forces_at_nodes(trial)
         np.add.at(found, nodes, sums)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-        values = NumpyPair(scene.term).nodal_forces(trial)[1]  # the last of a tool is a moment
+        values = numpy_pair.nodal_forces(scene.term, trial)[1]  # the last of a tool is a moment
         points = values if trial.carried is None else values[:, :-1]
         assert squared == pytest.approx(np.sum(points**2), rel=1e-12)
         assert squared > 0.0
-        anchor, closed = NumpyPair(scene.term).anchor(trial.nodes), trial.kinematics.closed
+        anchor, closed = anchor_of(scene.term, trial.nodes), trial.kinematics.closed
         exact = relate(trial.position, trial.projection, anchor, closed)
         for name in ("slip", "elastic_slip"):
             found, expected = (getattr(k, name) for k in (trial.kinematics, exact))
@@ -126,16 +128,10 @@ def test_open_points_beside_the_rim_count():
 
 
 def test_other_modes_and_no_contact():
-    """Softened and without friction's stiffness; open everywhere."""
+    """Softened; open everywhere."""
     scene = scene_of("hexahedra")
     x = scene.vector((0.02, 0.01, -GAP - 0.03), 0.05, 0.4)
-    mode = ContactMode(penalty_scale=0.3, friction_as_load=True)
-    trial = scene.term.evaluate(x, 0.5, mode)
-    matrix = Dense(scene.dim, len(scene.where))
-    scene.term.add_tangent(trial, matrix.entries())
-    exact = exact_tangent(scene.term, trial, len(scene.where))
-    found = matrix.values.reshape(exact.shape)
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
+    assert scene.error(x, mode=ContactMode(penalty_scale=0.3)) < 1e-9
     apart = scene.term.evaluate(scene.vector((0.0, 0.0, 0.2), 0.0, 0.0), 0.5)
     matrix = Dense(scene.dim, len(scene.where))
     assert scene.term.add_tangent(apart, matrix.entries()) == []

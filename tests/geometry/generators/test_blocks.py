@@ -31,52 +31,6 @@ def test_rectangles_are_bodies_with_named_sides(cell):
     assert len(named.facets("strip_top")) == 4 and len(named.facets("soft pad_left")) == 6
 
 
-def test_elements_grow_from_the_low_end():
-    named = generate(Blocks((STRIP,)), MPI.COMM_SELF)
-    x = np.unique(named.mesh.geometry.x[:, 0].round(9))
-    assert np.diff(x)[-1] / np.diff(x)[0] == pytest.approx(8.0)
-
-
-@pytest.mark.parametrize("grading", [0.1, 1.0, 7.0])
-def test_size_is_that_of_the_smallest_elements(grading):
-    block = PlacedBlock("b", (0.0, 0.0), (1.0, 1.0), size=0.03, grading=(grading, 1.0))
-    count, ratio = next(block.progressions())
-    widths = ratio ** np.arange(count)
-    smallest = widths.min() / widths.sum()
-    assert 0.9 * 0.03 < smallest <= 0.03 * (1.0 + 1e-9)
-
-
-def test_boxes_have_six_sides():
-    box = PlacedBlock("box", (0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (1, 2, 3))
-    named = generate(Blocks((box,), "hexahedron"), MPI.COMM_SELF)
-    counts = {name: len(named.facets(name)) for name in named.surfaces}
-    assert counts == {
-        **dict.fromkeys(("box_left", "box_right"), 6),
-        **dict.fromkeys(("box_bottom", "box_top"), 3),
-        **dict.fromkeys(("box_back", "box_front"), 2),
-    }
-    assert (
-        generate(Blocks((box,), "tetrahedron"), MPI.COMM_SELF).mesh.topology.index_map(3).size_local
-        == 6 * 6
-    )
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"high": (0.0, 1.0)}, "strip: x must go from a lower to a higher value"),
-        ({"elements": None}, "strip: give either elements or size"),
-        ({"elements": (4, 2, 1)}, "strip: elements needs 2 numbers, found 3"),
-        ({"grading": (0.0, 1.0)}, "strip: grading = 0 is not allowed; it must be from"),
-        ({"elements": None, "size": 1e-9}, "strip: size = 1e-09 m is too small"),
-    ],
-)
-def test_a_wrong_block_is_named(change, said):
-    given = {"name": "strip", "low": (0.0, 0.0), "high": (4.0, 1.0), "elements": (4, 2)}
-    with pytest.raises(ValueError, match=said):
-        PlacedBlock(**given | change)
-
-
 def test_overlapping_blocks_are_refused_and_touching_ones_are_not():
     Blocks((STRIP, PAD))
     inside = PlacedBlock("other", (1.0, 0.5), (2.0, 2.0), (1, 1))

@@ -47,29 +47,3 @@ def test_sides_lie_where_their_names_say(cell):
         assert integral(named, 2, facets) == pytest.approx(area, rel=1e-12)
     assert integral(named, 3, named.cells("elastomer")) == pytest.approx(0.3e-9, rel=1e-12)
     assert integral(named, 3, named.cells("aluminium")) == pytest.approx(0.8e-9, rel=1e-12)
-
-
-def test_counts_and_grading():
-    named = generate(BOXES, MPI.COMM_SELF)
-    assert len(named.cells("elastomer")) == 4 * 3 * 2
-    assert len(named.cells("aluminium")) == 5 * 2 * 3
-    assert len(named.facets("elastomer_contact")) == 4 * 2
-    assert len(named.facets("elastomer_left")) == 3 * 2
-    y = np.unique(named.mesh.geometry.x[:, 1].round(12))
-    heights = np.diff(y[y > 0.05e-3])
-    np.testing.assert_allclose(heights[-1] / heights[0], 3.0, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"upper": replace(UPPER, depth=0.0)}, "elastomer: z must go from a lower"),
-        ({"upper": replace(UPPER, elements=(2, 2))}, "elements needs 3 numbers, found 2"),
-        ({"upper": Box(1e-3, 1e-3, 1e-3, size=1e-6)}, "elastomer: more than 10000000 cells"),
-        ({"offset": (0.0, 1e-3)}, "offset = 0.001 m in z"),
-        ({"cell": "quadrilateral"}, "choose from hexahedron, tetrahedron"),
-    ],
-)
-def test_mistakes_are_named(change, said):
-    with pytest.raises(ValueError, match=said):
-        replace(BOXES, **change)

@@ -149,19 +149,6 @@ def test_over_the_seams_of_a_plane_nothing_is_clamped(sheet, kind):
         np.testing.assert_allclose(at.normal, np.broadcast_to(n, at.normal.shape), atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", SPACE, ids=ids)
-def test_gap_is_continuous_on_a_walk_over_everything(sheet, kind):
-    """Over seams, edges and corners the gap of a point near the surface has no jump."""
-    surface, nodes = surface_of(sheet, kind, (5, 4))
-    t = np.linspace(0.0, 1.0, 1001)
-    for height in (0.15, -0.15):
-        path = np.column_stack([0.1 + 0.8 * t, 0.2 + 0.5 * t**2, np.full(len(t), height)])
-        at = surface.project(path, nodes)
-        step = np.linalg.norm(np.diff(path, axis=0), axis=1).max()
-        assert at.clamped.any()
-        assert np.abs(np.diff(at.gap)).max() <= step * (1.0 + 1e-9)
-
-
 @pytest.mark.parametrize("kind", [("interval", 1), *ALL], ids=ids)
 def test_a_point_may_be_frozen_on_its_facet_just_past_an_edge(sheet, kind):
     """As if the facet continued; not further than ``OVERRUN``."""
