@@ -89,7 +89,8 @@ def nodal_forces(term, trial):
         parts = own, trial.carried.forces(master, -force)
         return np.concatenate([slave.nodes, tool], axis=1), np.concatenate(parts, axis=1)
     shape = np.concatenate([slave.shape, -master], axis=1)
-    nodes = np.concatenate([slave.nodes, surface.master_nodes(at.facet)], axis=1)
+    moved = surface.master.nodes[surface.target.stencil[at.facet]]
+    nodes = np.concatenate([slave.nodes, moved], axis=1)
     values = shape[:, :, None] * force[:, None, :]
     if (images := surface.images) is None:
         return nodes, values
