@@ -188,11 +188,6 @@ def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
     return found
 
 
-def cell_values(expression: dolfinx.fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
-    """Values (c, v) of an expression at its points in cells, all of a cell in one row."""
-    return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)
-
-
 # -- spaces with more nodes than the mesh has -----------------------------------------------------
 
 

@@ -368,9 +368,8 @@ class Equilibrium:
         for springs in self._springs(step):
             f.array[:] += springs.force(x.array_r)
         self.unbalanced = f.array_r.copy()
-        self.reference_force = reference_force(
-            self._forces(), outside, contact_squared, self.constraints
-        )
+        unbalanced, given = self._forces(self.unbalanced), self._forces(outside)
+        self.reference_force = reference_force(unbalanced, given, contact_squared, self.constraints)
         self._known.balanced = step
 
     def _on_bodies(self, values: Floats) -> Floats:
@@ -382,12 +381,12 @@ class Equilibrium:
             out[field.dofs] = 0.0
         return out
 
-    def _forces(self) -> Floats:
-        """Residuals (n,) of the last evaluation, but for fields and moments on tools.
+    def _forces(self, values: Floats) -> Floats:
+        """Residuals or loads (n,), but for those of fields and moments on tools.
 
         A moment grows with how far off the tool's centre lies: beside it no residual would count.
         """
-        out = self._on_bodies(self.unbalanced).copy()
+        out = self._on_bodies(values).copy()
         for tool in self.tools:
             out[tool.dofs[-1:][tool.here[-1:]]] = 0.0
         return out

@@ -34,7 +34,7 @@ from tribox.app.equilibrium.snapshot import Kept, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.contact_resultants import over
 from tribox.app.simulation.history import Row
-from tribox.app.simulation.pair_bodies import penalty_factor, pressed_by_force
+from tribox.app.simulation.pair_bodies import GivenForces, penalty_factor
 from tribox.app.simulation.surface_faults import (
     BENT,
     SHARP,
@@ -313,7 +313,7 @@ class ContactWarnings(Remembers):
 
     over_facet: Kept[list[float]]
     over_approach: Kept[list[float]]
-    _by_force: Kept[list[bool]]
+    _answering: Kept[list[float]]  # share of the largest force that is not given
     _deepest: Kept[list[tuple[float, float, str]]]
     _strongest: Kept[list[PairState | None]]
     _widest: Kept[list[PairState | None]]
@@ -338,12 +338,10 @@ class ContactWarnings(Remembers):
         self._strongest, self._widest = [None] * count, [None] * count
         self._stored, self._slack = [0.0] * count, [0.0] * count
         self._sunk = [(Sunk(), "")] * count
+        self._answering = [1.0] * count
+        self._given = GivenForces(problem)
         if resumed is not None:
             self.restore(resumed)
-            return
-        # Not in the middle of a run: another stage may hold the bodies otherwise, and the search
-        # for facets, done at the start, would be done anew at the next step.
-        self._by_force = pressed_by_force(problem)
 
     def step(self, row: Row, thickness: float) -> None:
         """Look at a converged step; collective.
@@ -358,6 +356,7 @@ class ContactWarnings(Remembers):
         force = sum(state.force for state in loose) * thickness
         spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
         approach = spent / force if force > 0.0 else 0.0
+        answering: list[float] = []
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.when)
             self._deepest[index] = max(self._deepest[index], here)
@@ -367,6 +366,9 @@ class ContactWarnings(Remembers):
                 self._strongest[index] = state
                 if not terms[index].tied:
                     self.over_approach[index] = over(state.mean, approach)
+                if self.over_approach[index] > APPROACH and not terms[index].tied:
+                    answering = answering or self._given.answering(trials)
+                    self._answering[index] = answering[index]
             if widest is None or state.is_wider(widest):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, spent / thickness)
@@ -422,8 +424,7 @@ class ContactWarnings(Remembers):
                 yield self._comb(index, state)
             if state.waves > WAVES:
                 yield waves_text(index, state.waves, state.corners)
-            costly = self.over_approach[index] > APPROACH and not self._by_force[index]
-            if self.over_facet[index] > PENETRATION or costly:
+            if self.over_facet[index] > PENETRATION or self._cost(index) > APPROACH:
                 yield self._soft(index, comb)
             if self._slack[index] > SLACK:
                 yield _slack_text(index, self._slack[index])
@@ -433,6 +434,10 @@ class ContactWarnings(Remembers):
             widest = self._widest[index]
             if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
+
+    def _cost(self, index: int) -> float:
+        """What penetration takes off the largest normal force, over what is left of it."""
+        return self.over_approach[index] * self._answering[index]
 
     def _of_tie(self, index: int) -> Iterator[str]:
         if self.over_facet[index] > PENETRATION:
@@ -470,7 +475,7 @@ class ContactWarnings(Remembers):
 
     def _comb(self, index: int, state: PairState) -> str:
         factor = self._factor[index]
-        cost = 0.0 if self._by_force[index] else self.over_approach[index] / APPROACH
+        cost = self._cost(index) / APPROACH
         softer = softer_factor(factor, state.mean, state.sagitta, cost)
         penalty = "" if softer is None else f", or penalty_factor = {softer:g} (now {factor:.3g})"
         return (
@@ -485,11 +490,11 @@ class ContactWarnings(Remembers):
 
     def _soft(self, index: int, comb: bool) -> str:
         depth, _, when = self._deepest[index]
-        share = self.over_approach[index]
+        share, lost = self.over_approach[index], self._cost(index)
         cost = (
-            "the bodies come that much too close under the given force"
-            if self._by_force[index]
-            else f"the normal force is about {100.0 * share / (1.0 + share):.2g} % too small"
+            f"the normal force is about {100.0 * lost / (1.0 + lost):.2g} % too small"
+            if lost > min(APPROACH, 0.5 * share)
+            else "the bodies come that much too close under the given force"
         )
         cure = (
             'use pressure = "averaged", then raise penalty_factor'

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 
-import basix
 import dolfinx
 import numpy as np
-import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -35,14 +33,17 @@ from tribox.app.simulation.pair_bodies import (
 )
 from tribox.app.simulation.surface_ends import reaches_end, slid_off
 from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges
-from tribox.forms.bodies.kinematics import stretch_across
+from tribox.forms.bodies.deformation import volume_ratios
+from tribox.forms.bodies.materials import contact_shear_modulus, oedometric_modulus
+from tribox.forms.bodies.solid import Solid
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.stribeck import StribeckLaw
-from tribox.geometry.compat import cell_values
 from tribox.geometry.surfaces.facets import Floats
 
 GAUSS_DEGREE = 2  # of the points at which the volume ratio is looked at
 SQUEEZED = 0.2  # volume ratio J below which an element is said to be nearly collapsed
+FAR_MORE = 0.5  # and below which share of that around it
+FOAM = 3.0  # K + 4G/3 over G of nu = 1/4, below which a body is a foam
 SUPPORT = "a support there (displacement), or a load that keeps it in contact"
 ADRIFT = 1e-6  # share of the largest displacement by which a body moves that nothing holds
 AT_LIMIT = 0.9  # friction or load over mu N from which on a body slides away
@@ -185,11 +186,13 @@ def not_finite(resultants: Iterable[ContactResultants]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Squeezed:
-    """The element point with the least volume ratio."""
+    """The element with the least volume ratio, of those that have collapsed if there are any."""
 
-    ratio: float  # J = det F there
+    ratio: float  # least J = det F at its points
     body: str  # the body's name
     place: tuple[float, ...]  # (i,), m, middle of the element, undeformed
+    collapsed: bool  # squeezed to next to nothing, and far more than what is around it
+    foam: bool = False  # whether the body bears that, as it gives way in volume
 
     @property
     def text(self) -> str:
@@ -198,33 +201,61 @@ class Squeezed:
 
 
 def most_squeezed(problem: Equilibrium) -> Squeezed:
-    """Least J = det F at any Gauss point, at the displacement evaluated last; collective."""
-    mesh = problem.space.mesh
-    dim = mesh.topology.dim
-    cell = mesh.basix_cell()
-    points, _ = basix.make_quadrature(cell, GAUSS_DEGREE)
-    plane = ufl.det(ufl.Identity(dim) + ufl.grad(problem.u))
-    across = stretch_across(problem.u, problem.solids[0].section)  # of a whole mesh
-    ratio = dolfinx.fem.Expression(plane * across, points)
-    best: tuple[float, str, tuple[float, ...]] = (np.inf, "", ())
-    for solid in problem.solids:
+    """Least J = det F at any Gauss point, at the displacement evaluated last; collective.
+
+    An element has collapsed where J is below a fifth, and below half of its mean over the elements
+    around: a foam that is pressed flat has not. Elements of foams come last.
+    """
+    ratios = [volume_ratios(problem.u, s.section, s.cells, GAUSS_DEGREE) for s in problem.solids]
+    least = min((float(ratio.min(initial=np.inf)) for ratio in ratios), default=np.inf)
+    low = problem.comm.allreduce(least, op=MPI.MIN) < SQUEEZED
+    around = _around(problem, ratios) if low else ratios
+    mesh, found = problem.space.mesh, []
+    for solid, ratio, beside in zip(problem.solids, ratios, around, strict=True):
         if not len(solid.cells):
             continue
-        least = cell_values(ratio, mesh, solid.cells).min(axis=1)
-        least = np.where(np.isfinite(least), least, -np.inf)
-        at = int(np.argmin(least))
-        middle = dolfinx.mesh.compute_midpoints(mesh, dim, solid.cells[at : at + 1])[0]
-        best = min(best, (float(least[at]), solid.name, tuple(map(float, middle[: problem.dim]))))
-    return Squeezed(*min(problem.comm.allgather(best)))
+        inner = ratio.min(axis=1)
+        gone = low & (inner < SQUEEZED) & (inner < FAR_MORE * beside.mean(axis=1))
+        at = int(np.argmin(np.where(gone, inner, inner.max() + 1.0) if gone.any() else inner))
+        middle = dolfinx.mesh.compute_midpoints(mesh, problem.dim, solid.cells[at : at + 1])[0]
+        place = tuple(map(float, middle[: problem.dim]))
+        found.append((not gone[at], _is_foam(solid), float(inner[at]), solid.name, place))
+    every = [one for ranks in problem.comm.allgather(found) for one in ranks]
+    sound, foam, ratio_there, body, place = min(every)
+    return Squeezed(ratio_there, body, place, not sound, foam)
+
+
+def _is_foam(solid: Solid) -> bool:
+    """Whether a body gives way in volume like a foam: nu below 1/4."""
+    stiff = oedometric_modulus(solid.material)
+    return bool(stiff < FOAM * contact_shear_modulus(solid.material))
+
+
+def _around(problem: Equilibrium, ratios: Sequence[Floats]) -> list[Floats]:
+    """Means (c, 1) of J over the elements around each, of all bodies; collective."""
+    index, nodes = problem.space.dofmap.index_map, problem.space.dofmap.list
+    sums = dolfinx.la.vector(index, 2)
+    for solid, ratio in zip(problem.solids, ratios, strict=True):
+        mean = np.maximum(ratio.mean(axis=1), 0.0)
+        pair = np.stack([mean, np.ones_like(mean)], axis=1)
+        at = nodes[solid.cells]
+        np.add.at(sums.array.reshape(-1, 2), at, pair[:, None])
+    sums.scatter_reverse(dolfinx.la.InsertMode.add)
+    sums.scatter_forward()
+    total = sums.array.reshape(-1, 2)
+    nodal = total[:, 0] / np.maximum(total[:, 1], 1.0)
+    return [nodal[nodes[solid.cells]].mean(axis=1, keepdims=True) for solid in problem.solids]
 
 
 def has_collapsed(problem: Equilibrium, x: PETSc.Vec) -> bool:
     """Whether an element is squeezed to next to nothing at ``x`` (m); collective.
 
-    Its displacements are those spread last afterwards.
+    Those of a foam may be, at folds beside its contacts, and shorter steps go on from there. Its
+    displacements are those spread last afterwards.
     """
     problem.spread(x)
-    return most_squeezed(problem).ratio < SQUEEZED
+    worst = most_squeezed(problem)
+    return worst.collapsed and not worst.foam
 
 
 # -- all together ---------------------------------------------------------------------------------
@@ -408,7 +439,7 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
     problem.spread(converged)
     before = most_squeezed(problem)
     cure = "less load, a rounder corner or another mesh there"
-    if before.ratio < SQUEEZED:
+    if before.collapsed:
         yield f"{before.text} has nearly collapsed (volume ratio {before.ratio:.2g})", cure
     elif tried.ratio <= 0.0:
         yield f"{tried.text} is turned inside out by the last iteration", cure

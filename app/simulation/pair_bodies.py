@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.contacts import penalty_modulus
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.supports import Loose, bodies_of, loose_directions
+from tribox.app.equilibrium.supports import Loose, bodies_of, body_nodes, bonded_groups
+from tribox.forms.bodies.loads import Foundation, owned_values
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PointwisePressure, PressureKind
 from tribox.forms.contact.state import ContactTrial
@@ -116,77 +118,101 @@ def _drive(problem: Equilibrium, one: Loose, index: int) -> float:
     return float(np.sign(load * out[one.component])) if across else 0.0
 
 
-def pressed_by_force(problem: Equilibrium) -> list[bool]:
-    """Whether the normal force of each contact is given, and not what a soft contact costs.
+MOST = 12  # groups of bodies and tools up to which all sets of them are looked at
+ACROSS = 0.5  # component over a pair's force from which on it is one across the contact
 
-    Collective. It is where nothing prescribes the displacement of one of the bodies across the
-    contact, unless that body, or a stack of such bodies, lies between two that are held or moved.
+
+class GivenForces:
+    """Which share of each contact's force nothing gives, so that what is soft costs some of it.
+
+    Of a set S of bodies and tools with one side of the contact in it, and not the other, the force
+    F on S is balanced by what is given (loads, weight, inertia) and by what answers to
+    displacements: reactions of supports and moved tools, and other contacts between S and the rest.
+    F can change by no more than these do. The share is their resultant over F, across the contact,
+    for the set in which it is the least: none under a platen's force or for a strip on a floor, all
+    of it for a block whose two sides are moved, or for loose blocks between two that are.
     """
-    loose = [one for one in loose_directions(problem) if not one.turns]
-    pairs = [_Across.of(problem, term) for term in problem.contacts]
-    return [
-        any(
-            axis in pair.axes
-            and not _lies_between(problem, [o for o in loose if o.component == axis], pairs, pair)
-            for axis in {one.component for one in loose if pair.names & set(one.bodies)}
-        )
-        for pair in pairs
-    ]
+
+    def __init__(self, problem: Equilibrium) -> None:
+        """Sort bodies and tools into those that ties or nodes join; collective."""
+        self._problem = problem
+        number: dict[str, int] = {}
+        for at, group in enumerate(bonded_groups(problem)):
+            number |= {solid.name: at for solid in group}
+        number |= {tool.name: len(number) + at for at, tool in enumerate(problem.tools)}
+        pairs = [bodies_of(problem, term) for term in problem.contacts]
+        sides = [(pair.slave.name, pair.master.name) for pair in pairs]
+        for term, (one, other) in zip(problem.contacts, sides, strict=True):
+            if term.tied:
+                kept, gone = number[one], number[other]
+                number = {name: kept if at == gone else at for name, at in number.items()}
+        names = list(dict.fromkeys(number.values()))
+        self._pairs = [tuple(names.index(number[name]) for name in side) for side in sides]
+        self._nodes: list[list[Ints]] = [[] for _ in names]
+        for solid in problem.solids:
+            mine = self._nodes[names.index(number[solid.name])]
+            mine.append(body_nodes(problem, solid.cells))
+        self._tools = [(tool, names.index(number[tool.name])) for tool in problem.tools]
+        most = 2 if len(names) > MOST else len(names)
+        sets = [c for n in range(1, most + 1) for c in combinations(range(len(names)), n)]
+        self._sets = np.zeros((len(sets), len(names)), dtype=bool)
+        for row, members in zip(self._sets, sets, strict=True):
+            row[list(members)] = True
+
+    def answering(self, trials: Sequence[ContactTrial]) -> list[float]:
+        """Share of each contact's force that is not given, at most 1; collective."""
+        problem = self._problem
+        terms, dim = problem.contacts, problem.dim
+        local = [term.surface.slave.weight @ trial.traction for term, trial in zip(terms, trials)]
+        load = [[term.surface.slave.weight @ t.pressure] for term, t in zip(terms, trials)]
+        total = problem.comm.allreduce(np.column_stack([np.reshape(local, (-1, dim)), load]))
+        supports = self._supports()
+        forces, normal = total[:, :dim], total[:, dim]
+        inside = np.array([self._sets[:, pair] for pair in self._pairs])  # (k, s, 2)
+        # +1 where the slave is in the set, -1 where the master is, 0 of both or none.
+        sign = inside[..., 0].astype(float) - inside[..., 1]
+        onto = self._sets @ supports + np.einsum("ks,ki->si", sign, forces)
+        axes = range(1 if terms[0].surface.axisymmetric else 0, dim)  # rings hold radial forces
+        out = []
+        for index, force in enumerate(forces):
+            of_set = sign[index] != 0.0
+            rest = onto[of_set] - sign[index, of_set, None] * force
+            size = max(float(np.linalg.norm(force)), ACROSS * float(normal[index]))
+            shares = [
+                float(np.abs(rest[:, axis]).min()) / abs(float(force[axis]))
+                for axis in axes
+                if of_set.any() and abs(force[axis]) > ACROSS * size
+            ]
+            out.append(min([1.0, *shares]))
+        return out
+
+    def _supports(self) -> Floats:
+        """Forces (g, i), N (N/m), that supports put on each group; collective."""
+        dim, held = self._problem.dim, _support_forces(self._problem)
+        local = np.zeros((len(self._nodes), dim))
+        for row, nodes in zip(local, self._nodes, strict=True):
+            for mine in nodes:
+                row += held.reshape(-1, dim)[mine].sum(axis=0)
+        for tool, at in self._tools:
+            local[at] += held[tool.dofs[:dim]] * tool.here[:dim]
+        out: Floats = self._problem.comm.allreduce(local)
+        return out
 
 
-@dataclass(frozen=True, slots=True)
-class _Across:
-    """A contact by the names of its bodies, and its mean normal as drawn."""
-
-    slave: str
-    master: str
-    normal: Floats  # (i,), out of the master
-    axes: frozenset[int]  # along which that points more than not
-
-    @classmethod
-    def of(cls, problem: Equilibrium, term: ContactTerm) -> _Across:
-        """Of a contact; collective."""
-        surface, bodies = term.surface, bodies_of(problem, term)
-        at = surface.project(surface.slave.position, surface.master.position)
-        local = (surface.slave.weight * at.on_surface) @ at.normal
-        normal: Floats = problem.comm.allreduce(local)
-        long = np.abs(normal) > 0.5 * np.linalg.norm(normal)
-        return cls(bodies.slave.name, bodies.master.name, normal, frozenset(np.flatnonzero(long)))
-
-    @property
-    def names(self) -> set[str]:
-        """Of both bodies."""
-        return {self.slave, self.master}
-
-
-def _lies_between(
-    problem: Equilibrium, loose: Sequence[Loose], pairs: Sequence[_Across], pair: _Across
-) -> bool:
-    """Whether bodies that nothing holds along an axis lie between two that are held; collective.
-
-    No platen may press them. ``loose`` are all bodies without support along the axis; those looked
-    at are these of ``pair``, and what they touch.
-    """
-    axis = loose[0].component
-    along = [other for other in pairs if axis in other.axes]
-    stack = [one for one in loose if pair.names & set(one.bodies)]
-    for member in stack:  # and those that are found on the way
-        touched = set().union(*(o.names for o in along if o.names & set(member.bodies)))
-        beside = [one for one in loose if touched & set(one.bodies)]
-        stack += [one for one in beside if all(one is not known for known in stack)]
-    names = {name for member in stack for name in member.bodies}
-    sides = {
-        np.sign(other.normal[axis]) * (1.0 if other.slave in names else -1.0)
-        for other in along
-        if (other.slave in names) != (other.master in names)
-    }
-    pushed = [
-        _share(problem, platen.dofs, member.nodes * problem.dim + axis)
-        for platen in problem.platens
-        if platen.displacement is None
-        for member in stack
-    ]
-    return len(sides) == 2 and not any(pushed)
+def _support_forces(problem: Equilibrium) -> Floats:
+    """Forces (n,), N, of all that answers to displacements, on the owned unknowns; collective."""
+    held, dofs = np.zeros(problem.owned), problem.constrained_dofs()
+    slanted = problem.constraints.slanted
+    for platen in (p for p in slanted if p.acts and p.displacement is not None):
+        held[platen.dofs] += np.outer(platen.along(problem.unbalanced), platen.normal).reshape(-1)
+    held[dofs] = problem.unbalanced[dofs]
+    for load in problem.loads:
+        if isinstance(load, Foundation) and load.acts:
+            values = owned_values(problem.space, load.residual)
+            held[: len(values)] -= values
+    for rest in problem.rests():
+        held -= rest.force(problem.u.x.array[: problem.owned])
+    return held
 
 
 # -- friction -------------------------------------------------------------------------------------

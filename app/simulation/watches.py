@@ -20,6 +20,7 @@ from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snaps
 from tribox.app.implicit.factor import Effort
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
+from tribox.app.simulation.failure_diagnosis import most_squeezed
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Interval
@@ -350,6 +351,30 @@ class _CreepWatch(Remembers):
                     )
 
 
+class CollapseWatch(Remembers):
+    """Elements that were squeezed to next to nothing in steps that were solved, stage by stage."""
+
+    _found: Kept[dict[str, tuple[float, str, str]]]  # by stage: J, the element, when
+
+    def __init__(self, problem: Equilibrium) -> None:
+        self._problem, self._found = problem, {}
+
+    def step(self, row: Row) -> None:
+        """Look at a converged step; collective."""
+        worst = most_squeezed(self._problem)
+        if worst.collapsed and worst.ratio < self._found.get(row.stage, (np.inf,))[0]:
+            self._found[row.stage] = worst.ratio, worst.text, row.when
+
+    def warnings(self) -> Iterator[str]:
+        """A line for each stage with such elements."""
+        for ratio, text, when in self._found.values():
+            yield (
+                f"{text} has nearly collapsed (volume ratio {ratio:.2g}, {when}), far more than "
+                "those around it: stress and strain there mean nothing, and forces may be off; "
+                "less load, a rounder corner or another mesh there"
+            )
+
+
 # -- What watches over a run and has its say at the end of it --------------------------------------
 
 
@@ -442,6 +467,7 @@ class Watches:
             "one_sided": OneSidedEnds(model),
             "folds": FoldedSides(model),
             "flow": FlowWatch(problem),
+            "collapse": CollapseWatch(problem),
             "films": FilmWatch(problem),
         }
         self._of_results: dict[str, Any] = {
@@ -477,7 +503,7 @@ class Watches:
             yield from self._named[name].warnings()
         yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()
-        for name in ("floating", "linear", "flow", "films"):
+        for name in ("floating", "relaxation", "linear", "flow", "collapse", "films"):
             yield from self._named[name].warnings()
         self.roundoff.end(stage)
 

@@ -127,6 +127,39 @@ def ring_volume(rows: Rows, section: Section) -> Floats:
     )
 
 
+def volume_ratios(u: dolfinx.fem.Function, section: Section, cells: Ints, degree: int) -> Floats:
+    """J = det F (c, q) at the quadrature points of cells, from a displacement ``u``, m.
+
+    Args:
+        cells: (c,) local.
+    """
+    space = u.function_space
+    mesh, dim = space.mesh, space.mesh.geometry.dim
+    kind, X = mesh.topology.cell_name(), nodes_of(mesh, cells)
+    moved = u.x.array.reshape(-1, dim)[space.dofmap.list[cells]]
+    points, _ = basix.make_quadrature(basix.CellType[kind], degree)
+    geometry = shape_functions(kind, cell_order(mesh), 1, points)
+    table = shape_functions(kind, space.element.basix_element.degree, 1, points)
+    # (c, i, z, q), z the function itself, then its derivatives along the reference directions
+    before: Floats = np.asarray(np.tensordot(X, geometry, axes=(1, 2)), dtype=np.float64)
+    change: Floats = np.asarray(np.tensordot(moved, table, axes=(1, 2)), dtype=np.float64)
+    ratio: Floats = _determinant(before[:, :, 1:] + change[:, :, 1:])
+    ratio /= _determinant(before[:, :, 1:])
+    if section == "axisymmetric":
+        ratio *= 1.0 + change[:, 0, 0] / before[:, 0, 0]
+    return ratio
+
+
+def _determinant(edges: Floats) -> Floats:
+    """Of matrices (c, i, α, q), by components: (c, q)."""
+    a, b = edges[:, 0], edges[:, 1]
+    if edges.shape[1] == 2:
+        flat: Floats = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        return flat
+    found: Floats = np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
+    return found
+
+
 class BodyPoints:
     """The quadrature points of a body's own cells, those of full integration.
 

@@ -165,16 +165,19 @@ def test_what_sticks_softly_between_plates_is_said(tmp_path):
 
 BETWEEN_TOOLS = """
 geometry.kind = "blocks"
-geometry.blocks.rubber = { x = [0, 4e-3], y = [0, 2e-3], elements = [8, 4] }
-bodies.rubber = { material = "neo-hookean", E = "1 MPa", nu = 0.3, density = 1e3 }
+geometry.blocks.low = { x = [0, 4e-3], y = [0, 1e-3], elements = [8, 2] }
+geometry.blocks.high = { x = [0, 3e-3], y = [1e-3, 2e-3], elements = [9, 2] }
+bodies.low = { material = "neo-hookean", E = "1 MPa", nu = 0.3, density = 1e3 }
+bodies.high = { material = "neo-hookean", E = "1 MPa", nu = 0.3, density = 1e3 }
 tools.bed = { shape = "plane", point = [0, 0], normal = [0, 1] }
 tools.lid.displacement.y = [[0, 0], [1, -1e-4]]
 tools.lid.normal = [0, -1]
 tools.lid.point = [0, 2e-3]
 tools.lid.shape = "plane"
 contact = [
-    { slave = "rubber_bottom", master = "bed", friction.law = "frictionless" },
-    { slave = "rubber_top", master = "lid", friction.law = "frictionless" },
+    { slave = "low_bottom", master = "bed", friction = { law = "coulomb", mu = 0.3 } },
+    { slave = "high_bottom", master = "low_top", friction = { law = "coulomb", mu = 0.3 } },
+    { slave = "high_top", master = "lid", friction = { law = "coulomb", mu = 0.3 } },
 ]
 stage = [{ name = "press", duration = 1, steps = 2 }]
 output = { fields_every = 0, figures = false }
@@ -182,7 +185,7 @@ gravity.y = -9.81
 """
 
 
-def test_a_body_that_moved_tools_press_loses_force_though_nothing_else_holds_it(tmp_path):
+def test_bodies_that_moved_tools_press_lose_force_though_nothing_else_holds_them(tmp_path):
     force, found = [], []
     for factor in (5.0, 5000.0):
         data = tomllib.loads(BETWEEN_TOOLS)
@@ -192,10 +195,42 @@ def test_a_body_that_moved_tools_press_loses_force_though_nothing_else_holds_it(
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         force.append(run.rows[-1].normal_force)
         found.append([line for line in summary["warnings"] if "penetration" in line])
-    assert len(found[0]) == 2 and not found[1]
+    assert len(found[0]) == 3 and not found[1]
+    lost = 100.0 * (1.0 - force[0] / force[1])
     for line in found[0]:
         said = float(re.search(r"about ([\d.]+) % too small", line)[1])
-        assert said == pytest.approx(100.0 * (1.0 - force[0] / force[1]), rel=0.15)
+        assert said == pytest.approx(lost, rel=0.15)
+
+
+def by_force(data):
+    """The lid is driven by a force that all three pairs carry."""
+    data["tools"]["lid"] |= {"displacement": {"x": 0}, "force": {"y": [[0, 0], [1, -500.0]]}}
+
+
+def by_weight(data):
+    """The lower block lies on the bed by its weight, one of its corners held as drawn."""
+    del data["tools"]["lid"], data["geometry"]["blocks"]["high"], data["bodies"]["high"]
+    data["contact"] = data["contact"][:1]
+    data["geometry"]["groups"] = {"corner": ["low_right", "low_bottom"]}
+    data["geometry"]["blocks"]["low"] |= {"x": [0, 2e-2], "elements": [20, 2]}
+    data["boundary"] = [{"surface": "corner", "displacement": {"y": 0}}]
+
+
+@pytest.mark.parametrize("loaded", [by_force, by_weight])
+def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
+    force = []
+    for factor in (5.0, 5000.0):
+        data = tomllib.loads(BETWEEN_TOOLS)
+        loaded(data)
+        for pair in data["contact"]:
+            pair["penalty_factor"] = factor
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        force.append(run.rows[-1].normal_force)
+        assert not [line for line in summary["warnings"] if "penetration" in line]
+        if factor == 5.0:
+            assert max(summary["penetration_over_approach"]) > 0.01
+    assert force[0] == pytest.approx(force[1], rel=2e-3)
 
 
 def test_a_contact_pressed_by_force_loses_none(block, tmp_path):

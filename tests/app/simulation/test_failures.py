@@ -6,6 +6,7 @@ import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -187,6 +188,10 @@ def rows_of(directory: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def summary_of(directory: Path) -> dict[str, Any]:
+    return json.loads((directory / "summary.json").read_text())
+
+
 def last_displacement(directory: Path) -> np.ndarray:
     """Displacements (n, 3) of the last output."""
     return np.asarray(read(directory).fields().point_data["displacement"])
@@ -205,12 +210,14 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     time = float(rows[-1]["time"]) if rows else 0.0
     assert text.startswith(f"stage {stage}, time {time:.6g} s: ")
     assert what in text and cure in text and "\n" not in text
+    squeezed = [w for w in summary_of(out)["warnings"] if "has nearly collapsed" in w]
+    assert len(squeezed) == (problem in (collapsing, wedged))
     if problem is collapsing:  # not cut for as long as steps may be
         assert "no solution even with a step of 0.0625 s" in text
     if problem is not wedged:  # whose corner may be past the end when it collapses, or not yet
         assert ("off the end" in text) is (problem is overrun)
     assert ("no support" in text) is (problem in (unsupported, lifted))
-    summary = json.loads((out / "summary.json").read_text())
+    summary = summary_of(out)
     assert (summary["status"], summary["failure"]) == ("failed", text)
     assert summary["steps"] == len(rows)
     assert f"failed: {text}" in read_log(out)
@@ -225,6 +232,34 @@ def test_hopeless_problem_says_why_and_keeps_its_last_state(block, film, tmp_pat
     # Where a run fails, its figures are wanted most; without a step there is nothing to draw.
     drawn = {path.name for path in out.glob("figures/*")}
     assert drawn >= {"deformed.png", "history.png"} if problem is collapsing else not drawn
+
+
+FOAM = """
+geometry.kind = "blocks"
+geometry.blocks.foam = { x = [0, 1e-2], y = [0, 1e-2], elements = [10, 10] }
+bodies.foam = { material = "neo-hookean", E = "0.1 MPa", nu = 0.05 }
+tools.bed = { shape = "plane", point = [0, 0], normal = [0, 1] }
+tools.lid.displacement.y = [[0, 0], [1, -8.8e-3]]
+tools.lid.normal = [0, -1]
+tools.lid.point = [0, 1e-2]
+tools.lid.shape = "plane"
+contact = [
+    { slave = "foam_bottom", master = "bed", friction = { law = "coulomb", mu = 0.3 } },
+    { slave = "foam_top", master = "lid", friction = { law = "coulomb", mu = 0.3 } },
+]
+boundary = [{ surface = "foam_left", symmetry = true }]
+stage = [{ name = "press", duration = 1, steps = 6 }]
+output = { fields_every = 0, figures = false }
+"""
+
+
+def test_a_foam_is_pressed_flat_though_its_corners_fold(tmp_path):
+    """To .12 of its height, by steps that are cut twice beside a corner at J = .06."""
+    run_case(Case.model_validate(tomllib.loads(FOAM)), tmp_path / "out", quiet=True)
+    summary = summary_of(tmp_path / "out")
+    assert summary["status"] == "done"
+    [line] = [w for w in summary["warnings"] if "has nearly collapsed" in w]
+    assert "body foam" in line and "stage press" in line
 
 
 def held_by_displacement(data: dict) -> None:

@@ -17,9 +17,11 @@ from tests.geometry.surfaces.test_vertices import graded
 from tests.grid import grid
 from tribox.app.build.mesh_notes import locking_bodies
 from tribox.app.case.case import Case
+from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
 from tribox.app.simulation.contact_warnings import FEW, PairProbe, _few_facets
-from tribox.app.simulation.watches import FlowWatch
+from tribox.app.simulation.failure_diagnosis import most_squeezed
+from tribox.app.simulation.watches import FlowWatch, Watches
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.surface import ContactSurface
@@ -49,6 +51,49 @@ def test_it_is_said_once(tmp_path, end, steps, said):
     watch.step(simulation.rows[-1])
     assert list(watch.warnings())[:1] == ["known"]
     assert watch.snapshot()["found"][0] == ["table aluminium", "known"]
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory):
+    """A run whose steps leave nothing to say, for watches to be told of others."""
+    return run(case_of(soft_block(), fields_every=0), tmp_path_factory.mktemp("said") / "out")
+
+
+def squeezed(simulation, to: float, everywhere: bool) -> None:
+    """Take the upper body's height, or that of its cells at one corner, to a share of it."""
+    problem, name = simulation.model.problem, "elastomer"
+    place = problem.space.tabulate_dof_coordinates()[:, :2]
+    nodes = np.unique(problem.space.dofmap.list[simulation.model.named.cells(name)])
+    height = place[nodes, 1]
+    low = height.min()
+    level = height[height > low + 1e-9].min()
+    moved = np.zeros((len(problem.u.x.array) // 2, 2))
+    moved[nodes, 1] = (to - 1.0) * (height - low)
+    if not everywhere:
+        corner = (np.abs(height - level) < 1e-9) & (place[nodes, 0] == place[nodes, 0].min())
+        moved[nodes, 1] = np.where(corner, (to - 1.0) * (level - low), 0.0)
+    problem.u.x.array[:] = moved.reshape(-1)
+
+
+@pytest.mark.parametrize(("to", "everywhere"), [(-0.1, False), (0.1, False), (0.15, True)])
+def test_collapsed_elements_and_relaxed_steps_are_said_by_stages(pressed, to, everywhere):
+    """Once a stage; a foam that is pressed flat all over has not collapsed."""
+    watches, row = Watches(pressed.model), pressed.rows[-1]
+    squeezed(pressed, to, everywhere)
+    for _ in range(2):
+        watches.step(row, StepResult(True, 1, 1, 2, [1e-9], relaxed=True))
+    lines = list(watches.warnings("press"))
+    assert sum("relaxed by springs in 2 steps" in line for line in lines) == 1
+    found = [line for line in lines if "has nearly collapsed" in line]
+    # By hand: J of the bilinear cell, at the Gauss points beside the corner.
+    least = to if everywhere else 1.0 - (1.0 - to) * (0.5 + 0.5 / np.sqrt(3.0))
+    assert most_squeezed(pressed.model.problem).ratio == pytest.approx(least)
+    if least > 0.2 or everywhere:
+        assert not found
+        return
+    [line] = found
+    assert "an element of body elastomer at" in line and f"stage {row.stage}" in line
+    assert f"volume ratio {least:.2g}" in line
 
 
 def test_full_integration_of_a_metal_is_said_to_lock():

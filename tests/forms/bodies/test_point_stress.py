@@ -9,7 +9,7 @@ from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
 
 from tests.grid import grid
-from tribox.forms.bodies.deformation import BodyPoints, centre_rows, rows_at
+from tribox.forms.bodies.deformation import BodyPoints, centre_rows, rows_at, volume_ratios
 from tribox.forms.bodies.kinematics import (
     PlanePart,
     WithoutVariables,
@@ -27,7 +27,6 @@ from tribox.forms.bodies.point_stress import (
     von_mises,
 )
 from tribox.forms.bodies.solid import Solid
-from tribox.geometry.compat import cell_values
 from tribox.geometry.meshes.places import centre
 
 MATERIALS = [
@@ -65,7 +64,8 @@ class Bent:
         ]
 
     def compiled(self, expression, xi):
-        return cell_values(dolfinx.fem.Expression(expression, xi), self.mesh, self.cells)
+        found = dolfinx.fem.Expression(expression, xi).eval(self.mesh, self.cells)
+        return np.asarray(found).reshape(len(self.cells), -1)
 
 
 @pytest.fixture(scope="module", params=SECTIONS)
@@ -161,6 +161,9 @@ def test_quadrature_points_fill_the_body(section):
     across = {"plane-strain": 1.0, "axisymmetric": 1.1, "3D": 1.3}[section]
     expected = np.diag([1.1, 1.2, across])
     np.testing.assert_allclose(F, np.broadcast_to(expected, F.shape), atol=1e-14)
+    u.x.array.reshape(-1, dim)[space.dofmap.list] = nodal
+    ratio = volume_ratios(u, section, cells, 2)
+    np.testing.assert_allclose(ratio, 1.1 * 1.2 * across, rtol=1e-14)
     moved = points.displacement(nodal)
     np.testing.assert_allclose(moved, points.place * np.array([0.1, 0.2, 0.3])[:dim], atol=1e-14)
 
