@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import dolfinx
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -56,24 +57,35 @@ def dense_tangent(term, trial, count):
 
 
 class Dense:
-    """A dense matrix as entries, in which some nodes are not."""
+    """A full matrix as entries, in which some nodes are not.
+
+    Before its unknowns there is one of no node, which each node's first row alone is coupled to:
+    rows of a node then have other columns.
+    """
 
     def __init__(self, dim, count, outside=()):
         self.dim, self.outside = dim, np.asarray(outside, dtype=np.int64)
         self.size = dim * count
-        self.values = np.zeros(self.size**2)
+        rows = np.arange(self.size)[:, None] % dim == 0
+        full = np.concatenate([rows, np.ones((self.size, self.size), dtype=bool)], axis=1)
+        full = np.concatenate([np.eye(1, self.size + 1, dtype=bool), full])
+        self.pattern = scipy.sparse.csr_matrix(full)
+        self.values = np.zeros(self.pattern.nnz)
 
     def entries(self):
-        indptr = np.arange(0, self.size**2 + 1, self.size, dtype=np.int32)
-        columns = np.tile(np.arange(self.size, dtype=np.int32), self.size)
-        return Entries(indptr, columns, self.values, self.first)
+        indptr, columns = self.pattern.indptr, self.pattern.indices
+        return Entries(indptr.astype(np.int32), columns.astype(np.int32), self.values, self.first)
 
     def first(self, nodes):
-        return np.where(np.isin(nodes, self.outside), -1, self.dim * nodes).astype(np.int32)
+        inside = 1 + self.dim * nodes
+        return np.where(np.isin(nodes, self.outside), -1, inside).astype(np.int32)
 
     def with_rest(self, couplings):
         """The whole, with what is not in the matrix added."""
-        out = self.values.reshape(self.size, self.size).copy()
+        parts = self.values, self.pattern.indices, self.pattern.indptr
+        out = scipy.sparse.csr_matrix(parts, shape=self.pattern.shape).toarray()
+        assert not out[0].any() and not out[:, 0].any()
+        out = out[1:, 1:]
         inside = out.copy()
         at = (self.dim * self.outside[:, None] + np.arange(self.dim)).reshape(-1)
         inside[at], inside[:, at] = 0.0, 0.0

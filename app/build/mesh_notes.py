@@ -147,6 +147,7 @@ FAR = 10.0  # displacement over the extent of the mesh from which it is told
 THIN, THICK = 1e-3, 100.0  # of a slab over the extent of the mesh: one that is meant
 ROUGHEST = 5.0  # coefficient of friction that rubber, stickiest of all, stays below by far
 YIELD_STRAIN = (1e-5, 0.1)  # yield stress over Young's modulus: of metals from 1e-4 to 2e-2
+SOFT_METAL = 1e6  # Pa, Young's modulus, below which one given in MPa was surely meant
 
 
 def notes_on_slips(case: Case, named: NamedMesh) -> Iterator[str]:
@@ -206,7 +207,7 @@ def _driven_steps(case: Case) -> Iterator[tuple[int, str, float]]:
 
 
 def _yield_strains(case: Case) -> Iterator[str]:
-    """A line on each body that yields at a strain that no metal yields at."""
+    """A line on each body that yields at a strain, or is as soft, as no metal is."""
     least, most = YIELD_STRAIN
     for name, body in case.bodies.items():
         if not isinstance(body, ElastoPlasticBody):
@@ -218,6 +219,11 @@ def _yield_strains(case: Case) -> Iterator[str]:
                 f"bodies.{name}: yields at {stress:.3g} Pa, {stress / modulus:.2g} of Young's "
                 f"modulus, {modulus:.3g} Pa; metals yield at 0.0001 to 0.02 of it, and a number "
                 "without a unit is in Pa"
+            )
+        elif modulus < SOFT_METAL:
+            yield (
+                f"bodies.{name}: Young's modulus is {modulus:.3g} Pa, and that of soft metals some "
+                "1e10 Pa; a number without a unit is in Pa"
             )
 
 

@@ -20,7 +20,7 @@ from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.claim import is_beginning
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
-from tribox.app.results.inputs import versions
+from tribox.app.results.inputs import KeptInputs, versions
 from tribox.app.results.recorder import tables_of
 from tribox.app.results.saving import on_first
 from tribox.app.simulation.history import Row, time_text
@@ -67,14 +67,14 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
 
 
 def go_on(
-    simulation: Simulation, found: Found, directory: Path, extend: bool, inputs: Mapping[str, str]
+    simulation: Simulation, found: Found, directory: Path, extend: bool, inputs: KeptInputs
 ) -> Snapshot:
     """Put a run that has not begun where the checkpoint was taken; collective.
 
     Returns what the recorder of the results has seen.
 
     Args:
-        inputs: SHA-256 of the files that the case reads, by name, on the first rank.
+        inputs: the files that the case reads, on the first rank.
 
     Raises:
         InputError: case, mesh or tables are not those that the run began with.
@@ -83,7 +83,8 @@ def go_on(
     checkpoint = found.checkpoint
     layout = Layout(model)
     on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
-    on_first(comm, lambda: _same_laws(found.about["inputs"], inputs, directory))
+    tools = [file for tool in model.case.tools.values() for file in tool.files]
+    on_first(comm, lambda: _same_files(found.about["inputs"], inputs, tools, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays)
@@ -144,9 +145,16 @@ def _compare(
         raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
 
 
-def _same_laws(began: Mapping[str, str], now: Mapping[str, str], directory: Path) -> None:
-    """Refuse friction laws that have been changed; on the first rank."""
-    changed = [n for n, digest in began.items() if n.endswith(".py") and now.get(n) != digest]
+def _same_files(
+    began: Mapping[str, str], now: KeptInputs, tools: Sequence[Path], directory: Path
+) -> None:
+    """Refuse laws, materials and meshes of tools that have been changed; on the first rank."""
+    meshes = {now.names[file] for file in tools}
+    changed = [
+        name
+        for name, digest in began.items()
+        if (name.endswith(".py") or name in meshes) and now.sums.get(name) != digest
+    ]
     if changed:
         raise InputError(
             f"{directory}: {changed[0]} is not the file that the run was begun with, a copy of "

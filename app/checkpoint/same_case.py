@@ -24,8 +24,9 @@ FREE = (
     *("solver.tolerance", "solver.max_iterations", "solver.min_step_fraction"),
     *("solver.petsc", "solver.partition"),
 )
-# Classes of the user's own: their files are compared by what is in them.
+# Classes of the user's own and meshes of tools: their files are compared by what is in them.
 OWN = re.compile(r"(contact\.\d+\.friction|bodies\..+)\.class")
+TOOL = re.compile(r"tools\..+\.file")
 LENGTHS = ("duration", "steps", "velocities")  # of a stage
 SHOWN = 3  # differences that are named
 EQUAL = 1e-12  # relative difference of step lengths that are one
@@ -77,7 +78,7 @@ def _unequal(began: Case, now: Case, stage: int) -> Iterator[tuple[str, Any, Any
     """Keys, and the values before and now."""
     before, after = dict(flat(_table(began))), dict(flat(_table(now)))
     for key in sorted({**before, **after}):
-        was, is_ = (_class_alone(key, table.get(key)) for table in (before, after))
+        was, is_ = (_without_place(key, table.get(key)) for table in (before, after))
         free = any(key == n or key.startswith(f"{n}.") for n in FREE)
         if not free and was != is_:
             yield key, was, is_
@@ -88,8 +89,11 @@ def _table(case: Case) -> Any:
     return case.model_dump(mode="json", exclude_none=True, exclude={"stage"})
 
 
-def _class_alone(key: str, value: Any) -> Any:
-    """A value; of a class of the user's own its name without the file."""
+def _without_place(key: str, value: Any) -> Any:
+    """A value without where the file lies: the name of a class, or of the mesh of a tool."""
+    if TOOL.fullmatch(key) and isinstance(value, str):
+        path = Path(value)  # copies are numbered where several files are called the same
+        return re.sub(r"-[0-9]+$", "", path.stem) + path.suffix
     return value.rpartition(":")[2] if OWN.fullmatch(key) and isinstance(value, str) else value
 
 

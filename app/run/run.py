@@ -248,7 +248,7 @@ class ClaimedRun:
         on_first(self._comm, make_ready)
         if found is not None:
             try:
-                seen = go_on(simulation, found, directory, extend, kept.sums)
+                seen = go_on(simulation, found, directory, extend, kept)
             except InputError:
                 silence()  # PETSc has had no use for the options of a solver that solves nothing
                 raise

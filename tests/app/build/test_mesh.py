@@ -106,6 +106,12 @@ def test_a_yield_stress_out_of_proportion_is_told(tmp_path, stress, said):
     assert all(note.startswith(f"bodies.block: {said}") for note in told)
 
 
+def test_a_metal_all_in_megapascals_without_units_is_told(tmp_path):
+    metal = METAL | {"E": 70000, "hardening": {"law": "linear", "yield_stress": 60}}
+    [note] = [one for one in notes(tmp_path, bodies={"block": metal}) if "bodies.block" in one]
+    assert "Young's modulus is 7e+04 Pa" in note and "without a unit is in Pa" in note
+
+
 def test_steps_beyond_the_mesh_and_coefficients_that_nothing_has_are_told(tmp_path):
     """The block is 4 mm wide."""
     sides = [{"surface": "bottom", "displacement": {"x": "driven", "y": 0}}]

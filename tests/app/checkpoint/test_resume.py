@@ -220,14 +220,50 @@ def test_another_mesh_is_refused(tribox, case_file, killed):
     assert "the mesh is not the one of the run: nodes moved by up to 1e-05 m" in done.stderr
 
 
-def test_a_law_that_was_changed_is_refused(tribox, case_file, tmp_path):
-    path = case_file(with_law(CASE))
-    law = path.with_name("my_law.py")
+ROOF = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+1 1 "roof"
+$EndPhysicalNames
+$Nodes
+2
+1 1 0.01 0
+2 -1 0.01 0
+$EndNodes
+$Elements
+1
+1 1 2 1 1 1 2
+$EndElements
+"""
+UNDER_A_ROOF = """
+[tools.roof]
+shape = "mesh"
+file = "roof.msh"
+surface = "roof"
+[[contact]]
+slave = "top"
+master = "roof"
+friction = { law = "frictionless" }
+"""
+
+
+def test_a_law_or_tool_that_was_changed_is_refused(tribox, case_file, tmp_path):
+    path = case_file(with_law(CASE) + UNDER_A_ROOF)
+    law, roof = path.with_name("my_law.py"), path.with_name("roof.msh")
     law.write_text(documented_law())
+    roof.write_text(ROOF)
     words = ("run", path, "--out", tmp_path / "out", "--trust")
     done = tribox(*words, "--set", "stage.1.max_steps=9")
     done = tribox(*words)
     assert done.returncode == 0, done.stderr
+    again = tribox(*words, "--resume")
+    assert again.returncode == 0 and "the run is done" in again.stdout, again.stderr
+    roof.write_text(ROOF.replace("0.01 0", "0.02 0"))
+    done = tribox(*words, "--extend", *settings(LONGER))
+    assert done.returncode == 2 and "roof.msh is not the file that the run was" in done.stderr
+    roof.write_text(ROOF)
     law.write_text(documented_law().replace("closed = pressure > 0.0", "closed = pressure > 1.0"))
     done = tribox(*words, "--extend", *settings(LONGER))
     assert done.returncode == 2 and done.stderr.count("\n") == 1

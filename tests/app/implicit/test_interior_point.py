@@ -1,6 +1,7 @@
 """Contacts that are found from inside: flush sheets, on which Newton's method chatters."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,7 +145,9 @@ def test_a_strip_that_lies_flush_on_a_die_is_bent_without_a_cut(metal, friction,
 
 def test_pressures_follow_the_gaps_that_the_tangent_expects():
     """A strip that is pushed 0.5 mm along the fillet of a die, far beyond its penetration."""
-    problem = run(strip([80, 2], 0.06, bending(6e-4), 4)).model.problem
+    rubbing = {"law": "coulomb", "mu": 0.1}
+    case = strip([80, 2], 0.06, bending(6e-4), 4, rubbing) | {"solver": {"tolerance": 1e-10}}
+    problem = run(case).model.problem
     start, step = problem.new_vector(), StepMode.of_stage(1.0, problem.contacts)
     start.array[:] = problem.u.x.array[: problem.owned]
     trial = start.copy()
@@ -160,6 +163,14 @@ def test_pressures_follow_the_gaps_that_the_tangent_expects():
         expected = here.normal_contact.gap + rows @ moved / term.linearised.area_of(here)
         np.testing.assert_allclose(gap[pressed], expected[pressed], rtol=0, atol=1e-9)
         assert pressed.any() and np.abs(there - gap)[pressed].max() > 1e-7
+        # Friction begins below its threshold, also where that has fallen.
+        begun = interior_point._starting_point(term, here, 1e-4, 1e-2)
+        lighter = replace(begun, pressure=0.5 * begun.pressure)
+        slip = interior_point._starting_slip(term, here, lighter, begun.pressure.max(), 1e-6)
+        elastic = np.linalg.norm(here.response.state.elastic_slip, axis=1)
+        assert np.count_nonzero(elastic > 1.1 * slip.threshold) >= 4
+        assert (np.linalg.norm(slip.elastic, axis=1) < slip.threshold).all()
+        assert (slip.permanent > 0.0).all()
 
 
 def test_metal_that_is_bent_and_rubs_is_followed_along_the_central_path():
