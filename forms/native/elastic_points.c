@@ -186,10 +186,14 @@ INLINE void update(enum section section, const Law *law, const vec *F, const vec
         energies[0] = stored_in_plane(law, F, J, s);
         energies[1] = energies[2] = all(0.0);
     }
+    Slopes of = {};
     if (law->material == HENCKY || law->material == OGDEN) {
         by_stretches(law, I, J, s, &w);
+    } else if (law->material == NEO_HOOKEAN) { /* no product of J and I1, no I2: a third of the chain */
+        slopes(NEO_HOOKEAN, law->part, law->c, J * s, I, J, moduli != 0, &of);
+        w = (PlaneSlopes){.p = 2.0 * of.I1, .q = of.J * s, .s = of.J * J + 2.0 * of.I1 * s, .JJ = of.JJ * s * s,
+                          .Js = of.JJ * J * s + of.J, .ss = of.JJ * J * J + 2.0 * of.I1};
     } else {
-        Slopes of = {};
         slopes(law->material, law->part, law->c, J * s, I + s * s, I * s * s + J * J, moduli != 0, &of);
         by_chain(&of, moduli != 0, I, J, s, &w);
     }
@@ -207,7 +211,8 @@ INLINE void update(enum section section, const Law *law, const vec *F, const vec
         for (int l = k; l < 4; ++l)
             moduli[5 * l + k] = moduli[5 * k + l] = by_F * F[l] + by_cof * cof[l];
         moduli[6 * k] += w.p;
-        moduli[20 + k] = moduli[5 * k + 4] = w.Is * F[k] + w.Js * cof[k];
+        if (section == RING)
+            moduli[20 + k] = moduli[5 * k + 4] = w.Is * F[k] + w.Js * cof[k];
     }
     moduli[3] += w.q;
     moduli[15] += w.q;

@@ -6,6 +6,7 @@
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ivec __attribute__((vector_size(8 * LANES)));
 typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
+typedef double two __attribute__((vector_size(16), aligned(8), may_alias)); /* that are next to each other */
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -220,8 +221,9 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
             const double *from = (const double *)cell[l][k];
             for (int b = 0; b < nodes; ++b) {
                 double *to = values + start[b];
-                for (int j = 0; j < dim; ++j)
-                    to[j] += from[dim * b + j];
+                *(two *)to += *(const two *)(from + dim * b);
+                if (dim == 3)
+                    to[2] += from[dim * b + 2];
             }
         }
     return start;

@@ -210,15 +210,44 @@ INLINE void add_forces(enum section section, int nodes, int parents, const doubl
     }
 }
 
+/* The place of the block (a, b) in the matrix, of a <= b in a symmetric one. */
+INLINE int place_of(int nodes, int symmetric, int a, int b)
+{
+    return symmetric ? b * (b + 1) / 2 + a : b * nodes + a;
+}
+
+/* The blocks of the first node, whose functions all others add up to one with: moved as a whole, a cell
+ * answers with no force. */
+INLINE void add_first_node(int dim, int nodes, int symmetric, vec *matrix)
+{
+    const int size = dim * dim;
+#pragma GCC unroll 1
+    for (int b = symmetric ? 1 : 2 - nodes; b < nodes; ++b) { /* below 1 the columns of the first node */
+        const int row = b > 0, fixed = row ? b : b + nodes - 1;
+        vec sum[9] = {}, *to = matrix + size * (row ? place_of(nodes, symmetric, 0, b) : fixed);
+#pragma GCC unroll 1
+        for (int a = 1; a < nodes; ++a) {
+            const int turned = symmetric && a > b;
+            const int at = row ? place_of(nodes, symmetric, turned ? b : a, turned ? a : b) : a * nodes + fixed;
+            for (int k = 0; k < size; ++k)
+                sum[k] -= matrix[size * at + (turned ? dim * (k % dim) + k / dim : k)];
+        }
+        for (int k = 0; k < size; ++k) {
+            to[k] = sum[k];
+            matrix[k] -= row ? sum[k] : all(0.0);
+        }
+    }
+}
+
 /* Adds B_a.A.B_b to the blocks (a, b) of the matrix, one after the other, only those with a <= b of
- * a symmetric one. */
+ * a symmetric one; but in rings without those of the first node. */
 INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[3], const vec *A,
-                       vec weight, vec *block)
+                       vec weight, vec *matrix)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int rows = section == STRAIN ? 4 : count;
+    const int rows = section == STRAIN ? 4 : count, first = section != RING;
 #pragma GCC unroll 1
-    for (int b = 0; b < nodes; ++b) {
+    for (int b = first; b < nodes; ++b) {
         vec M[9][3], at[3];
         for (int i = 0; i < dim + (section == RING); ++i)
             at[i] = weight * B[b][i];
@@ -231,8 +260,9 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
                     M[p][k] += A[count * p + 4] * at[2];
             }
         const int end = symmetric ? b + 1 : nodes;
+        vec *block = matrix + dim * dim * place_of(nodes, symmetric, first, b);
 #pragma GCC unroll 1
-        for (int a = 0; a < end; ++a, block += dim * dim)
+        for (int a = first; a < end; ++a, block += dim * dim)
             for (int i = 0; i < dim; ++i)
                 for (int k = 0; k < dim; ++k) {
                     vec sum = block[dim * i + k];
@@ -414,6 +444,10 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
                 for (int i = 0; i < dim; ++i)
                     w->forces[dim * (int64_t)node[a * LANES + l] + i] +=
                         ((const double *)&force[a][i])[l];
+        if (w->values && section != RING && w->symmetric)
+            add_first_node(dim, nodes, 1, matrix);
+        else if (w->values && section != RING)
+            add_first_node(dim, nodes, 0, matrix);
         if (w->values && w->symmetric)
             start = insert(dim, nodes, 1, lanes, start, matrix, w->values);
         else if (w->values)
