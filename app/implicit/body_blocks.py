@@ -415,6 +415,7 @@ class BodyByBody:
         self._rows = self._global(self._others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
+        self._touched = PlacesOfPart(self._others[:0], self._others)
         self._coupling: PETSc.Mat | None = None
         self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
