@@ -179,18 +179,19 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
 
 
 class PlacesOfPart:
-    """Where the values of a part of a matrix, with the same rows and columns, lie in it.
+    """Where the values of a part of a matrix, some of its rows and columns, lie in it.
 
     PETSc looks for them each time that it takes a part out, and cannot tell whether that has
     still the same entries where the matrix has more.
 
     Attributes:
-        found: whether the places are known.
+        rows: of the part; found: whether the places are known.
     """
 
-    def __init__(self, rows: Ints) -> None:
-        """Of owned local ``rows`` (r,), ascending."""
-        self._rows, self.found = np.ascontiguousarray(rows, np.int32), False
+    def __init__(self, rows: Ints, columns: Ints) -> None:
+        """Of owned local ``rows`` (r,) and ``columns`` (c,), ascending."""
+        self.rows, self.found = np.ascontiguousarray(rows, np.int32), False
+        self._columns = columns
         self._places: list[tuple[Ints, int]] = []
 
     def find(self, A: PETSc.Mat, part: PETSc.Mat) -> bool:
@@ -207,9 +208,9 @@ class PlacesOfPart:
         for whole, mine, number, numbers in self._parts(A, part):
             with _pattern_of_part(whole) as outer, _pattern_of_part(mine) as inner:
                 places = np.empty(len(inner[1]), np.int32)
-                arrays = self._rows, *outer, number, *inner, numbers, places
+                arrays = self.rows, *outer, number, *inner, numbers, places
                 at = (None if one is None else one.ctypes.data for one in arrays)
-                fits &= bool(search(len(self._rows), *at))
+                fits &= bool(search(len(self.rows), *at))
                 self._places.append((places, len(outer[1])))
         self.found = bool(A.comm.tompi4py().allreduce(fits, op=MPI.LAND))
         return self.found
@@ -220,7 +221,7 @@ class PlacesOfPart:
         Own columns are counted from the rank's first one; collective.
         """
         number = np.full(A.getLocalSize()[1], -1, np.int32)
-        number[self._rows] = np.arange(len(self._rows))
+        number[self._columns] = np.arange(len(self._columns))
         yield own_block(A).handle, own_block(part).handle, number, None
         if A.comm.size == 1:
             return

@@ -415,11 +415,12 @@ class BodyByBody:
         self._rows = self._global(self._others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
+        self._touched = PlacesOfPart(self._others[:0], self._others)
         self._coupling: PETSc.Mat | None = None
         self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
-        self._places = PlacesOfPart(self._others)
+        self._places = PlacesOfPart(self._others, self._others)
         self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
@@ -487,17 +488,22 @@ class BodyByBody:
     def _couple(self, matrix: PETSc.Mat, widened: bool) -> None:
         """Take out what the other bodies do to the stiff ones: the few rows that are not empty."""
         if self._coupling is not None and not widened:
-            matrix.createSubMatrix(self._touched_rows, self._rows, self._coupling)
+            if self._touched.found:
+                self._touched.take(matrix, self._coupling)
+            else:
+                matrix.createSubMatrix(self._touched_rows, self._rows, self._coupling)
             return
         comm = matrix.comm.tompi4py()
         kept = self._global(self._kept, comm)
         every = matrix.createSubMatrix(kept, self._rows)
-        self._touched = self._kept[np.diff(every.getValuesCSR()[0]) > 0]
+        touched = self._kept[np.diff(every.getValuesCSR()[0]) > 0]
         for old in (self._coupling, self._touched_rows):
             if old is not None:
                 old.destroy()
-        self._touched_rows = self._global(self._touched, comm)
+        self._touched_rows = self._global(touched, comm)
         self._coupling = matrix.createSubMatrix(self._touched_rows, self._rows)
+        self._touched = PlacesOfPart(touched, self._others)
+        self._touched.find(matrix, self._coupling)
         self._felt = self._coupling.createVecLeft()
         for part in (every, kept):
             part.destroy()
@@ -561,7 +567,7 @@ class BodyByBody:
             x.array[self._others] += self.own.solve(forces, most)
             self._left.array[self._others] -= self.own.image().array_r
         self._coupling.mult(self.own.solution, self._felt)
-        self._left.array[self._touched] -= self._felt.array_r
+        self._left.array[self._touched.rows] -= self._felt.array_r
 
     def _move_kept(self, x: PETSc.Vec, most: float) -> None:
         """Solve for the stiff bodies, whose tangent may be another than the one that is kept."""

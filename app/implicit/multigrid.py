@@ -40,6 +40,8 @@ KRYLOV: dict[str, str | float | bool] = {
     "ksp_max_it": 200,
     "ksp_gmres_restart": 60,
     "pc_type": "gamg",
+    # Of several ranks' graph G the square is made as Gᵀ times G, not in one: a fifth less time.
+    "pc_gamg_square_0_mat_product_algorithm": "at*b",
     # One symmetric sweep of Gauss-Seidel within each rank: it needs no bounds of eigenvalues,
     # and did not fail at a Poisson's ratio of 0.49, where incomplete factorisation did.
     "mg_levels_ksp_type": "richardson",

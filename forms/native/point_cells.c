@@ -220,22 +220,23 @@ INLINE int place_of(int nodes, int symmetric, int a, int b)
  * answers with no force. */
 INLINE void add_first_node(int dim, int nodes, int symmetric, vec *matrix)
 {
+    const int size = dim * dim;
 #pragma GCC unroll 1
-    for (int b = 1; b < nodes; ++b)
+    for (int b = symmetric ? 1 : 2 - nodes; b < nodes; ++b) { /* below 1 the columns of the first node */
+        const int row = b > 0, fixed = row ? b : b + nodes - 1;
+        vec sum[9] = {}, *to = matrix + size * (row ? place_of(nodes, symmetric, 0, b) : fixed);
 #pragma GCC unroll 1
         for (int a = 1; a < nodes; ++a) {
             const int turned = symmetric && a > b;
-            const vec *from = matrix + dim * dim * place_of(nodes, symmetric, turned ? b : a, turned ? a : b);
-            vec *row = matrix + dim * dim * place_of(nodes, symmetric, 0, b), *column = matrix + dim * dim * a;
-            for (int i = 0; i < dim; ++i)
-                for (int k = 0; k < dim; ++k) {
-                    const vec x = from[turned ? dim * k + i : dim * i + k];
-                    row[dim * i + k] -= x;
-                    matrix[dim * i + k] += x;
-                    if (!symmetric)
-                        column[dim * i + k] -= x;
-                }
+            const int at = row ? place_of(nodes, symmetric, turned ? b : a, turned ? a : b) : a * nodes + fixed;
+            for (int k = 0; k < size; ++k)
+                sum[k] -= matrix[size * at + (turned ? dim * (k % dim) + k / dim : k)];
         }
+        for (int k = 0; k < size; ++k) {
+            to[k] = sum[k];
+            matrix[k] -= row ? sum[k] : all(0.0);
+        }
+    }
 }
 
 /* Adds B_a.A.B_b to the blocks (a, b) of the matrix, one after the other, only those with a <= b of

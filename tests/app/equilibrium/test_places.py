@@ -173,16 +173,24 @@ def taken_out(comm):
     first, end = A.getOwnershipRange()
     even = np.array([row for row in range(first, end) if row // 3 % 2 == 0])
     rows = PETSc.IS().createGeneral(even.astype(PETSc.IntType), comm=comm)
-    part, places = A.createSubMatrix(rows, rows), PlacesOfPart(even - first)
+    part, places = A.createSubMatrix(rows, rows), PlacesOfPart(even - first, even - first)
+    few = even[: 3 * A.comm.rank + 1]  # a part with fewer rows than columns
+    few_rows = PETSc.IS().createGeneral(few.astype(PETSc.IntType), comm=comm)
+    strip, places_of_strip = (
+        A.createSubMatrix(few_rows, rows),
+        PlacesOfPart(few - first, even - first),
+    )
+    assert places_of_strip.find(A, strip)
 
-    def difference():
+    def difference(rows_of_part=rows, part=part, places=places):
         part.zeroEntries()
         places.take(A, part)
-        wanted = A.createSubMatrix(rows, rows)
+        wanted = A.createSubMatrix(rows_of_part, rows)
         wanted.axpy(-1.0, part, add)
         return wanted.norm()
 
     out = {"found": places.find(A, part), "apart": [difference()]}
+    out["apart"].append(difference(few_rows, strip, places_of_strip))
     beside, within, before = scattered(comm, 300, True), scattered(comm, 300), A.copy()
     wanted = A.copy()
     wanted.axpy(1.0, beside, add)
@@ -202,7 +210,7 @@ def test_a_part_is_taken_out_and_a_matrix_widened_as_petsc_does(on_ranks):
         found = on_ranks(both_meshes, ranks)["part"]
         assert found == {
             **{"found": True, "same": True, "again": True},
-            **{"fewer": False, "apart": [0.0, 0.0]},
+            **{"fewer": False, "apart": [0.0, 0.0, 0.0]},
         }
 
 
