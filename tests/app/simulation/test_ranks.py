@@ -182,25 +182,20 @@ _RINGS = BLOCKS.replace('thickness = "1 mm"', 'section = "axisymmetric"')
 _DEEP = _RINGS.replace("[6, 3]", "[6, 4]").replace("0.8 mm", "1.6 mm").replace("[8, 4]", "[8, 12]")
 _TETS = BOXES.replace('kind = "two-boxes"', 'kind = "two-boxes"\ncell = "tetrahedron"')
 _SLID = SLID.replace('duration = "20 us"', 'duration = "8 us"')
-_ROUND = (
-    _plane(THROWN).replace('"driven"', "0").replace('velocity = "0.3 m/s"\nramp = "0.15 ms"\n', "")
-)
 CASES = {
     "plane-steady": STEADY.replace('"1e-5 m/s", ', "").replace("steps = 60", "steps = 12") + TIGHT,
     "plane-explicit": _SLID,
     "plane-film": _plane(PLATEN) + BLOCKS + BODIES + FILM + TIGHT,
-    "plane-lifted": BLOCKS + BODIES + COULOMB + _plane(LIFTED) + KRYLOV,
     "rings": PRESSED + _DEEP + BODIES + COULOMB + APART,
     "hexes-film": PLATEN + BOXES + BODIES + FILM + TIGHT,
     "hexes-over": OVER + TIGHT,
     "hexes-lifted": BOXES + BODIES + COULOMB + LIFTED + KRYLOV,
     "tets-lifted": _TETS + BODIES + COULOMB + LIFTED + APART,
-    "rings-explicit": _RINGS + BODIES + _softly(COULOMB) + _ROUND,
     "hexes-explicit": BOXES + BODIES + _softly(STEADY_FILM) + THROWN,
 }
 SLIDING = ("plane-steady", "plane-explicit", "hexes-over")  # the others lift off
 # Beside one rank. Explicit steps make ranks wait for each other many times each.
-_TWO = ("plane-steady", "tets-lifted", "rings-explicit", "hexes-explicit")
+_TWO = ("plane-steady", "tets-lifted", "hexes-explicit")
 RANKS = dict.fromkeys(CASES, (3,)) | dict.fromkeys(_TWO, (2,))
 LONG = {"hexes-lifted": (2,), "hexes-explicit": (4,)}
 
