@@ -106,8 +106,10 @@ class FromInside:
                 continue  # the prediction was the linear step: this path was tried
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
-            way = followed if opening.central else approached
-            more, found = way(attempt, opening)
+            if opening.central:
+                more, found = followed(attempt, opening)
+            else:
+                more, found = approached(attempt, opening, number == numbers[0])
             iterations += more
             if found:
                 more, reason = attempt.newton.solve(attempt.step)
@@ -136,7 +138,7 @@ def order(attempt: Attempt) -> list[int]:
     return list(range(first, len(OPENINGS_FLOWING)))
 
 
-def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
+def approached(attempt: Attempt, opening: Opening, first: bool) -> tuple[int, bool]:
     """Iterate on interior points; iterations, and whether the exact law should go on; collective.
 
     Bodies that flow would yield wherever points that want to open still hold them: there pressures
@@ -146,14 +148,22 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     least = SHRINKS_FLOWING if problem.flows else SHRINKS
     points = starting_points(attempt, opening.barrier)
     step, start = attempt.step.inside(points), attempt.x.copy()
-    iterations = attempt.predictor.restart(attempt.x, trial, step)
+    # The prediction has turned the bodies already, which the linear step does not; metal that flows
+    # takes changes of contact from it that are the wrong ones (see `order`).
+    goes_on, iterations = first and attempt.continued and not problem.flows, 0
+    if goes_on:
+        attempt.return_to_start()
+        trial.copy(start)
+    else:
+        iterations = attempt.predictor.restart(attempt.x, trial, step)
     exact, limit = np.inf, min(LIMIT, newton.options.max_iterations)
     while iterations < limit:
         left = newton.residual_of(step)
         if not np.isfinite(left) or (left > SETTLED and iterations >= PATIENCE):
             return iterations, False
         settled = left < SETTLED
-        if settled or problem.flows:
+        stepped = iterations > 0  # nothing is expected of the prediction
+        if stepped and (settled or problem.flows):
             gaps = linear_gaps(problem, step, start, trial)
             shrinks = least if left < SOLVED else 1.0
             points = _advanced(problem, points, shrinks, opening.kept, gaps)

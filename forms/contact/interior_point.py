@@ -122,6 +122,12 @@ class InteriorSlip:
         length = np.linalg.norm(new.elastic, axis=1)
         shorter = np.minimum(1.0, most / np.maximum(length, TINY))
         permanent = np.maximum(new.permanent, KEPT * self.permanent)
+        # A point that the linear law takes past its threshold has slipped, by e + y e/ℓ = q. With
+        # the y of a point that sticks, next to none, it would go on sticking, and the border of
+        # slip would move by a facet in an iteration.
+        slipped = np.linalg.norm(trial, axis=1) / np.maximum(most, TINY) - 1.0
+        past = length > most
+        permanent[past] = np.maximum(permanent, reached * slipped)[past]
         elastic: Floats = shorter[:, None] * new.elastic
         return InteriorSlip(elastic, permanent, reached, shrinks * self.barrier)
 
