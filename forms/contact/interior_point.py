@@ -30,7 +30,7 @@ from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats
 
-KEPT = 0.1  # least share of permanent slip, and of the distance to slip, that an iteration leaves
+KEPT = 0.2  # least share of permanent slip, and of the distance to slip, that an iteration leaves
 BEYOND = 1.01  # pressure that the law is asked at, over that at which it would slip
 ROUND_OFF = 1e-12  # least distance to slip over the threshold
 HALVINGS = 52  # of the interval of an elastic slip on the central path: to the last digit
