@@ -43,8 +43,8 @@ class Opening:
     # least share of pressures and slacks that an iteration leaves: more is slower, and keeps
     # vertices from opening and closing in turn
     kept: float = 0.0
-    central: bool = False  # whether it stays on the central path, from the prediction on
-    # whether that begins at the linear step where the prediction continues the path
+    central: bool = False  # whether it stays on the central path
+    # whether it begins at the linear step where the prediction continues the path
     linear: bool = False
 
 
@@ -56,8 +56,8 @@ OPENINGS = (Opening(1e-2, 0.005), Opening(1.0, 0.005), Opening(1e-4, 0.005))
 OPENINGS_FLOWING = (
     Opening(1e-6, central=True),
     Opening(1e-6, central=True, linear=True),
-    OPENINGS[2],
-    OPENINGS[0],
+    Opening(1e-4, 0.005, linear=True),
+    Opening(1e-2, 0.005, linear=True),
 )
 SHRINKS = 0.03  # μ from an iteration to the next
 SHRINKS_FLOWING = 0.1  # the same where bodies flow: they follow less quickly
@@ -102,14 +102,14 @@ class FromInside:
         openings = OPENINGS_FLOWING if attempt.newton.problem.flows else OPENINGS
         for number in tried[self.openings]:
             opening = openings[number]
-            if opening.linear and not attempt.continued and number != numbers[0]:
-                continue  # the prediction was the linear step: this path was tried
+            if number != numbers[0]:
+                if opening.central and opening.linear and not attempt.continued:
+                    continue  # the prediction was the linear step: this path was tried
+                opening = replace(opening, linear=True)  # the prediction leads elsewhere
             attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
-            if opening.central:
-                more, found = followed(attempt, opening)
-            else:
-                more, found = approached(attempt, opening, number == numbers[0])
+            way = followed if opening.central else approached
+            more, found = way(attempt, opening)
             iterations += more
             if found:
                 more, reason = attempt.newton.solve(attempt.step)
@@ -138,7 +138,7 @@ def order(attempt: Attempt) -> list[int]:
     return list(range(first, len(OPENINGS_FLOWING)))
 
 
-def approached(attempt: Attempt, opening: Opening, first: bool) -> tuple[int, bool]:
+def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
     """Iterate on interior points; iterations, and whether the exact law should go on; collective.
 
     Bodies that flow would yield wherever points that want to open still hold them: there pressures
@@ -150,7 +150,7 @@ def approached(attempt: Attempt, opening: Opening, first: bool) -> tuple[int, bo
     step, start = attempt.step.inside(points), attempt.x.copy()
     # The prediction has turned the bodies already, which the linear step does not; metal that flows
     # takes changes of contact from it that are the wrong ones (see `order`).
-    goes_on, iterations = first and attempt.continued and not problem.flows, 0
+    goes_on, iterations = attempt.continued and not opening.linear, 0
     if goes_on:
         attempt.return_to_start()
         trial.copy(start)
@@ -341,7 +341,7 @@ def _advanced(
     """
     pairs = zip(problem.contacts, problem.trials, points, gaps, strict=True)
     return [
-        None if at is None else _next(term, trial, at, shrinks, kept, gap)
+        None if at is None else _next(term, trial, at, shrinks, kept, gap, not problem.flows)
         for term, trial, at, gap in pairs
     ]
 
@@ -353,11 +353,12 @@ def _next(
     shrinks: float,
     kept: float,
     gap: Floats,
+    whole: bool,
 ) -> InteriorPoint:
     out = at.advanced(gap, term.penalty, shrinks * at.barrier, kept)
     if at.slip is None:
         return out
     moved = trial.kinematics.slip + trial.kinematics.elastic_slip
     threshold = presliding_length(term.law, term.state.friction, trial.pressure)
-    slip = at.slip.advanced(moved, threshold, _thresholds(term, out), shrinks)
+    slip = at.slip.advanced(moved, threshold, _thresholds(term, out), shrinks, whole)
     return replace(out, slip=slip)

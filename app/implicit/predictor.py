@@ -242,6 +242,13 @@ class Predictor:
         self._carry(x, self._driving(x).constrained, trial, step)
         return 1
 
+    def look_ahead(self, x: PETSc.Vec, trial: PETSc.Vec, step: StepMode) -> None:
+        """Evaluate the problem at the start predicted from ``x``; ``trial`` stays; collective."""
+        failed = trial.array_r.copy()
+        self.predict(x, trial, step)
+        self._residual_norm(trial, step)
+        trial.array[:] = failed
+
     def commit(self, x: PETSc.Vec, trial: PETSc.Vec) -> None:
         """Take the step from ``x`` to the converged ``trial`` into the path."""
         drive = self._driving(x)

@@ -270,6 +270,7 @@ def explain(
     contacts: Sequence[Contact] = (),
     unstable: Callable[[], bool] = lambda: False,
     spent: Callable[[], bool] = lambda: False,
+    look_ahead: Callable[[], None] = lambda: None,
 ) -> str:
     """Why a step failed, what is wrong at the state evaluated last, and what to try; collective.
 
@@ -279,6 +280,8 @@ def explain(
     Args:
         thickness: m, of a plane-strain slab, that forces are for; 1 otherwise.
         spent: whether forces drive the step beyond the largest that the bodies bear.
+        look_ahead: evaluates where what is prescribed leads. Where the state evaluated last shows
+            nothing, the iteration has turned back from it.
     """
     residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
     text = (
@@ -292,6 +295,9 @@ def explain(
     gross = gross or list(_of_gross_slip(problem, loose, thickness))
     gross = gross or list(_of_limit_load(problem, thickness) if spent() else ())
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
+    if not findings:
+        look_ahead()
+        findings = list(slid_off(problem, contacts))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     most = result.effort.most

@@ -183,6 +183,7 @@ class ImplicitStage:
                 *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
                 unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
                 spent=lambda: stepper.predictor.meets_limit(stepper.x, stepper.trial, step),
+                look_ahead=lambda: stepper.predictor.look_ahead(stepper.x, stepper.trial, step),
             )
         when = time_text(self.state.time, dt)
         raise SolutionError(

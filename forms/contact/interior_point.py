@@ -30,7 +30,9 @@ from tribox.forms.friction.law import FrictionResponse, FrictionState
 from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats
 
-KEPT = 0.2  # least share of permanent slip, and of the distance to slip, that an iteration leaves
+# Least share of permanent slip, and of the distance to slip, that an iteration leaves: a step
+# of Newton's method that is made whole, and one that may be shortened.
+KEPT, KEPT_SHORTENED = 0.2, 0.1
 BEYOND = 1.01  # pressure that the law is asked at, over that at which it would slip
 ROUND_OFF = 1e-12  # least distance to slip over the threshold
 HALVINGS = 52  # of the interval of an elastic slip on the central path: to the last digit
@@ -102,7 +104,7 @@ class InteriorSlip:
         return CentralSlip(self.elastic, self.permanent, self.threshold, self.barrier)
 
     def advanced(
-        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float
+        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float, whole: bool
     ) -> InteriorSlip:
         """After a Newton step of the bodies, every elastic slip shorter than its threshold.
 
@@ -111,23 +113,25 @@ class InteriorSlip:
             threshold: (q,), m, that it was evaluated with.
             following: (q,), m, of the pressures that the next step starts from.
             shrinks: factor of the barrier.
+            whole: whether the step was made as it was found.
         """
+        kept = KEPT if whole else KEPT_SHORTENED
         new = self.linear(trial, threshold)
         before = np.linalg.norm(self.elastic, axis=1)
         # Fraction to the boundary: neither the distance to the threshold nor the permanent slip
         # falls to less than a share of what it was, so that the next barrier starts from inside.
-        reached = np.maximum(following, KEPT * self.threshold)
-        left = np.maximum(KEPT * (self.threshold - before), ROUND_OFF * reached)
+        reached = np.maximum(following, kept * self.threshold)
+        left = np.maximum(kept * (self.threshold - before), ROUND_OFF * reached)
         most = reached - np.minimum(left, 0.5 * reached)
         length = np.linalg.norm(new.elastic, axis=1)
         shorter = np.minimum(1.0, most / np.maximum(length, TINY))
-        permanent = np.maximum(new.permanent, KEPT * self.permanent)
-        # A point that the linear law takes past its threshold has slipped, by e + y e/ℓ = q. With
-        # the y of a point that sticks, next to none, it would go on sticking, and the border of
-        # slip would move by a facet in an iteration.
-        slipped = np.linalg.norm(trial, axis=1) / np.maximum(most, TINY) - 1.0
-        past = length > most
-        permanent[past] = np.maximum(permanent, reached * slipped)[past]
+        permanent = np.maximum(new.permanent, kept * self.permanent)
+        if whole:
+            # A point that the linear law takes past its threshold has slipped, by e + y e/ℓ = q.
+            # With the y of a point that sticks, next to none, it would go on sticking, and the
+            # border of slip would move by a facet in an iteration.
+            slipped = reached * (np.linalg.norm(trial, axis=1) / np.maximum(most, TINY) - 1.0)
+            permanent = np.where(length > most, np.maximum(permanent, slipped), permanent)
         elastic: Floats = shorter[:, None] * new.elastic
         return InteriorSlip(elastic, permanent, reached, shrinks * self.barrier)
 
@@ -261,7 +265,7 @@ class CentralSlip(InteriorSlip):
         )
 
     def advanced(
-        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float
+        self, trial: Floats, threshold: Floats, following: Floats, shrinks: float, whole: bool
     ) -> CentralSlip:
         """See :class:`InteriorSlip`: the next path, at the threshold that follows."""
         at = self.linear(trial, threshold)

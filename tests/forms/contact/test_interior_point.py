@@ -32,7 +32,7 @@ def test_slips_tend_to_the_return_mapping(dim):
     """At the end the elastic slip is the trial slip, or its threshold in the same direction."""
     at, trial, threshold = slips(dim)
     for shrinks in [0.1] * 9 + [1.0] * 8:
-        at = at.advanced(trial, threshold, threshold, shrinks)
+        at = at.advanced(trial, threshold, threshold, shrinks, whole=True)
         assert np.all(np.linalg.norm(at.elastic, axis=1) < at.threshold)
         assert np.all(at.permanent > 0.0)
     length = np.linalg.norm(trial, axis=1)
@@ -76,7 +76,7 @@ def test_slips_on_the_central_path_fulfil_their_equations_and_end_at_the_return_
     ]
     expected = np.einsum("qij,qj->qi", new.d_trial, aside) + new.d_threshold * longer[:, None]
     np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * small), expected, atol=1e-8)
-    last = at.advanced(trial, threshold, 2.0 * threshold, 1e-13)
+    last = at.advanced(trial, threshold, 2.0 * threshold, 1e-13, whole=True)
     assert np.all(last.threshold == 2.0 * threshold)
     share = np.minimum(1.0, 2.0 * threshold / np.linalg.norm(trial, axis=1))
     np.testing.assert_allclose(
@@ -124,7 +124,7 @@ def test_slips_without_a_threshold_stay_finite_however_many_iterations_there_are
     at = at.central()
     trial = np.array([[0.0], [1e-9], [1e-3]])
     for _ in range(40):
-        at = at.advanced(trial, nothing, nothing, 0.1)
+        at = at.advanced(trial, nothing, nothing, 0.1, whole=True)
     np.testing.assert_array_equal(at.threshold, 1e-9)
     new = at.linear(trial, nothing)
     assert np.isfinite(new.d_trial).all() and not new.d_threshold.any()
