@@ -42,6 +42,22 @@ def test_slips_tend_to_the_return_mapping(dim):
     np.testing.assert_allclose(at.permanent, (1.0 - share) * length, atol=1e-6)
 
 
+def test_a_point_that_sticks_slips_in_the_iteration_that_takes_it_past_its_threshold():
+    """Also where the barrier is low: its permanent slip follows from the trial slip at once."""
+    _, trial, threshold = slips(2)
+    low, length = np.full(len(threshold), 1e-14), np.linalg.norm(trial, axis=1)
+    at = InteriorSlip(np.zeros_like(trial), low / threshold, threshold, low)
+    slow = at.advanced(trial, threshold, threshold, 1.0, whole=False)
+    at = at.advanced(trial, threshold, threshold, 1.0, whole=True)
+    goes = length > threshold
+    assert goes.any() and np.all(slow.permanent < 1e-12)
+    sum_ = np.linalg.norm(at.elastic, axis=1) * (1.0 + at.permanent / threshold)
+    np.testing.assert_allclose(sum_[goes], length[goes], rtol=1e-12)
+    for _ in range(5):
+        at = at.advanced(trial, threshold, threshold, 1.0, whole=True)
+    np.testing.assert_allclose(at.permanent, np.maximum(length - threshold, 0.0), atol=1e-2)
+
+
 def test_pressures_on_the_central_path_have_the_product_at_every_gap():
     """Far from contact too, and as the barrier falls they become the penalty's."""
     gap, penalty = np.array([-1e-3, -1e-7, 0.0, 1e-7, 1e-3, 1e6]), np.full(6, PENALTY)
