@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,19 @@ from pydantic import ValidationError
 from tribox.app.case.case import Case
 from tribox.app.checkpoint.checkpointer import DAMAGE, INSTEAD, Checkpoint, latest, why
 from tribox.app.checkpoint.layout import Layout, differences
-from tribox.app.checkpoint.same_case import changes, listed, refuse
+from tribox.app.checkpoint.same_case import (
+    MESH,
+    changes,
+    listed,
+    named_files,
+    refuse,
+    refuse_files,
+)
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.claim import is_beginning
 from tribox.app.results.directory import CHECKPOINTS, PROBE_TABLES, TEXT_COLUMNS
-from tribox.app.results.inputs import KeptInputs, versions
+from tribox.app.results.inputs import copy_names, versions
 from tribox.app.results.recorder import tables_of
 from tribox.app.results.saving import on_first
 from tribox.app.simulation.history import Row, time_text
@@ -66,25 +73,18 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
     return found, notes
 
 
-def go_on(
-    simulation: Simulation, found: Found, directory: Path, extend: bool, inputs: KeptInputs
-) -> Snapshot:
+def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -> Snapshot:
     """Put a run that has not begun where the checkpoint was taken; collective.
 
     Returns what the recorder of the results has seen.
 
-    Args:
-        inputs: the files that the case reads, on the first rank.
-
     Raises:
-        InputError: case, mesh or tables are not those that the run began with.
+        InputError: case, files, mesh or tables are not those that the run began with.
     """
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint
     layout = Layout(model)
     on_first(comm, lambda: _compare(simulation, checkpoint, layout, directory))
-    tools = [file for tool in model.case.tools.values() for file in tool.files]
-    on_first(comm, lambda: _same_files(found.about["inputs"], inputs, tools, directory))
     tree: Any = None if checkpoint is None else checkpoint.tree
     arrays: dict[str, Array] = {} if checkpoint is None else checkpoint.arrays
     kept = layout.scatter(tree, arrays)
@@ -125,7 +125,7 @@ def _compare(
     layout: Layout,
     directory: Path,
 ) -> None:
-    """Refuse another case or mesh; on the first rank."""
+    """Refuse another case, files or mesh; on the first rank."""
     assert checkpoint is not None
     case = simulation.model.case
     try:
@@ -136,6 +136,9 @@ def _compare(
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     refuse(changes(began, case, stage, time=checkpoint.about["time"]), directory)
+    names, sums = copy_names(began), checkpoint.about["inputs"]
+    files = {key: names[path] for key, path in named_files(began) if key != MESH}
+    refuse_files({key: (name, sums.get(name)) for key, name in files.items()}, case, directory)
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))
@@ -143,23 +146,6 @@ def _compare(
         raise InputError(_strange(directory, error)) from error
     if found:
         raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
-
-
-def _same_files(
-    began: Mapping[str, str], now: KeptInputs, tools: Sequence[Path], directory: Path
-) -> None:
-    """Refuse laws, materials and meshes of tools that have been changed; on the first rank."""
-    meshes = {now.names[file] for file in tools}
-    changed = [
-        name
-        for name, digest in began.items()
-        if (name.endswith(".py") or name in meshes) and now.sums.get(name) != digest
-    ]
-    if changed:
-        raise InputError(
-            f"{directory}: {changed[0]} is not the file that the run was begun with, a copy of "
-            f"which is in {directory / 'inputs'}"
-        )
 
 
 def _past_case(text: str, directory: Path) -> Case:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
+from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.friction import OwnLaw
+from tribox.app.case.geometry import MeshGeometry
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
 from tribox.app.case.toml_files import flat
 from tribox.app.errors import InputError
-from tribox.app.results.claim import end_of, given_keys_of
+from tribox.app.results.claim import end_of, given_keys_of, sums_of
+from tribox.app.results.directory import sha256_of
 
 # What may change: it has no part in the results, or only in how well equations are solved. Meshes
 # are compared by what is in them.
@@ -27,6 +31,7 @@ FREE = (
 # Classes of the user's own and meshes of tools: their files are compared by what is in them.
 OWN = re.compile(r"(contact\.\d+\.friction|bodies\..+)\.class")
 TOOL = re.compile(r"tools\..+\.file")
+MESH = "geometry.mesh"
 LENGTHS = ("duration", "steps", "velocities")  # of a stage
 SHOWN = 3  # differences that are named
 EQUAL = 1e-12  # relative difference of step lengths that are one
@@ -36,11 +41,14 @@ def is_whole(directory: Path, now: Case) -> bool:
     """Whether a run that is done has come to the end of a case as it is now.
 
     Raises:
-        InputError: the case is not the one of the run, or the run's cannot be read.
+        InputError: the case or a file is not the one of the run, or the run's cannot be read.
     """
     began, given = load_past_case(directory / "case.toml"), given_keys_of(directory)
     given |= set(given_keys(now))
     refuse(changes(began, now, len(began.stage) - 1, given, end_of(directory)), directory)
+    sums = sums_of(directory)
+    files = {key: (path.name, sums.get(path.name)) for key, path in named_files(began)}
+    refuse_files(files, now, directory)
     pairs = zip(began.stage, now.stage, strict=False)
     same = all(getattr(a, key) == getattr(b, key) for a, b in pairs for key in LENGTHS)
     return same and len(began.stage) == len(now.stage)
@@ -51,6 +59,38 @@ def refuse(found: Iterator[str], directory: Path) -> None:
     lines = list(found)
     if lines:
         raise InputError(f"{directory}: the case is not the one of the run: {listed(lines)}")
+
+
+def named_files(case: Case) -> Iterator[tuple[str, Path]]:
+    """Files that a case reads, by their keys: its mesh, those of its tools, classes of its own."""
+    if isinstance(case.geometry, MeshGeometry):
+        yield MESH, case.geometry.mesh
+    for name, tool in case.tools.items():
+        yield from ((f"tools.{name}.file", file) for file in tool.files)
+    for number, contact in enumerate(case.contact):
+        if isinstance(contact.friction, OwnLaw):
+            yield f"contact.{number}.friction.class", contact.friction.file
+    for name, body in case.bodies.items():
+        if isinstance(body, OwnBody):
+            yield f"bodies.{name}.class", body.file
+
+
+def refuse_files(began: Mapping[str, tuple[str, str | None]], now: Case, directory: Path) -> None:
+    """Refuse files with other contents than those that a run began with.
+
+    Args:
+        began: names of their copies and SHA-256, by their keys.
+
+    Raises:
+        InputError: one has others, or cannot be read.
+    """
+    for key, path in named_files(now):
+        name, digest = began.get(key, ("", ""))
+        if name and sha256_of(path) != digest:
+            raise InputError(
+                f"{directory}: {key}: {path} is not the file that the run was begun with, a copy "
+                f"of which is {directory / 'inputs' / name}"
+            )
 
 
 def listed(lines: list[str]) -> str:
@@ -90,10 +130,9 @@ def _table(case: Case) -> Any:
 
 
 def _without_place(key: str, value: Any) -> Any:
-    """A value without where the file lies: the name of a class, or of the mesh of a tool."""
+    """A value without the file, which is compared by its sum: the name of a class, or nothing."""
     if TOOL.fullmatch(key) and isinstance(value, str):
-        path = Path(value)  # copies are numbered where several files are called the same
-        return re.sub(r"-[0-9]+$", "", path.stem) + path.suffix
+        return ""
     return value.rpartition(":")[2] if OWN.fullmatch(key) and isinstance(value, str) else value
 
 

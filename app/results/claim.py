@@ -288,6 +288,12 @@ def given_keys_of(directory: Path) -> set[str]:
     return set(map(str, given)) if isinstance(given, list) else set()
 
 
+def sums_of(directory: Path) -> dict[str, Any]:
+    """SHA-256 of the files that the run read, by the names that ``case.toml`` gives them."""
+    sums = _told(directory / SUMMARY).get("inputs")
+    return sums if isinstance(sums, dict) else {}
+
+
 def end_of(directory: Path) -> float:
     """Time, s, of the last row of the last load step that has ended; infinite if there is none."""
     try:

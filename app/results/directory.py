@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import errno
+import hashlib
 import io
 import json
 import os
@@ -221,6 +222,15 @@ def checkpoint_numbers(directory: Path) -> list[int]:
     root = directory / CHECKPOINTS
     names = [path.name for path in root.iterdir()] if root.is_dir() else []
     return sorted(int(name) for name in names if re.fullmatch("[0-9]{6,}", name))
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file's contents, in hexadecimal digits; InputError if it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
 def unwritable(directory: Path, error: OSError) -> OutputError:

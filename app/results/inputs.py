@@ -5,7 +5,6 @@ They lie in ``inputs`` of the results directory, where ``case.toml`` names them 
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import os
 import platform
@@ -25,7 +24,7 @@ from tribox.app.case.case import Case, resolved_toml
 from tribox.app.case.friction import OwnLaw
 from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
-from tribox.app.results.directory import SUMS, unwritable, write_text
+from tribox.app.results.directory import SUMS, sha256_of, unwritable, write_text
 
 INPUTS = "inputs"
 
@@ -40,15 +39,6 @@ class KeptInputs:
 
 
 NOTHING = KeptInputs()
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's contents, in hexadecimal digits; InputError if it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
 def input_files(case: Case) -> list[Path]:
@@ -100,7 +90,7 @@ def kept_inputs(case: Case) -> KeptInputs:
     Raises:
         InputError: a file cannot be read.
     """
-    names = _names(input_files(case))
+    names = copy_names(case)
     return KeptInputs(names, {name: sha256_of(source) for source, name in names.items()})
 
 
@@ -110,10 +100,10 @@ def write_case(case: Case, directory: Path, kept: KeptInputs = NOTHING) -> None:
     write_text(directory / "case.toml", text)
 
 
-def _names(files: list[Path]) -> dict[Path, str]:
-    """A name of its own for each file: its own, numbered where others are called the same."""
+def copy_names(case: Case) -> dict[Path, str]:
+    """Names of the copies of what a case reads: those of the files, numbered where alike."""
     names: dict[Path, str] = {}
-    for path in files:
+    for path in input_files(case):
         name, count = path.name, 1
         while name in (SUMS, *names.values()):
             count += 1

@@ -27,7 +27,8 @@ from tribox.app.errors import InputError, Interrupted, OutputError, SolutionErro
 from tribox.app.implicit.linear_solver import silence
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import Claim, check_may_begin_anew
-from tribox.app.results.inputs import INPUTS, NOTHING, keep_inputs, kept_inputs, sha256_of
+from tribox.app.results.directory import sha256_of
+from tribox.app.results.inputs import INPUTS, NOTHING, keep_inputs, kept_inputs
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving, on_first
@@ -248,7 +249,7 @@ class ClaimedRun:
         on_first(self._comm, make_ready)
         if found is not None:
             try:
-                seen = go_on(simulation, found, directory, extend, kept)
+                seen = go_on(simulation, found, directory, extend)
             except InputError:
                 silence()  # PETSc has had no use for the options of a solver that solves nothing
                 raise

@@ -240,7 +240,7 @@ $EndElements
 UNDER_A_ROOF = """
 [tools.roof]
 shape = "mesh"
-file = "roof.msh"
+file = "roof-2.msh"
 surface = "roof"
 [[contact]]
 slave = "top"
@@ -251,7 +251,7 @@ friction = { law = "frictionless" }
 
 def test_a_law_or_tool_that_was_changed_is_refused(tribox, case_file, tmp_path):
     path = case_file(with_law(CASE) + UNDER_A_ROOF)
-    law, roof = path.with_name("my_law.py"), path.with_name("roof.msh")
+    law, roof = path.with_name("my_law.py"), path.with_name("roof-2.msh")
     law.write_text(documented_law())
     roof.write_text(ROOF)
     words = ("run", path, "--out", tmp_path / "out", "--trust")
@@ -260,16 +260,24 @@ def test_a_law_or_tool_that_was_changed_is_refused(tribox, case_file, tmp_path):
     assert done.returncode == 0, done.stderr
     again = tribox(*words, "--resume")
     assert again.returncode == 0 and "the run is done" in again.stdout, again.stderr
-    roof.write_text(ROOF.replace("0.01 0", "0.02 0"))
-    done = tribox(*words, "--extend", *settings(LONGER))
-    assert done.returncode == 2 and "roof.msh is not the file that the run was" in done.stderr
+    other, third = ROOF.replace("0.01 0", "0.02 0"), path.with_name("roof-3.msh")
+    third.write_text(other)
+    elsewhere = settings({"tools.roof.file": '"roof-3.msh"'})
+    for now, how in ((third, ["--extend", *elsewhere]), (roof, ["--extend"]), (roof, ["--resume"])):
+        now.write_text(other)
+        done = tribox(*words, *how, *(settings(LONGER) if "--extend" in how else ()))
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        assert f"tools.roof.file: {now} is not the file that the run was" in done.stderr
+        assert done.stderr.endswith(f"{tmp_path / 'out' / 'inputs' / 'roof-2.msh'}\n")
+    third.write_text(ROOF)
     roof.write_text(ROOF)
     law.write_text(documented_law().replace("closed = pressure > 0.0", "closed = pressure > 1.0"))
     done = tribox(*words, "--extend", *settings(LONGER))
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "my_law.py is not the file that the run was begun with, a copy of which" in done.stderr
     law.write_text(documented_law())
-    assert tribox(*words, "--extend", *settings(LONGER)).returncode == 0
+    assert tribox(*words, "--extend", *settings(LONGER), *elsewhere).returncode == 0
+    assert "the run is done" in tribox(*words, "--resume", *settings(LONGER), *elsewhere).stdout
 
 
 # -- past the end ---------------------------------------------------------------------------------

@@ -156,10 +156,19 @@ def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
         patch.setattr(Interruption, "ready", stop)
         with pytest.raises(Interrupted):
             run(case_of(probe=probe), out, resume=True)
-    assert len((out / "body_probes.csv").read_text().splitlines()) == 3
+    path = out / "body_probes.csv"
+    rows = path.read_text().splitlines()
+    assert len(rows) == 3
+    # As one that was written before a column came in.
+    older = "".join(row.rpartition(",")[0] + "\n" for row in rows)
+    path.write_text(older)
+    dropped = rows[0].rpartition(",")[2]
+    with pytest.raises(InputError, match=rf"body_probes\.csv: does not have .* \({dropped}\)"):
+        run(case_of(probe=probe), out, resume=True)
+    assert path.read_text() == older
+    path.write_text("\n".join(rows) + "\n")
     run(case_of(probe=probe), out, resume=True)
-    table = (tmp_path / "whole" / "body_probes.csv").read_text()
-    assert (out / "body_probes.csv").read_text() == table
+    assert path.read_text() == (tmp_path / "whole" / "body_probes.csv").read_text()
 
 
 # -- directories --------------------------------------------------------------------------------

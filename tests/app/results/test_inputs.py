@@ -13,7 +13,8 @@ from tests.own_law import documented_law, with_law
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
-from tribox.app.results.inputs import input_files, keep_inputs, sha256_of, write_case
+from tribox.app.results.directory import sha256_of
+from tribox.app.results.inputs import input_files, keep_inputs, write_case
 from tribox.app.run.run import run_case
 from tribox.geometry.meshes.gmsh_model import write_msh
 

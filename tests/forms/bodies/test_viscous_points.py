@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from tests.forms.bodies import plastic_samples as given
+from tribox.forms.bodies.elastoplastic import PlasticPoints
 from tribox.forms.bodies.point_state import DISSIPATED
 from tribox.forms.bodies.viscous_points import Branch, ViscousPoints
 
@@ -201,3 +202,22 @@ def test_an_endless_step_relaxes_all_and_loses_what_was_stored():
     for dt, bar in ((math.inf, 1e-14), (1e4, 1e-3)):
         slow = points.update(F, points.start(20), dt, False)
         assert slow.dissipation.max() < bar * loaded.elastic.max()
+
+
+RATED = PlasticPoints(given.material("linear", "perzyna"), False)
+
+
+@pytest.mark.parametrize(
+    ("points", "shapes", "dt", "words"),
+    [
+        (RATED, ((2, 9), (2, 5)), 1.0, r"\(2, 9\), \(2, 5\), not"),
+        (RATED, ((2, 5), (3, 5)), 1.0, r"\(3, 5\)"),
+        (RATED, ((2, 5), (2, 5)), 0.0, "dt is 0"),
+        (RATED, ((2, 5), (2, 5)), math.nan, "dt is nan"),
+        (ViscousPoints(BRANCHES[:2], False), ((1, 5), (1, 12)), 0.0, "dt is 0"),
+        (ViscousPoints(BRANCHES[:2], False), ((1, 5), (1, 12)), math.nan, "dt is nan"),
+    ],
+)
+def test_wrong_shapes_and_steps_are_refused(points, shapes, dt, words):
+    with pytest.raises(ValueError, match=words):
+        points.update(*map(np.zeros, shapes), dt, False)

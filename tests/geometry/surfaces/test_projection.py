@@ -105,6 +105,18 @@ def test_below_a_groove_the_vertex_is_the_closest_point_and_the_gap_negative():
     np.testing.assert_allclose(at.gap, -0.05, rtol=1e-14)
 
 
+def test_gap_is_continuous_through_a_kink():
+    """On a walk round a vertex, outside a ridge and inside a groove, gap and normal do not jump."""
+    for bend in (-0.3, 0.3):
+        nodes = np.array([[-1.0, bend], [0.0, 0.0], [1.0, bend]])
+        side = 0.1 if bend < 0.0 else -0.1
+        points = np.stack([np.linspace(-0.2, 0.2, 2001), np.full(2001, side)], axis=1)
+        at = project(polyline(nodes), points, nodes)
+        assert 0 < np.count_nonzero(at.clamped) < 1000
+        assert np.abs(np.diff(at.gap)).max() < 2.1e-4
+        assert np.abs(np.diff(at.normal, axis=0)).max() < 3e-3
+
+
 def test_next_to_nothing_from_a_vertex_the_normal_is_the_mean():
     """The direction from the vertex to the point would be round-off there."""
     nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
