@@ -191,7 +191,7 @@ class GivenForces:
                 for axis in axes
                 if of_set.any() and across[index, axis] > least
             ]
-            out.append(min([1.0, *shares]))
+            out.append(float(min([1.0, *shares])))
         return out
 
     def _supports(self, approach: float) -> Floats:
