@@ -339,15 +339,16 @@ class ContactWarnings(Remembers):
         self._stored, self._slack = [0.0] * count, [0.0] * count
         self._sunk = [(Sunk(), "")] * count
         self._answering = [1.0] * count
-        self._given = GivenForces(problem)
         if resumed is not None:
             self.restore(resumed)
 
-    def step(self, row: Row, thickness: float) -> None:
+    def step(self, row: Row, thickness: float, balanced: bool = True) -> None:
         """Look at a converged step; collective.
 
         Args:
             thickness: m, of the slab that the row is for; 1 otherwise.
+            balanced: whether forces balance, and so tell what of them is given: not in explicit
+                steps, whose contacts count as pressed by what is moved.
         """
         trials = self._problem.committed
         states = [self._measured(index, trial) for index, trial in enumerate(trials)]
@@ -356,7 +357,9 @@ class ContactWarnings(Remembers):
         force = sum(state.force for state in loose) * thickness
         spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
         approach = spent / force if force > 0.0 else 0.0
-        answering: list[float] = []
+        answering = [1.0] * len(terms)
+        if balanced and self._is_stronger(states):
+            answering = GivenForces(self._problem).answering(trials, approach)
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.when)
             self._deepest[index] = max(self._deepest[index], here)
@@ -366,13 +369,19 @@ class ContactWarnings(Remembers):
                 self._strongest[index] = state
                 if not terms[index].tied:
                     self.over_approach[index] = over(state.mean, approach)
-                if self.over_approach[index] > APPROACH and not terms[index].tied:
-                    answering = answering or self._given.answering(trials)
                     self._answering[index] = answering[index]
             if widest is None or state.is_wider(widest):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, spent / thickness)
         self._look_at_edges(row, states)
+
+    def _is_stronger(self, states: Sequence[PairState]) -> bool:
+        """Whether any pair that is not tied presses more than ever before."""
+        triples = zip(self._problem.contacts, states, self._strongest, strict=True)
+        return any(
+            not term.tied and now.force > (0.0 if before is None else before.force)
+            for term, now, before in triples
+        )
 
     def _look_at_edges(self, row: Row, states: Sequence[PairState]) -> None:
         """Find the vertices of masters that are inside facets of their slaves; collective."""

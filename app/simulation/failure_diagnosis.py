@@ -207,6 +207,7 @@ def most_squeezed(problem: Equilibrium) -> Squeezed:
     around: a foam that is pressed flat has not. Elements of foams come last.
     """
     ratios = [volume_ratios(problem.u, s.section, s.cells, GAUSS_DEGREE) for s in problem.solids]
+    ratios = [np.where(np.isfinite(ratio), ratio, -np.inf) for ratio in ratios]
     least = min((float(ratio.min(initial=np.inf)) for ratio in ratios), default=np.inf)
     low = problem.comm.allreduce(least, op=MPI.MIN) < SQUEEZED
     around = _around(problem, ratios) if low else ratios

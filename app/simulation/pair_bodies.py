@@ -119,7 +119,7 @@ def _drive(problem: Equilibrium, one: Loose, index: int) -> float:
 
 
 MOST = 12  # groups of bodies and tools up to which all sets of them are looked at
-ACROSS = 0.5  # component over a pair's force from which on it is one across the contact
+ACROSS = 0.5  # component over the resultant of pressures from which on it is across the contact
 
 
 class GivenForces:
@@ -143,7 +143,7 @@ class GivenForces:
         pairs = [bodies_of(problem, term) for term in problem.contacts]
         sides = [(pair.slave.name, pair.master.name) for pair in pairs]
         for term, (one, other) in zip(problem.contacts, sides, strict=True):
-            if term.tied:
+            if term.tied and term.active:
                 kept, gone = number[one], number[other]
                 number = {name: kept if at == gone else at for name, at in number.items()}
         names = list(dict.fromkeys(number.values()))
@@ -159,15 +159,22 @@ class GivenForces:
         for row, members in zip(self._sets, sets, strict=True):
             row[list(members)] = True
 
-    def answering(self, trials: Sequence[ContactTrial]) -> list[float]:
-        """Share of each contact's force that is not given, at most 1; collective."""
+    def answering(self, trials: Sequence[ContactTrial], approach: float) -> list[float]:
+        """Share of each contact's force that is not given, at most 1; collective.
+
+        Args:
+            approach: m, of the bodies, beside which springs are stiff or soft.
+        """
         problem = self._problem
         terms, dim = problem.contacts, problem.dim
         local = [term.surface.slave.weight @ trial.traction for term, trial in zip(terms, trials)]
-        load = [[term.surface.slave.weight @ t.pressure] for term, t in zip(terms, trials)]
-        total = problem.comm.allreduce(np.column_stack([np.reshape(local, (-1, dim)), load]))
-        supports = self._supports()
-        forces, normal = total[:, :dim], total[:, dim]
+        load = [term.surface.slave.weight * trial.pressure for term, trial in zip(terms, trials)]
+        pressed = [one @ trial.kinematics.normal for one, trial in zip(load, trials)]
+        size = [[one.sum()] for one in load]
+        parts = [np.reshape(part, (-1, dim)) for part in (local, pressed)]
+        total = problem.comm.allreduce(np.column_stack([*parts, size]))
+        supports = self._supports(approach)
+        forces, across, normal = total[:, :dim], np.abs(total[:, dim:-1]), total[:, -1]
         inside = np.array([self._sets[:, pair] for pair in self._pairs])  # (k, s, 2)
         # +1 where the slave is in the set, -1 where the master is, 0 of both or none.
         sign = inside[..., 0].astype(float) - inside[..., 1]
@@ -177,18 +184,19 @@ class GivenForces:
         for index, force in enumerate(forces):
             of_set = sign[index] != 0.0
             rest = onto[of_set] - sign[index, of_set, None] * force
-            size = max(float(np.linalg.norm(force)), ACROSS * float(normal[index]))
+            # Friction across these axes may be given without what presses being so.
+            least = ACROSS * max(float(np.linalg.norm(across[index])), ACROSS * normal[index])
             shares = [
-                float(np.abs(rest[:, axis]).min()) / abs(float(force[axis]))
+                float(np.abs(rest[:, axis]).min()) / max(abs(force[axis]), ACROSS * least)
                 for axis in axes
-                if of_set.any() and abs(force[axis]) > ACROSS * size
+                if of_set.any() and across[index, axis] > least
             ]
-            out.append(min([1.0, *shares]))
+            out.append(float(min([1.0, *shares])))
         return out
 
-    def _supports(self) -> Floats:
+    def _supports(self, approach: float) -> Floats:
         """Forces (g, i), N (N/m), that supports put on each group; collective."""
-        dim, held = self._problem.dim, _support_forces(self._problem)
+        dim, held = self._problem.dim, _support_forces(self._problem, approach)
         local = np.zeros((len(self._nodes), dim))
         for row, nodes in zip(local, self._nodes, strict=True):
             for mine in nodes:
@@ -199,13 +207,20 @@ class GivenForces:
         return out
 
 
-def _support_forces(problem: Equilibrium) -> Floats:
-    """Forces (n,), N, of all that answers to displacements, on the owned unknowns; collective."""
+def _support_forces(problem: Equilibrium, approach: float) -> Floats:
+    """Forces (n,), N, of all that answers to displacements, on the owned unknowns; collective.
+
+    Of a spring beside bodies that give way by ``approach`` (m) its part: they are in series.
+    """
     held, dofs = np.zeros(problem.owned), problem.constrained_dofs()
     slanted = problem.constraints.slanted
     for platen in (p for p in slanted if p.acts and p.displacement is not None):
         held[platen.dofs] += np.outer(platen.along(problem.unbalanced), platen.normal).reshape(-1)
     held[dofs] = problem.unbalanced[dofs]
+    for spring in (p for p in problem.constraints.aligned if p.loaded and p.stiffness > 0.0):
+        drawn = spring.end - problem.u.x.array[spring.dofs]
+        part = approach / (approach + np.abs(drawn) + np.finfo(float).tiny)
+        held[spring.dofs] += spring.stiffness * drawn * part / len(spring.all_dofs)
     for load in problem.loads:
         if isinstance(load, Foundation) and load.acts:
             values = owned_values(problem.space, load.residual)

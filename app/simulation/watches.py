@@ -485,7 +485,7 @@ class Watches:
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
         self.roundoff.step(row, result)
-        self.contacts.step(row, self._thickness)
+        self.contacts.step(row, self._thickness, balanced=isinstance(result, StepResult))
         for watch in self._of_rows.values():
             watch.step(row)
         for other in self._of_results.values():

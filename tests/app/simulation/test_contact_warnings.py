@@ -185,12 +185,24 @@ gravity.y = -9.81
 """
 
 
-def test_bodies_that_moved_tools_press_lose_force_though_nothing_else_holds_them(tmp_path):
+def by_displacement(data):
+    """The lid is moved as it is."""
+
+
+def sprung(data):
+    """The end of a stiff spring is moved instead."""
+    spring = {"direction": "y", "stiffness": 1e9, "end": [[0, 0], [1, -1e-4]]}
+    data["tools"]["lid"] |= {"displacement": {"x": 0}, "spring": spring}
+
+
+@pytest.mark.parametrize("moved", [by_displacement, sprung])
+def test_bodies_that_moved_tools_press_lose_force_though_nothing_else_holds_them(tmp_path, moved):
     force, found = [], []
     for factor in (5.0, 5000.0):
         data = tomllib.loads(BETWEEN_TOOLS)
         for pair in data["contact"]:
             pair["penalty_factor"] = factor
+        moved(data)
         run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         force.append(run.rows[-1].normal_force)
@@ -200,6 +212,37 @@ def test_bodies_that_moved_tools_press_lose_force_though_nothing_else_holds_them
     for line in found[0]:
         said = float(re.search(r"about ([\d.]+) % too small", line)[1])
         assert said == pytest.approx(lost, rel=0.15)
+
+
+def rubbed(data):
+    """A force, nearly as large as the normal one, drives the lid along what it presses on."""
+    data["tools"]["lid"]["force"] = {"x": [[0, 0], [1, 120.0]]}
+    for pair in data["contact"]:
+        pair["friction"]["mu"] = 1.5
+
+
+def explicitly(data):
+    """In explicit steps, of which no balance of forces is known."""
+    data["tools"]["lid"]["displacement"]["y"] = [[0, 0], [0.002, -1e-4]]
+    data["stage"] = [{"name": "press", "duration": 0.002, "steps": 1}]
+    data["solver"] = {"kind": "explicit", "damping": 2e4}
+
+
+@pytest.mark.parametrize("moved", [rubbed, explicitly])
+def test_what_moved_tools_press_loses_force_in_all_of_its_pairs(tmp_path, moved):
+    data = tomllib.loads(BETWEEN_TOOLS)
+    moved(data)
+    for pair in data["contact"]:
+        pair["penalty_factor"] = 5.0
+    row = run_case(Case.model_validate(data), tmp_path / "out", quiet=True).rows[-1]
+    assert moved is explicitly or abs(row.tangential_force) > 0.5 * row.normal_force
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    lines = [line for line in summary["warnings"] if "penetration" in line]
+    shares = summary["penetration_over_approach"]
+    assert len(lines) == 3 and min(shares) > 0.01
+    for line, share in zip(lines, shares, strict=True):
+        said = float(re.search(r"about ([\d.]+) % too small", line)[1])
+        assert said == pytest.approx(100.0 * share / (1.0 + share), rel=0.05)
 
 
 def by_force(data):
@@ -231,6 +274,24 @@ def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
         if factor == 5.0:
             assert max(summary["penetration_over_approach"]) > 0.01
     assert force[0] == pytest.approx(force[1], rel=2e-3)
+
+
+def test_deep_penetration_under_a_force_costs_none_of_it(tmp_path):
+    """A column of many facets: deep beside one of them, and next to nothing of the approach."""
+    data = tomllib.loads(BETWEEN_TOOLS)
+    by_force(data)
+    del data["geometry"]["blocks"]["high"], data["bodies"]["high"]
+    column = {"x": [0, 2e-4], "y": [0, 1e-3], "elements": [4, 20]}
+    data["geometry"]["blocks"]["low"] = column
+    data["tools"]["lid"] |= {"point": [0, 1e-3], "force": {"y": [[0, 0], [1, -60.0]]}}
+    data["contact"] = [data["contact"][0], data["contact"][2] | {"slave": "low_top"}]
+    for pair in data["contact"]:
+        pair["penalty_factor"] = 5.0
+    run_case(Case.model_validate(data), tmp_path / "out", quiet=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert max(summary["penetration_over_approach"]) < 0.01
+    lines = [line for line in summary["warnings"] if "penetration" in line]
+    assert lines and not [line for line in lines if "too small" in line]
 
 
 def test_a_contact_pressed_by_force_loses_none(block, tmp_path):

@@ -2,6 +2,7 @@
 
 import tomllib
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -12,7 +13,7 @@ from tribox.app.case.case import Case
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import loose_directions
 from tribox.app.implicit.stepper import StepResult
-from tribox.app.simulation.failure_diagnosis import explain, is_unstable
+from tribox.app.simulation.failure_diagnosis import explain, is_unstable, most_squeezed
 from tribox.app.simulation.run_state import Observer
 
 LAW = coulomb(0.2)
@@ -30,6 +31,19 @@ def test_a_residual_that_rounding_leaves_is_not_laid_on_anything_else(pair):
         text = explain(problem, StepResult(False, 30, 30, -5, [share * noise]), x, loose)
         assert ("rounding in body aluminium alone leaves a residual of up to" in text) is alone
         assert ("smaller steps" in text) is not alone
+
+
+def test_numbers_that_overflow_are_said_to_turn_an_element_inside_out(pair):
+    bodies = pair()
+    problem = bodies.problem(LAW)
+    x = bodies.displaced(lambda x: x * 0.0, lambda x: x * 0.0)
+    tried = x.copy()
+    tried.array[0] = np.nan
+    problem.spread(tried)
+    found = most_squeezed(problem)
+    assert found.ratio == -np.inf and found.collapsed
+    text = explain(problem, StepResult(False, 3, 3, -4, [0.5]), x, [])
+    assert "is turned inside out by the last iteration" in text
 
 
 @pytest.mark.parametrize("strayed", [True, False])
