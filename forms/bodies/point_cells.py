@@ -195,7 +195,7 @@ class PointCells:
         last: _Work | None = None
         for work in works:
             # Matrices of points at the same places are added up; forces and energies are not.
-            if work.values and (head := heads.get(work.shape)) is not None:
+            if works[0].values and (head := heads.get(work.shape)) is not None:
                 work.same, head.same = head.same, ctypes.addressof(work)
                 continue
             heads[work.shape] = work
