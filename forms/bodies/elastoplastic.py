@@ -8,10 +8,10 @@ source ``plastic_points.c``. In the principal axes n_a of the trial
 bᵉ = F C_p⁻¹ Fᵀ = Σ w_a n_a⊗n_a everything is scalar, and with G_a = F⁻¹ n_a
 
     P = Σ τ_a n_a⊗G_a,   C_p⁻¹ ← Σ exp(2 e_a) G_a⊗G_a,
-    A = ∂P/∂F = Σ B_(ab)(cd) M_ab⊗M_cd,   M_ab = n_a⊗G_b,
+    c = Σ (D_ab − 2 τ_a δ_ab) m_aa⊗m_bb + Σ_(a<b) g_ab s_ab⊗s_ab,   m_ab = n_a⊗n_b,
 
-where B couples M_11, M_22, M_33 by D_ab − τ_a δ_ab with D = ∂τ/∂e, and M_ab with M_ba by
-[[g + τ_b, g], [g, g + τ_a]], g = (τ_a w_b − τ_b w_a)/(w_a − w_b), which is written as
+of ``MODULI`` in ``point_lanes.h``, with D = ∂τ/∂e, s_ab = m_ab + m_ba and
+g = (τ_a w_b − τ_b w_a)/(w_a − w_b), which is written as
 Gθ artanh(z)/z − ½ (τ_a + τ_b), z = (w_a − w_b)/(w_a + w_b), and so holds where w_a = w_b. With
 n = dev e/|dev e| of the trial strain, ∂τ_dev/∂e = 2Gθ (I − ⅓ 1⊗1) − 2Gθ̄ n⊗n; θ = 1 and θ̄ = 0 are
 elastic. A point on the yield surface whose strain does not change (the first iteration of a step)

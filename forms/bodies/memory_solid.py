@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tribox.forms.bodies.elastoplastic import PLASTIC_STRAIN
 from tribox.forms.bodies.kinematics import Section, centre_kinematics, section_of
 from tribox.forms.bodies.materials import Hencky, Material
-from tribox.forms.bodies.point_cells import NAMES, PointCells, cells_of
+from tribox.forms.bodies.point_cells import NAMES, PointCells, cells_of, moduli_in_place
 from tribox.forms.bodies.point_state import (
     DISSIPATED,
     Evaluation,
@@ -135,7 +135,7 @@ class MemorySolid(Solid):
             F = self._gradients()
             update = law.update(F, origin.values, origin.dt, True, volumetric=not self.reduced)
             assert update.A is not None
-            moduli.A = np.ascontiguousarray(update.A)
+            moduli.A = moduli_in_place(F, update.P, update.A)
             return
         moduli.end = None
         if not self.flows:  # the end has a closed form, quicker than to read it

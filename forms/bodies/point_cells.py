@@ -29,6 +29,7 @@ from tribox.geometry.meshes.places import centre, shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 LANES = 8  # cells that the compiled loops take at a time
+PAIRS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]  # of the C sources
 PIECE = 512 * LANES  # cells that tables are made of at a time
 NAMES: dict[Section, str] = {"plane-strain": "strain", "axisymmetric": "ring", "3D": "space"}
 
@@ -48,7 +49,7 @@ class Moduli:
     state: Floats | None = None  # (k, s); None: points that remember nothing
     # (k, s), what the kernel has made of the state before; None: that is found anew
     end: Floats | None = None
-    A: Floats | None = None  # (k, p, p), Pa
+    A: Floats | None = None  # (k, m), Pa, see `moduli_in_place`
 
     def arrays(self) -> dict[str, Floats]:
         """What the loop reads."""
@@ -57,6 +58,28 @@ class Moduli:
             return {"A": self.A}
         known = {"state": self.state, "end": self.end}
         return {name: array for name, array in known.items() if array is not None}
+
+
+def moduli_in_place(F: Floats, P: Floats, A: Floats) -> Floats:
+    """Moduli (k, m) as kernels give them (``MODULI`` of ``point_lanes.h``), τ and then c, Pa.
+
+    Args:
+        F: (k, p) deformation gradients.
+        P: (k, p) first Piola stress, Pa.
+        A: (k, p, p) its derivative ∂P/∂F, Pa.
+    """
+    count, components = F.shape
+    at = [0, 1, 3, 4, 8] if components == 5 else list(range(9))
+    pairs = PAIRS[:4] if components == 5 else PAIRS
+    rows, columns = (list(ends) for ends in zip(*pairs, strict=True))
+    wide, slope = np.zeros((2, count, 9)), np.zeros((count, 9, 9))
+    wide[:, :, at], slope[:, np.array(at)[:, None], at] = (F, P), A
+    f, stress = wide.reshape(2, count, 3, 3)
+    tau = np.einsum("niJ,njJ->nij", stress, f)
+    c = np.einsum("niJkL,njJ,nlL->nijkl", slope.reshape(count, 3, 3, 3, 3), f, f, optimize=True)
+    c -= np.einsum("ik,njl->nijkl", np.eye(3), tau)
+    c = c[:, rows, columns][:, :, rows, columns]
+    return np.column_stack([tau[:, rows, columns], c.reshape(count, -1)])
 
 
 class _Work(ctypes.Structure):
@@ -214,6 +237,7 @@ class PointCells:
         if kernel is not None:
             work.update, work.material = kernel.function, ctypes.addressof(kernel.material)
             work.width = arrays["state"].shape[1] if "state" in arrays else 0
+            work.symmetric = kernel.symmetric
         return work
 
     def evaluate(self, kernel: Kernel, u: Floats, state: Floats, **out: Floats) -> bool:
@@ -274,8 +298,5 @@ def add_tangent(
         if loop.cells.centre and kept is not None:
             works[-1].excess = kept.ctypes.data
     first = works[0]
-    first.symmetric = all(
-        loop.moduli.kernel is not None and loop.moduli.kernel.symmetric for loop in loops
-    )
     first.values, first.start = values.ctypes.data, starts.ctypes.data
     loops[0].run(works)

@@ -76,9 +76,10 @@ class Kernel:
         arrays = (F, state, P, end, A, energies)
         places = [None if array is None else array.ctypes.data for array in arrays]
         call = library(CELLS).tribox_points
-        call.argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 6]
+        call.argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 4, *[ctypes.c_void_p] * 6]
         call.restype = ctypes.c_int64
-        bad = call(self.function, ctypes.byref(self.material), p, state.shape[1], n, *places)
+        sizes = p, state.shape[1], self.symmetric, n
+        bad = call(self.function, ctypes.byref(self.material), *sizes, *places)
         elastic, dissipation, numerical = energies
         return PointUpdate(P, end, A, elastic, dissipation, numerical, not bad)
 

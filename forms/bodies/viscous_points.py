@@ -13,25 +13,19 @@ M = (1 − t) C_k,n + t C̄, N = M⁻¹ and m = det M it is
     C_k = m^(−1/3) M,   S_k = J^(−2/3) G_k m^(1/3) (N − ⅓ (C:N) C⁻¹):
 
 the stress of an energy 3 G_k m^(1/3)/(2 t) of the step, so that its tangent is symmetric. An
-endless step has t = 1: the branch is relaxed, C_k = C̄, and carries nothing. With U = F N,
-V = U Fᵀ, H = F⁻ᵀ, n = tr V, q = tr V², g = G_k m^(1/3) J^(−2/3), y = t J^(−2/3) g
+endless step has t = 1: the branch is relaxed, C_k = C̄, and carries nothing. With H = F⁻ᵀ and
+n = C:N, g = G_k m^(1/3) J^(−2/3)
 
-    P = g (U − n/3 H),
-    A_iJkL = (g δ_ik − y V_ik) N_JL − y U_iL U_kJ + ⅔ y U_iJ U_kL + (g n/3) H_iL H_kJ
-             + H_iJ Z_kL + Z_iJ H_kL + c H_iJ H_kL,
-    Z = −(⅔ g + 2/9 y n) U + ⅔ y V U,   c = 2/9 g n + y (2/27 n² − 2/9 q).
+    P = g (F N − n/3 H).
 
-**In the plane** m is a sum of products of powers of the area's ratio S = J/λ and of λ = F_33, so
-that moduli need neither N nor V, and of all branches together only sums but for one dyad each.
-With s = 1 − t, L and d the cofactors and the determinant of the in-plane part of C_k,n, c its 33,
-I = F_iJ L_JK F_iK, j = J^(−2/3), w = ½ G_k m^(−2/3) and m = s³ d c + t³ + (t/w) ΣT,
+**Tangent**, about the present place (``MODULI`` of ``point_lanes.h``): there M is
+W = F⁻ᵀ M F⁻¹ = (1 − t) F⁻ᵀ C_k,n F⁻¹ + t J^(−2/3) 1, m = J² det W, and with S = g W⁻¹, p = tr S,
+e = t m^(−1/3)/G_k the branch adds to τ and c
 
-    T_1 = a I, a = w s² j c,   T_2 = b I, b = w s t j² λ²,
-    T_3 = w s² j λ² d,   T_4 = w s t j² S² c,
-    P = 2 (a + b) F L + T_S F⁻ᵀ,   P_33 = T_λ/λ,   A = Σ T″ − (4 t/3 G_k) m^(−1/3) P⊗P.
-
-T_S and T_λ are derivatives by ln S and ln λ, T″ the second ones by F of what m is made from: the
-exponents of S and λ are −⅔ and −⅔, −4/3 and ⅔, −⅔ and 4/3, ⅔ and −4/3.
+    τ = S − p/3 1,
+    c_ijkl = ⅔ e S_ij S_kl − e (S_ik S_jl + S_il S_jk) + ⅓ p (δ_ik δ_jl + δ_il δ_jk)
+             + δ_ij Z_kl + Z_ij δ_kl + (2/9 p + e (2/27 p² − 2/9 S:S)) δ_ij δ_kl,
+    Z = ⅔ e S² − (⅔ + 2/9 e p) S.
 
 With r = Δt/τ_k = t/(1 − t) and the stored energy W_k of a branch it dissipates in a step
 

@@ -174,6 +174,32 @@ INLINE vec stored_in_plane(const Law *law, const vec *F, vec J, vec s)
     return w;
 }
 
+/* Moduli, see MODULI of point_lanes.h, with b = F F^T of the plane. */
+INLINE void by_place(enum section section, const PlaneSlopes *w, const vec *F, vec J, vec s, vec *moduli)
+{
+    const vec b[3] = {F[0] * F[0] + F[1] * F[1], F[2] * F[2] + F[3] * F[3], F[0] * F[2] + F[1] * F[3]};
+    const vec q = J * w->q, IJ = J * w->IJ, JJ = J * (J * w->JJ) + q;
+    const vec by[3] = {w->II * b[0] + IJ, w->II * b[1] + IJ, w->II * b[2]};
+    vec *c = tangent_of(0, moduli);
+    moduli[0] = w->p * b[0] + q;
+    moduli[1] = w->p * b[1] + q;
+    moduli[2] = s * w->s;
+    moduli[3] = w->p * b[2];
+    c[0] = by[0] * b[0] + (IJ * b[0] + JJ - 2.0 * q);
+    c[1] = by[0] * b[1] + (IJ * b[0] + JJ);
+    c[3] = by[0] * b[2];
+    c[5] = by[1] * b[1] + (IJ * b[1] + JJ - 2.0 * q);
+    c[7] = by[1] * b[2];
+    c[15] = by[2] * b[2] - q;
+    if (section == STRAIN)
+        return;
+    const vec Is = s * w->Is, Js = s * J * w->Js;
+    c[2] = Is * b[0] + Js;
+    c[6] = Is * b[1] + Js;
+    c[11] = Is * b[2];
+    c[10] = s * (s * w->ss) - moduli[2];
+}
+
 INLINE void update(enum section section, const Law *law, const vec *F, const vec *state, vec *P,
                    vec *end, vec *moduli, vec *energies, ivec *good)
 {
@@ -201,24 +227,13 @@ INLINE void update(enum section section, const Law *law, const vec *F, const vec
         w.q = (vec)((ivec)w.q | ~*good);
         w.JJ = (vec)((ivec)w.JJ | ~*good);
     }
+    if (moduli) {
+        by_place(section, &w, F, J, s, moduli);
+        return;
+    }
     for (int k = 0; k < 4; ++k)
         P[k] = w.p * F[k] + w.q * cof[k];
     P[4] = w.s;
-    if (!moduli)
-        return;
-    for (int k = 0; k < 4; ++k) {
-        vec by_F = w.II * F[k] + w.IJ * cof[k], by_cof = w.IJ * F[k] + w.JJ * cof[k];
-        for (int l = k; l < 4; ++l)
-            moduli[5 * l + k] = moduli[5 * k + l] = by_F * F[l] + by_cof * cof[l];
-        moduli[6 * k] += w.p;
-        if (section == RING)
-            moduli[20 + k] = moduli[5 * k + 4] = w.Is * F[k] + w.Js * cof[k];
-    }
-    moduli[3] += w.q;
-    moduli[15] += w.q;
-    moduli[7] -= w.q;
-    moduli[11] -= w.q;
-    moduli[24] = w.ss;
 }
 
 KERNEL(elastic_strain, STRAIN, update)

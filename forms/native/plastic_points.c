@@ -480,55 +480,46 @@ INLINE vec log_ratio(vec w, vec v, vec difference)
     return choose(near, series, difference / choose(near, all(1.0), z));
 }
 
-/* A += M_p T_q, upper half. */
-INLINE void add_product(int count, const vec *M, const vec *T, vec *A)
-{
-#pragma GCC unroll 9
-    for (int p = 0; p < count; ++p)
-#pragma GCC unroll 9
-        for (int q = p; q < count; ++q)
-            A[p * count + q] += M[p] * T[q];
-}
-
-/* dP/dF (p, p), upper half: the sum of M_ab B_(ab)(cd) M_cd with M_ab = n_a x G_b. */
+/* Moduli, see MODULI of point_lanes.h: by the products of two principal axes, D - 2 tau of each and g of
+ * pairs; "tangent" in elastoplastic.py. */
 INLINE void tangent(int space, const Material *m, const Axes *at, const Flow *f, const vec *tau,
-                    vec *A)
+                    vec *moduli)
 {
-    const int count = space ? 9 : 5;
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    vec M[3][3][9], T[9];
-#pragma GCC unroll 1
-    for (int ab = 0; ab < 9; ++ab)
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            M[ab / 3][ab % 3][p] = at->n[ab / 3][place[p][0]] * at->G[ab % 3][place[p][1]];
-#pragma GCC unroll 1
-    for (int k = 0; k < count * count; ++k)
-        A[k] = all(0.0);
-#pragma GCC unroll 1
+    const int n = space ? 6 : 4;
+    vec M[3][6], S[6], *c = tangent_of(space, moduli);
+    for (int k = 0; k < n; ++k) {
+        const int i = PAIRS[k][0], j = PAIRS[k][1];
+        for (int a = 0; a < 3; ++a)
+            M[a][k] = at->n[a][i] * at->n[a][j];
+        moduli[k] = tau[0] * M[0][k] + tau[1] * M[1][k] + tau[2] * M[2][k];
+        for (int l = 0; l < n; ++l)
+            c[k * n + l] = all(0.0);
+    }
     for (int a = 0; a < 3; ++a) {
-        vec D[3];
-#pragma GCC unroll 1
-        for (int b = 0; b < 3; ++b) {
-            vec g = at->logs[a] - at->logs[b];
-            g = m->shear * f->theta * log_ratio(at->w[a], at->w[b], g) - 0.5 * (tau[a] + tau[b]);
-            D[b] = m->bulk + 2.0 * m->shear * (((a == b) - 1.0 / 3.0) * f->theta -
-                                               f->theta_bar * f->n[a] * f->n[b]);
-            if (a == b) {
-                D[b] -= tau[a];
-                continue;
-            }
-            if (!space && (a == 2 || b == 2))
-                continue;
-#pragma GCC unroll 1
-            for (int p = 0; p < count; ++p)
-                T[p] = (g + tau[b]) * M[a][b][p] + g * M[b][a][p];
-            add_product(count, M[a][b], T, A);
+        const int b = (a + 1) % 3;
+        vec D[3], T[6];
+        for (int d = 0; d < 3; ++d)
+            D[d] = m->bulk + 2.0 * m->shear * (((a == d) - 1.0 / 3.0) * f->theta -
+                                               f->theta_bar * f->n[a] * f->n[d]);
+        D[a] -= 2.0 * tau[a];
+        for (int k = 0; k < n; ++k)
+            T[k] = D[0] * M[0][k] + D[1] * M[1][k] + D[2] * M[2][k];
+        for (int k = 0; k < n; ++k)
+            for (int l = k; l < n; ++l)
+                c[k * n + l] += M[a][k] * T[l];
+        if (!space && a > 0) /* no shear across the plane */
+            continue;
+        vec g = m->shear * f->theta * log_ratio(at->w[a], at->w[b], at->logs[a] - at->logs[b]) -
+                0.5 * (tau[a] + tau[b]);
+        for (int k = 0; k < n; ++k) {
+            const int i = PAIRS[k][0], j = PAIRS[k][1];
+            S[k] = at->n[a][i] * at->n[b][j] + at->n[b][i] * at->n[a][j];
         }
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            T[p] = D[0] * M[0][0][p] + D[1] * M[1][1][p] + D[2] * M[2][2][p];
-        add_product(count, M[a][a], T, A);
+        for (int k = 0; k < n; ++k) {
+            vec by = g * S[k];
+            for (int l = k; l < n; ++l)
+                c[k * n + l] += by * S[l];
+        }
     }
 }
 
@@ -573,10 +564,17 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
     Flow f;
     axes(space, F, state, &at);
     at.good &= is_finite(state[alpha]);
-    flow(m, at.logs, state[alpha], end && !energies ? end + alpha : 0, &f);
+    flow(m, at.logs, state[alpha], moduli && end ? end + alpha : 0, &f);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     for (int a = 0; a < 3; ++a)
         tau[a] = 2.0 * m->shear * f.theta * f.strain[a] + m->bulk * volume;
+    *good = at.good & is_finite(f.step);
+    if (moduli) {
+        tangent(space, m, &at, &f, tau, moduli);
+        probe(tau, 3, &sum);
+        *good &= is_finite(sum);
+        return;
+    }
 #pragma GCC unroll 1
     for (int p = 0; p < count; ++p) {
         const int i = place[p][0], J = place[p][1];
@@ -584,14 +582,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
                tau[2] * at.n[2][i] * at.G[2][J];
     }
     probe(P, count, &sum);
-    if (moduli) {
-        tangent(space, m, &at, &f, tau, moduli);
-#pragma GCC unroll 1
-        for (int p = 0; p < count; ++p)
-            for (int q = 0; q < p; ++q)
-                moduli[p * count + q] = moduli[q * count + p];
-    }
-    *good = at.good & is_finite(f.step) & is_finite(sum);
+    *good &= is_finite(sum);
     if (!energies)
         return;
     energies[0] = m->shear * f.theta * f.theta * dot(f.strain, f.strain) +
@@ -1062,63 +1053,47 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     }
 }
 
-/* n_a x G_b by components of a symmetric tensor, which P_iJ and the columns of A are made from. */
-INLINE void carriers(int space, const Axes *at, vec M[6][9])
+/* Whether the product of two axes has a part in a component. */
+#define CARRIED(space, i, k) ((space) || ((i) == 2) == ((k) == 2))
+
+/* c and tau, see MODULI of point_lanes.h, from the moduli dtau/dd by components of the axes, which are
+ * changed, and the principal stresses: c d is what dtau is but for the change d tau + tau d of place. */
+INLINE void by_place(int space, const Axes *at, const vec *tau, vec *c, vec *moduli)
 {
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    for (int k = 0; k < (space ? 6 : 4); ++k) {
-        const int a = PAIRS[k][0], b = PAIRS[k][1];
-        for (int p = 0; p < (space ? 9 : 5); ++p) {
-            const int i = place[p][0], J = place[p][1];
-            M[k][p] = at->n[a][i] * at->G[b][J];
+    const int n = space ? 6 : 4;
+    vec M[6][6], along[6][6], *to = tangent_of(space, moduli);
+    for (int i = 0; i < n; ++i) {
+        const int a = PAIRS[i][0], b = PAIRS[i][1];
+        c[(n + 1) * i] -= tau[a] + tau[b];
+        for (int k = 0; k < n; ++k) {
+            const int p = PAIRS[k][0], q = PAIRS[k][1];
+            M[i][k] = all(0.0);
+            if (!CARRIED(space, i, k))
+                continue;
+            M[i][k] = at->n[a][p] * at->n[b][q];
             if (a != b)
-                M[k][p] = 0.7071067811865476 * (M[k][p] + at->n[b][i] * at->G[a][J]);
+                M[i][k] = 0.7071067811865476 * (M[i][k] + at->n[b][p] * at->n[a][q]);
         }
     }
-}
-
-/* Whether a component of a symmetric tensor has a part in that of F, of a carrier. */
-#define CARRIED(space, k, p) ((space) || ((k) == 2) == ((p) == 4))
-
-/* A (p, p) from the moduli c = d tau/dd by components, which are changed, and the principal stresses:
- * it is dF S + F dS with S = F^-1 tau F^-T, and F dS F^T = (c d) - d tau - tau d. */
-INLINE void carried_moduli(int space, const Axes *at, const vec *tau, vec *c, vec *A)
-{
-    const int count = space ? 9 : 5, size = space ? 6 : 4, wide = space ? 3 : 2;
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    vec M[6][9];
-    tensor S = {};
-    carriers(space, at, M);
-    for (int i = 0; i < size; ++i)
-        c[i * size + i] -= tau[PAIRS[i][0]] + tau[PAIRS[i][1]];
-    UPPER(space, i, j)
-    for (int a = 0; a < 3; ++a)
-        if (COUPLED(space, a, i))
-            S[i][j] += tau[a] * at->G[a][i] * at->G[a][j];
-    mirror(space, S);
-#pragma GCC unroll 3
-    for (int first = 0; first < count; first += wide) { /* columns of one row of F: what is read serves all */
-        const int many = first + wide < count ? wide : count - first;
-        vec along[3][6];
-        for (int j = 0; j < size; ++j)
-            for (int i = 0; i < size; ++i)
-                for (int q = 0; q < many; ++q) {
-                    if (j == 0)
-                        along[q][i] = all(0.0);
-                    if (CARRIED(space, j, first + q))
-                        along[q][i] += c[i * size + j] * M[j][first + q];
-                }
-#pragma GCC unroll 9
-        for (int p = 0; p < count; ++p)
-            for (int q = 0; q < many; ++q) {
-                const int J = place[p][1], L = place[first + q][1];
-                vec sum = place[p][0] == place[first][0] ? S[J][L] : all(0.0);
-                for (int i = 0; i < size; ++i)
-                    if (CARRIED(space, i, p))
-                        sum += M[i][p] * along[q][i];
-                A[p * count + first + q] = sum;
-            }
-    }
+    for (int k = 0; k < n; ++k)
+        moduli[k] = tau[0] * M[0][k] + tau[1] * M[1][k] + tau[2] * M[2][k];
+#pragma GCC unroll 6
+    for (int i = 0; i < n; ++i)
+        for (int k = 0; k < n; ++k) {
+            along[i][k] = all(0.0);
+            for (int j = 0; j < n; ++j)
+                if (CARRIED(space, j, k))
+                    along[i][k] += c[n * i + j] * M[j][k];
+        }
+#pragma GCC unroll 6
+    for (int k = 0; k < n; ++k)
+        for (int l = 0; l < n; ++l) {
+            vec sum = all(0.0);
+            for (int i = 0; i < n; ++i)
+                if (CARRIED(space, i, k))
+                    sum += M[i][k] * along[i][l];
+            to[n * k + l] = sum;
+        }
 }
 
 /* C_p^-1, C_pi and alpha at the end of the step. */
@@ -1146,12 +1121,11 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
     end[alpha] = state[alpha] + t->step;
 }
 
-/* Stress and moduli at the end of a step that an update has led to. */
+/* Moduli at the end of a step that an update has led to. */
 INLINE void moduli_turning(int space, const Material *m, const vec *F, const vec *state, const vec *end,
-                           vec *P, vec *moduli, ivec *good)
+                           vec *moduli, ivec *good)
 {
     const int alpha = (space ? 6 : 4) * (int)(1 + m->branches), count = space ? 9 : 5;
-    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     vec sum = all(0.0), c[36], tau[3];
     Axes begin;
     Ended t;
@@ -1168,15 +1142,8 @@ INLINE void moduli_turning(int space, const Material *m, const vec *F, const vec
     probe(c, space ? 36 : 16, &sum);
     for (int a = 0; a < 3; ++a)
         tau[a] = 2.0 * m->shear * t.values[a] + m->bulk * (begin.logs[0] + begin.logs[1] + begin.logs[2]);
-    for (int p = 0; p < count; ++p) {
-        const int i = place[p][0], J = place[p][1];
-        P[p] = all(0.0);
-        for (int a = 0; a < 3; ++a)
-            if (COUPLED(space, a, i))
-                P[p] += tau[a] * t.at.n[a][i] * t.at.G[a][J];
-    }
-    probe(P, count, &sum);
-    carried_moduli(space, &t.at, tau, c, moduli);
+    probe(tau, 3, &sum);
+    by_place(space, &t.at, tau, c, moduli);
     *good &= begin.good & t.at.good & is_finite(sum);
 }
 
@@ -1229,14 +1196,13 @@ INLINE void return_turning(int space, const Material *m, const vec *F, const vec
 INLINE void update_turning(int space, const Material *m, const vec *F, const vec *state, vec *P,
                            vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    vec found[6 * (1 + MOST) + 1], unused[ENERGIES];
-    const int known = end && !energies;
-    vec *to = end || !moduli ? end : found;
+    vec found[6 * (1 + MOST) + 1], P_there[9], unused[ENERGIES];
     *good = ~(ivec){};
-    if (!known)
-        return_turning(space, m, F, state, P, to, energies ? energies : unused, good);
+    if (!moduli || !end)
+        return_turning(space, m, F, state, moduli ? P_there : P, moduli ? found : end,
+                       moduli ? unused : energies, good);
     if (moduli)
-        moduli_turning(space, m, F, state, to, P, moduli, good);
+        moduli_turning(space, m, F, state, end ? end : found, moduli, good);
 }
 
 KERNEL(plastic_plane, 0, update)

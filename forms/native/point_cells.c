@@ -7,7 +7,9 @@
  *
  *     F = 1 + sum of u_a (x) B_a,   F_33 = 1 + sum of h_a u_a,x,
  *     f_a = sum over points of w (P B_a + P_33 h_a e_x),
- *     K_ab = sum over points of w (B_a.A.B_b), the row and the column of 33 with h likewise.
+ *     K_ab = sum over points of w (b_a.c.b_b + (b_a.tau.b_b) 1),   b_a = F^-T B_a,
+ *
+ * the row and the column of 33 with h likewise; see MODULI of point_lanes.h for c and tau.
  */
 
 #include "point_lanes.h"
@@ -73,10 +75,61 @@ INLINE void spoil(int count, ivec good, vec *values)
         values[k] = (vec)((ivec)values[k] | ~good); /* all bits set */
 }
 
+/* F^-1 in the plane (2, 2) or in space. */
+INLINE void inverse_of(int space, const vec *F, vec *inverse)
+{
+    if (!space) {
+        const vec r = 1.0 / (F[0] * F[3] - F[1] * F[2]);
+        inverse[0] = F[3] * r, inverse[1] = -F[1] * r, inverse[2] = -F[2] * r, inverse[3] = F[0] * r;
+        return;
+    }
+    vec cofactor[3][3];
+    for (int i = 0; i < 3; ++i)
+        cross(F + 3 * ((i + 1) % 3), F + 3 * ((i + 2) % 3), cofactor[i]);
+    const vec r = 1.0 / dot(F, cofactor[0]);
+    for (int i = 0; i < 3; ++i)
+        for (int J = 0; J < 3; ++J)
+            inverse[3 * J + i] = cofactor[i][J] * r;
+}
+
+/* The lower half of c from the upper one. */
+INLINE void fill(int n, vec *c)
+{
+    for (int p = 0; p < n; ++p)
+        for (int q = 0; q < p; ++q)
+            c[n * p + q] = c[n * q + p];
+}
+
+/* dP/dF (p, p). */
+static void by_gradients(int space, const vec *F, int symmetric, vec *moduli, vec *A)
+{
+    const int n = space ? 6 : 4, count = space ? 9 : 5;
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    vec *c = tangent_of(space, moduli), plane[4] = {}, inverse[9] = {};
+    inverse_of(space, F, space ? inverse : plane);
+    for (int k = 0; !space && k < 4; ++k)
+        inverse[3 * (k / 2) + k % 2] = plane[k];
+    if (!space)
+        inverse[8] = 1.0 / F[4];
+    if (symmetric)
+        fill(n, c);
+    for (int p = 0; p < count; ++p)
+        for (int q = 0; q < count; ++q) {
+            const int i = place[p][0], J = place[p][1], k = place[q][0], L = place[q][1];
+            vec sum = all(0.0);
+            for (int j = 0; j < 3; ++j)
+                for (int l = 0; l < 3; ++l)
+                    if (COUPLED(space, i, j) && COUPLED(space, k, l))
+                        sum += (c[n * NUMBER[i][j] + NUMBER[k][l]] + (i == k ? moduli[NUMBER[j][l]] : all(0.0))) *
+                               (inverse[3 * J + j] * inverse[3 * L + l]);
+            A[count * p + q] = sum;
+        }
+}
+
 /* Updates n points; returns whether any was not valid, where all but the state is no number.
- * `count` components of F and P, `width` values of a state; P (n, p), state at the end (n, s),
- * A (n, p, p) or null, energies (ENERGIES, n). */
-EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count, int64_t width,
+ * `count` components of F and P, `width` values of a state, `symmetric` moduli or not; P (n, p), state
+ * at the end (n, s), A = dP/dF (n, p, p) or null, energies (ENERGIES, n). */
+EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count, int64_t width, int64_t symmetric,
                              int64_t n, const double *F, const double *state, double *P,
                              double *end, double *A, double *energies)
 {
@@ -84,17 +137,22 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
     ivec bad = {};
     for (int64_t first = 0; first < n; first += LANES) {
         const int lanes = n - first < LANES ? (int)(n - first) : LANES, values = (int)count;
-        vec f[9], stress[9], moduli[81], energy[ENERGIES];
+        vec f[9], stress[9], moduli[MODULI], slopes[81], energy[ENERGIES];
         int64_t number[LANES];
         double *row[LANES];
-        ivec good;
+        ivec good, fine = ~(ivec){};
         for (int l = 0; l < LANES; ++l)
             number[l] = first + (l < lanes ? l : lanes - 1);
         find_rows(F, count, number, row);
         load(row, 0, values, f);
         find_rows(state, width, number, row);
         load(row, 0, (int)width, s);
-        update(material, f, s, stress, next, A ? moduli : 0, energy, &good);
+        update(material, f, s, stress, next, 0, energy, &good);
+        if (A) {
+            update(material, f, s, 0, next, moduli, 0, &fine);
+            by_gradients(count == 9, f, (int)symmetric, moduli, slopes);
+            good &= fine;
+        }
         spoil(values, good, stress);
         spoil(ENERGIES, good, energy);
         find_rows(P, count, number, row);
@@ -105,9 +163,9 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
         for (int k = 0; k < ENERGIES; ++k)
             store(energy + k, lanes, 1, row, k * n);
         if (A) {
-            spoil(values * values, good, moduli);
+            spoil(values * values, good, slopes);
             find_rows(A, count * count, number, row);
-            store(moduli, lanes, values * values, row, 0);
+            store(slopes, lanes, values * values, row, 0);
         }
         bad |= ~good;
     }
@@ -123,9 +181,9 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  *
  * With `update` the points are evaluated from `state` (k, width), and `end` (k, width) is written if
  * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
- * A (k, p, p) are read where forces and values are wanted. What of these is not null is added to:
+ * moduli A (k, n + n n) are read where forces and values are wanted. What of these is not null is added to:
  * `values` from start (cells, a, i, b) on, the columns of b in the row of (a, i); F (k, p) is written.
- * `symmetric`: whether all moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
+ * `symmetric`: whether the moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
  *
  * Of the same cells there may be more points: at the `same` places, whose moduli are added up, and at
  * others, `next`, whose forces and values are. */
@@ -239,26 +297,56 @@ INLINE void add_first_node(int dim, int nodes, int symmetric, vec *matrix)
     }
 }
 
-/* Adds B_a.A.B_b to the blocks (a, b) of the matrix, one after the other, only those with a <= b of
- * a symmetric one; but in rings without those of the first node. */
-INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[3], const vec *A,
+/* The gradients' shares of a point, carried over to its present place. */
+INLINE void carry(enum section section, int parents, const vec *F, vec *table)
+{
+    const int dim = section == SPACE ? 3 : 2;
+    vec inverse[9], row[3];
+    inverse_of(section == SPACE, F, inverse);
+    for (int z = 0; z < parents; ++z) {
+        for (int j = 0; j < dim; ++j) {
+            row[j] = table[dim * z] * inverse[j];
+            for (int J = 1; J < dim; ++J)
+                row[j] += table[dim * z + J] * inverse[dim * J + j];
+        }
+        for (int j = 0; j < dim; ++j)
+            table[dim * z + j] = row[j];
+    }
+    if (section == RING)
+        table[dim * parents + 1] /= F[4];
+}
+
+/* Adds what a point does to the blocks (a, b) of the matrix, one after the other, only those with a <= b
+ * of a symmetric one; but in rings without those of the first node. */
+INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[3], const vec *moduli,
                        vec weight, vec *matrix)
 {
-    const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int rows = section == STRAIN ? 4 : count, first = section != RING;
+    const int space = section == SPACE, dim = space ? 3 : 2, n = space ? 6 : 4, first = section != RING;
+    const vec *c = moduli + n;
 #pragma GCC unroll 1
     for (int b = first; b < nodes; ++b) {
-        vec M[9][3], at[3];
+        vec M[6][3], W[9][3], hoop = all(0.0), at[3];
         for (int i = 0; i < dim + (section == RING); ++i)
             at[i] = weight * B[b][i];
-        for (int p = 0; p < rows; ++p)
-            for (int k = 0; k < dim; ++k) {
-                M[p][k] = A[count * p + dim * k] * at[0];
-                for (int L = 1; L < dim; ++L)
-                    M[p][k] += A[count * p + dim * k + L] * at[L];
-                if (section == RING && k == 0)
-                    M[p][k] += A[count * p + 4] * at[2];
+        for (int p = 0; p < n; ++p)
+            for (int k = 0; k < dim && counts(section, p); ++k) {
+                M[p][k] = all(0.0);
+                for (int l = 0; l < dim + (section == RING && k == 0); ++l) {
+                    const int q = l < dim ? NUMBER[k][l] : 2;
+                    vec value = symmetric && q < p ? c[n * q + p] : c[n * p + q];
+                    M[p][k] = l ? M[p][k] + value * at[l] : value * at[l];
+                }
             }
+        for (int j = 0; j < dim; ++j) {
+            vec along = moduli[NUMBER[j][0]] * at[0];
+            for (int l = 1; l < dim; ++l)
+                along += moduli[NUMBER[j][l]] * at[l];
+            for (int i = 0; i < dim; ++i)
+                for (int k = 0; k < dim; ++k)
+                    W[dim * i + j][k] = i == k ? M[NUMBER[i][j]][k] + along : M[NUMBER[i][j]][k];
+        }
+        if (section == RING)
+            hoop = M[2][0] + moduli[2] * at[2];
         const int end = symmetric ? b + 1 : nodes;
         vec *block = matrix + dim * dim * place_of(nodes, symmetric, first, b);
 #pragma GCC unroll 1
@@ -266,35 +354,33 @@ INLINE void add_matrix(enum section section, int nodes, int symmetric, vec (*B)[
             for (int i = 0; i < dim; ++i)
                 for (int k = 0; k < dim; ++k) {
                     vec sum = block[dim * i + k];
-                    for (int J = 0; J < dim; ++J)
-                        sum += M[dim * i + J][k] * B[a][J];
+                    for (int j = 0; j < dim; ++j)
+                        sum += W[dim * i + j][k] * B[a][j];
                     if (section == RING && i == 0)
-                        sum += M[4][k] * B[a][2];
+                        sum += (k ? M[2][k] : hoop) * B[a][2];
                     block[dim * i + k] = sum;
                 }
     }
 }
 
 /* Adds what a pressure more, dW/dJ, is in the moduli. */
-INLINE void add_pressure(enum section section, const vec *F, vec excess, vec *A)
+INLINE void add_pressure(enum section section, const vec *F, vec excess, vec *moduli)
 {
-    if (section == SPACE) {
-        for (int i = 0; i < 3; ++i)
-            for (int J = 0; J < 3; ++J) {
-                const int k = (i + 1) % 3, L = (J + 1) % 3, m = 3 - i - k, N = 3 - J - L;
-                vec value = excess * F[3 * m + N];
-                A[9 * (3 * i + J) + 3 * k + L] += value;
-                A[9 * (3 * k + L) + 3 * i + J] += value;
-                A[9 * (3 * i + L) + 3 * k + J] -= value;
-                A[9 * (3 * k + J) + 3 * i + L] -= value;
-            }
-        return;
+    const int space = section == SPACE, n = space ? 6 : 4;
+    vec normal[3], *c = tangent_of(space, moduli), J;
+    if (space) {
+        cross(F + 3, F + 6, normal);
+        J = dot(F, normal);
+    } else {
+        J = (F[0] * F[3] - F[1] * F[2]) * F[4];
     }
-    const vec cof[4] = {F[3], -F[2], -F[1], F[0]}, across = excess * F[4];
-    for (int k = 0; k < 4; ++k) {
-        A[5 * k + 3 - k] += k % 3 ? -across : across;
-        A[5 * k + 4] += excess * cof[k];
-        A[20 + k] += excess * cof[k];
+    J *= excess;
+    for (int p = 0; p < n; ++p) {
+        c[(n + 1) * p] -= J;
+        for (int q = 0; p < 3 && q < 3; ++q)
+            c[n * p + q] += p == q ? all(0.0) : J;
+        if (p < 3)
+            moduli[p] += J;
     }
 }
 
@@ -315,10 +401,10 @@ INLINE void fetch_next(const Work *w, const double *end, int64_t n, int64_t q)
 
 /* Stress or moduli, or both, at a point q of a block's cells, of those whose number is that of their
  * first point; returns which are good. */
-INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int lanes,
+INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int lanes, int symmetric,
                      const int64_t *first, const vec *F, vec *P, vec *A, vec *energy)
 {
-    const int count = section == SPACE ? 9 : 5, width = (int)w->width;
+    const int count = section == SPACE ? 9 : 5, n_moduli = section == SPACE ? 42 : 20, width = (int)w->width;
     vec state[width + 1], next[width + 1], excess = {};
     double *row[LANES];
     int64_t number[LANES];
@@ -326,8 +412,8 @@ INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int 
     for (int l = 0; l < LANES; ++l)
         number[l] = first[l] * w->points + q;
     if (!w->update) {
-        find_rows(A ? w->A : w->P, A ? count * count : count, number, row);
-        load(row, 0, A ? count * count : count, A ? A : P);
+        find_rows(A ? w->A : w->P, A ? n_moduli : count, number, row);
+        load(row, 0, A ? n_moduli : count, A ? A : P);
         return good;
     }
     if (width) {
@@ -346,6 +432,8 @@ INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int 
             excess[l] = w->excess[first[l]];
         add_pressure(section, F, excess, A);
     }
+    if (A && w->symmetric && !symmetric)
+        fill(section == SPACE ? 6 : 4, tangent_of(section == SPACE, A));
     return good;
 }
 
@@ -355,7 +443,7 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
                      int lanes, int symmetric, vec *matrix, vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int points = (int)w->points, size = dim * parents + 2;
+    const int many = section == SPACE ? 42 : 20, points = (int)w->points, size = dim * parents + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
     vec B[nodes][3], at[nodes][3], radial;
@@ -378,7 +466,7 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
     for (int l = 0; l < LANES; ++l)
         first[l] = w->cell[n * LANES + l];
     for (int q = 0; q < points; ++q, table += size * LANES) {
-        vec tabled[11], F[9], P[9], A[81], energy[ENERGIES], weight;
+        vec tabled[11], F[9], P[9], A[MODULI], energy[ENERGIES], weight;
         __builtin_memcpy(tabled, table, size * sizeof(vec));
         weight = tabled[dim * parents];
         const double *shape = w->shape + q * nodes * (1 + parents);
@@ -391,21 +479,23 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
             continue;
         }
         for (const Work *v = w; v; v = v->same) {
-            vec more[81], *moduli = matrix ? v == w ? A : more : 0;
-            ivec good = at_point(section, v, n, q, lanes, first, F, P, moduli, w->energies ? energy : 0);
+            vec more[MODULI], *moduli = matrix ? v == w ? A : more : 0;
+            ivec good = at_point(section, v, n, q, lanes, symmetric, first, F, P, moduli, w->energies ? energy : 0);
             bad |= ~good;
             if (v->width) /* what remembers nothing says itself what is no number */
                 weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
 #pragma GCC unroll 1
-            for (int k = 0; moduli == more && k < count * count; ++k)
+            for (int k = 0; moduli == more && k < many; ++k)
                 A[k] += more[k];
         }
         for (int k = 0; w->energies && k < ENERGIES; ++k)
             sums[k] += weight * energy[k];
         if (force)
             add_forces(section, nodes, parents, shape, tabled, P, weight, force);
-        if (matrix)
+        if (matrix) {
+            carry(section, parents, F, tabled);
             gradients(section, nodes, parents, shape, tabled, B);
+        }
         if (matrix && symmetric)
             add_matrix(section, nodes, 1, B, A, weight, matrix);
         else if (matrix)
@@ -414,11 +504,20 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
     return bad;
 }
 
+INLINE int all_symmetric(const Work *w)
+{
+    int64_t found = 1;
+    for (; w; w = w->next)
+        for (const Work *v = w; v; v = v->same)
+            found &= v->symmetric;
+    return (int)found;
+}
+
 /* All cells of one body; returns whether a point could not be evaluated. */
 INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
 {
-    const int dim = section == SPACE ? 3 : 2;
-    const int blocks = w->symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
+    const int dim = section == SPACE ? 3 : 2, symmetric = all_symmetric(w);
+    const int blocks = symmetric ? nodes * (nodes + 1) / 2 : nodes * nodes;
     const int32_t *start = w->start;
     vec matrix[w->values ? dim * dim * blocks : 1], force[nodes][3];
     ivec bad = {};
@@ -432,9 +531,9 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
         for (const Work *v = w; v; v = v->next) {
             vec sums[ENERGIES] = {}, *K = w->values ? matrix : 0, (*f)[3] = w->forces ? force : 0;
             if (section == RING && v->parents == 3)
-                bad |= at_block(section, nodes, 3, v, n, lanes, (int)w->symmetric, K, f, sums);
+                bad |= at_block(section, nodes, 3, v, n, lanes, symmetric, K, f, sums);
             else
-                bad |= at_block(section, nodes, dim, v, n, lanes, (int)w->symmetric, K, f, sums);
+                bad |= at_block(section, nodes, dim, v, n, lanes, symmetric, K, f, sums);
             for (int k = 0; v->energies && k < ENERGIES; ++k)
                 for (int l = 0; l < lanes; ++l)
                     v->energies[k] += sums[k][l];
@@ -444,11 +543,11 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
                 for (int i = 0; i < dim; ++i)
                     w->forces[dim * (int64_t)node[a * LANES + l] + i] +=
                         ((const double *)&force[a][i])[l];
-        if (w->values && section != RING && w->symmetric)
+        if (w->values && section != RING && symmetric)
             add_first_node(dim, nodes, 1, matrix);
         else if (w->values && section != RING)
             add_first_node(dim, nodes, 0, matrix);
-        if (w->values && w->symmetric)
+        if (w->values && symmetric)
             start = insert(dim, nodes, 1, lanes, start, matrix, w->values);
         else if (w->values)
             start = insert(dim, nodes, 0, lanes, start, matrix, w->values);

@@ -4,11 +4,9 @@
 #include "lanes.h"
 
 /* What a kind of points does with LANES of them: F (p) and the state at the begin (s) to P (p), the
- * state at the end (s), energies (ENERGIES), and moduli A = dP/dF (p, p), row by row; in plane
- * strain, where the last component does not change, its row and column are not read. `end` and
- * `energies` may be null together, `moduli` alone: nothing of what is not asked for is computed.
- * `energies` may be null alone where there are moduli: `end` is then read, what an update without
- * moduli has led to, so that these need not be found anew.
+ * state at the end (s) and energies (ENERGIES), of which `end` and `energies` may be null together;
+ * or, where `moduli` is not null, to these alone, see MODULI. Then
+ * `end` is read where it is not null, what an update has led to, so that it need not be found anew.
  * `good` marks the points that could be evaluated; of the others the state is that of the begin,
  * and the rest is anything. */
 typedef void Update(const void *material, const vec *F, const vec *state, vec *P, vec *end, vec *moduli,
@@ -21,8 +19,27 @@ enum section { STRAIN, RING, SPACE };
 static const int IN_PLANE[5][2] = {{0, 0}, {0, 1}, {1, 0}, {1, 1}, {2, 2}};
 static const int IN_SPACE[9][2] = {{0, 0}, {0, 1}, {0, 2}, {1, 0}, {1, 1},
                                    {1, 2}, {2, 0}, {2, 1}, {2, 2}};
-/* Those of symmetric tensors that are remembered, 4 in the plane. */
+/* Those of symmetric tensors, 4 in the plane, and their numbers. */
 static const int PAIRS[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {0, 2}};
+static const int NUMBER[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+
+/* Moduli of a point, by these components (n): Kirchhoff's stress tau, and c (n, n) row by row, of
+ * which kernels that are symmetric give the upper half, in
+ *
+ *     dP_iJ/dF_kL = (c_ijkl + delta_ik tau_jl) F^-1_Jj F^-1_Ll;
+ *
+ * in plane strain, where the stretch across does not change, rows and columns of 33 are not read. */
+enum { MODULI = 6 + 36 };
+INLINE vec *tangent_of(int space, vec *moduli)
+{
+    return moduli + (space ? 6 : 4);
+}
+
+/* Whether the row or column of a component counts. */
+INLINE int counts(enum section section, int component)
+{
+    return section != STRAIN || component != 2;
+}
 
 /* -- tensors, of which the plane's have four components in it and one across, coupled by nothing -- */
 

@@ -9,8 +9,7 @@
  *     dJ/dg = n/det G,   dI1/dg = 2 K,   dI2/dg_a = 2 (g_b x z_c - g_c x z_b),  (a, b, c) cyclic,
  *
  * and h = dW/dg = W_J dJ/dg + W_1 dI1/dg + W_2 dI2/dg gives the nodal forces
- * f_a = sum over points of w |det G| h dN_a/dxi. The second derivatives of J and I1 follow at once,
- * that of I2 from I2 = (I1^2 - |b|^2)/2, b = K g^T. No derivative by reference coordinates is
+ * f_a = sum over points of w |det G| h dN_a/dxi. No derivative by reference coordinates is
  * needed, and those by parent coordinates are the same numbers in all cells.
  *
  * A cell is stored by the coefficients of 1, xi, eta, ..., xi eta zeta in its nodes' reference
@@ -35,11 +34,10 @@ typedef struct {
     double weight;
 } At;
 
-/* What is found there: w |det G| dW/dg and w |det G| d^2W/dg^2, by the columns of g one after
- * another; cells with J <= 0 are marked in `bad`. What takes a logarithm or a root of J is not a
- * number there. */
+/* What is found there: w |det G| dW/dg by the columns of g; cells with J <= 0 are marked in `bad`. What
+ * takes a logarithm or a root of J is not a number there. */
 typedef struct {
-    vec h[3][3], moduli[9][9];
+    vec h[3][3];
     ivec bad;
 } Point;
 
@@ -71,67 +69,8 @@ INLINE vec second_invariant(const vec G[3][3], const vec g[3][3], const vec n[3]
     return I2;
 }
 
-/* Products W_kl v_k v_l of the derivatives v of J, I1 and I2. Part of I2's second derivative is of
- * the form of the one of I1 alone. */
-INLINE void products(const Slopes *s, int whole, const vec *J, const vec *I1, const vec *I2,
-                     vec moduli[9][9])
-{
-#pragma GCC unroll 1
-    for (int p = 0; p < 9; ++p) {
-        vec by_J = s->JJ * J[p], by_I1, by_I2;
-        if (!whole) {
-            for (int q = 0; q < 9; ++q)
-                moduli[p][q] = by_J * J[q];
-            continue;
-        }
-        by_J += s->J1 * I1[p] + s->J2 * I2[p];
-        by_I1 = s->J1 * J[p] + (s->I11 + s->I2) * I1[p] + s->I12 * I2[p];
-        by_I2 = s->J2 * J[p] + s->I12 * I1[p] + s->I22 * I2[p];
-        for (int q = 0; q < 9; ++q)
-            moduli[p][q] = by_J * J[q] + by_I1 * I1[q] + by_I2 * I2[q];
-    }
-}
-
-/* Adds W_k times the second derivatives; those of J are e_abc e_ijk g_c,k/det G. K: dI1/dg. */
-INLINE void curvatures(const Slopes *s, int distorts, int whole, vec slope, vec I1,
-                       const vec A[3][3], const vec g[3][3], const vec K[3][3], vec moduli[9][9])
-{
-#pragma GCC unroll 1
-    for (int a = 0; a < 3; ++a) {
-        const int b = a == 2 ? 0 : a + 1, c = 3 - a - b;
-        for (int i = 0; i < 3; ++i) {
-            const int j = (i + 1) % 3, k = (i + 2) % 3;
-            vec value = slope * g[c][k];
-            moduli[3 * a + i][3 * b + j] += value;
-            moduli[3 * b + j][3 * a + i] += value;
-            moduli[3 * a + j][3 * b + i] -= value;
-            moduli[3 * b + i][3 * a + j] -= value;
-        }
-    }
-    if (!distorts)
-        return;
-    vec twice[3][3];
-    for (int i = 0; i < 3 && whole; ++i)
-        for (int j = 0; j < 3; ++j)
-            twice[i][j] = s->I2 * (K[0][i] * g[0][j] + K[1][i] * g[1][j] + K[2][i] * g[2][j]);
-#pragma GCC unroll 1
-    for (int ab = 0; ab < 9; ++ab) {
-        const int a = ab / 3, b = ab % 3;
-        vec same = 2.0 * s->I1 * A[a][b];
-        if (whole) {
-            same += s->I2 * (2.0 * I1 * A[a][b] - 0.5 * dot(K[a], K[b]));
-            for (int i = 0; i < 3; ++i)
-                for (int j = 0; j < 3; ++j)
-                    moduli[3 * a + i][3 * b + j] -=
-                        0.5 * s->I2 * K[b][i] * K[a][j] + twice[i][j] * A[a][b];
-        }
-        for (int i = 0; i < 3; ++i)
-            moduli[3 * a + i][3 * b + i] += same;
-    }
-}
-
 /* The point of the columns G and g. */
-INLINE void at_point(const At *law, const vec G[3][3], const vec g[3][3], int second, Point *out)
+INLINE void at_point(const At *law, const vec G[3][3], const vec g[3][3], Point *out)
 {
     const int distorts = law->part != VOLUME, whole = distorts && law->material != NEO_HOOKEAN;
     vec N[3][3], A[3][3], v[3][3][3], I1 = all(0.0), I2 = all(0.0);
@@ -152,16 +91,14 @@ INLINE void at_point(const At *law, const vec G[3][3], const vec g[3][3], int se
         }
         if (whole)
             I2 = second_invariant(G, g, v[0], of_D * of_D, v[2]);
-        distort(law->material, law->c, J, r, I1, I2, second, &s);
+        distort(law->material, law->c, J, r, I1, I2, 0, &s);
     }
     if (law->part != DISTORTION)
         dilate(law->material, law->c, J, r, &s);
-    if (needs_volume(law->material, law->part)) {
-        s.J = (vec)((ivec)s.J | ~(ivec)(J > 0.0)); /* all bits set: not a number */
-        s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
-    }
+    if (needs_volume(law->material, law->part)) /* all bits set: not a number */
+        s.J = (vec)((ivec)s.J | ~(ivec)(J > 0.0));
     vec weight = law->weight * absolute(D);
-    for (vec *value = &s.J; value <= &s.I22; ++value)
+    for (vec *value = &s.J; value <= &s.I2; ++value)
         *value *= weight;
     for (int a = 0; a < 3; ++a)
         for (int i = 0; i < 3; ++i) {
@@ -172,10 +109,6 @@ INLINE void at_point(const At *law, const vec G[3][3], const vec g[3][3], int se
             if (whole)
                 out->h[a][i] += s.I2 * v[2][a][i];
         }
-    if (second) {
-        products(&s, whole, v[0][0], v[1][0], v[2][0], out->moduli);
-        curvatures(&s, distorts, whole, s.J * of_D, I1, A, g, v[1], out->moduli);
-    }
 }
 
 /* w |det G| W of the point of the columns G and g = G + d, from E = (C - I)/2: of small strains too it
@@ -349,7 +282,7 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             if (energy) {
                 total += energy_at(&law, G, g, &at.bad); /* g without G */
             } else {
-                at_point(&law, G, g, 0, &at);
+                at_point(&law, G, g, &at);
                 collect(at.h, x, force);
             }
         }
@@ -387,29 +320,87 @@ EXPORT int tribox_space_energy(CELLS, double *result)
 
 /* -- Material points by themselves, see Update of point_lanes.h ------------------------------------ */
 
+/* Moduli, see MODULI of point_lanes.h: with b = F F^T and B = I1 b - b^2 the derivatives of J, I1 and I2 by
+ * a change of place are J 1, 2 b and 2 B; returns where J > 0. */
+INLINE ivec by_place(const Law *law, const vec *F, vec *moduli)
+{
+    const int distorts = law->part != VOLUME, whole = distorts && law->material != NEO_HOOKEAN;
+    vec n[3][3], b[6], B[6], *c = tangent_of(1, moduli), I1, I2 = all(0.0);
+    Slopes s = {};
+    for (int i = 0; i < (whole ? 3 : 1); ++i)
+        cross(F + 3 * ((i + 1) % 3), F + 3 * ((i + 2) % 3), n[i]);
+    const vec J = dot(F, n[0]);
+    for (int k = 0; k < 6; ++k)
+        b[k] = dot(F + 3 * PAIRS[k][0], F + 3 * PAIRS[k][1]);
+    I1 = b[0] + b[1] + b[2];
+    for (int i = 0; i < 3 && whole; ++i)
+        I2 += dot(n[i], n[i]);
+    slopes(law->material, law->part, law->c, J, I1, I2, 1, &s);
+    if (needs_volume(law->material, law->part)) { /* all bits set: not a number */
+        s.J = (vec)((ivec)s.J | ~(ivec)(J > 0.0));
+        s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
+    }
+    const vec by_J = J * s.J, JJ = J * (J * s.JJ) + by_J;
+    for (int k = 0; k < 6; ++k) {
+        moduli[k] = k < 3 ? by_J : all(0.0);
+        if (distorts)
+            moduli[k] += 2.0 * s.I1 * b[k];
+        for (int l = k; l < 6; ++l)
+            c[6 * k + l] = l < 3 ? JJ : all(0.0);
+        c[7 * k] -= k < 3 ? 2.0 * by_J : by_J;
+    }
+    if (!whole)
+        return (ivec)(J > 0.0);
+    for (int k = 0; k < 6; ++k) {
+        const int i = PAIRS[k][0], j = PAIRS[k][1];
+        B[k] = I1 * b[k];
+        for (int m = 0; m < 3; ++m)
+            B[k] -= b[NUMBER[i][m]] * b[NUMBER[m][j]];
+        moduli[k] += 2.0 * s.I2 * B[k];
+    }
+    const vec J1 = 2.0 * J * s.J1, J2 = 2.0 * J * s.J2, two = 2.0 * s.I2;
+    for (int k = 0; k < 6; ++k) {
+        const int i = PAIRS[k][0], j = PAIRS[k][1];
+        vec one = k < 3 ? J1 : all(0.0), other = k < 3 ? J2 : all(0.0);
+        vec along = J1 * b[k] + J2 * B[k];
+        one += 4.0 * ((s.I11 + s.I2) * b[k] + s.I12 * B[k]);
+        other += 4.0 * (s.I12 * b[k] + s.I22 * B[k]);
+        for (int l = k; l < 6; ++l) {
+            const int m = PAIRS[l][0], o = PAIRS[l][1];
+            vec sum = one * b[l] + other * B[l];
+            if (l < 3)
+                sum += along;
+            sum -= two * (b[NUMBER[i][m]] * b[NUMBER[j][o]] + b[NUMBER[i][o]] * b[NUMBER[j][m]]);
+            c[6 * k + l] += sum;
+        }
+    }
+    return (ivec)(J > 0.0);
+}
+
 INLINE void update(enum section section, const Law *law, const vec *F, const vec *state, vec *P,
                    vec *end, vec *moduli, vec *energies, ivec *good)
 {
     const At at = {law->material, law->part, law->c, 1.0};
     vec G[3][3], g[3][3], d[3][3];
     Point found = {};
+    if (moduli) {
+        *good = by_place(law, F, moduli);
+        return;
+    }
     for (int a = 0; a < 3; ++a)
         for (int i = 0; i < 3; ++i) {
             G[a][i] = all(a == i);
             g[a][i] = F[3 * i + a];
             d[a][i] = g[a][i] - (double)(a == i);
         }
-    at_point(&at, G, g, moduli != 0, &found);
+    at_point(&at, G, g, &found);
     if (energies) {
         energies[0] = energy_at(&at, G, d, &found.bad);
         energies[1] = energies[2] = all(0.0);
     }
     *good = ~found.bad;
-    for (int p = 0; p < 9; ++p) {
+    for (int p = 0; p < 9; ++p)
         P[p] = found.h[p % 3][p / 3];
-        for (int q = 0; moduli && q < 9; ++q)
-            moduli[9 * p + q] = found.moduli[3 * (p % 3) + p / 3][3 * (q % 3) + q / 3];
-    }
 }
 
 KERNEL(elastic_space, SPACE, update)

@@ -86,62 +86,17 @@ INLINE void deformation(int space, const Place *place, Deformation *at)
     mirror(space, at->C);
 }
 
-/* What the branches add up: sum of g N, sum of g n/3, and of the tangent Z and c. */
+/* What the branches add up: sum of g N and of g n/3. */
 typedef struct {
-    tensor N, Z;
-    vec pressure, c;
+    tensor N;
+    vec pressure;
 } Sum;
 
-INLINE void start(int space, Sum *sum)
-{
-    sum->pressure = sum->c = all(0.0);
-    EACH(space, i, j) sum->N[i][j] = sum->Z[i][j] = all(0.0);
-}
-
-/* A += W_ik N_JL - y U_iL U_kJ + 2 y/3 U_iJ U_kL in space, (J, i, L, k), upper half; W = g I - y V. */
-INLINE void add_branch(vec g, vec y, const tensor U, const tensor V, const tensor N, vec *A)
-{
-    tensor W, yU;
-    EACH(1, i, k)
-    {
-        W[i][k] = (i == k ? g : all(0.0)) - y * V[i][k];
-        yU[i][k] = y * U[i][k];
-    }
-#pragma GCC unroll 9
-    for (int p = 0; p < 9; ++p) {
-        const int J = p / 3, i = p % 3;
-        vec twice = (2.0 / 3.0) * yU[i][J];
-#pragma GCC unroll 9
-        for (int q = p; q < 9; ++q) {
-            const int L = q / 3, k = q % 3;
-            A[p * 9 + q] += twice * U[k][L]; /* one by one, three instructions for four */
-            A[p * 9 + q] += W[i][k] * N[J][L];
-            A[p * 9 + q] -= yU[i][L] * U[k][J];
-        }
-    }
-}
-
-/* What a branch adds to the moduli in space, and to Z and c. */
-INLINE void branch_moduli(const Deformation *at, vec g, vec y, vec n, const tensor N, vec *moduli, Sum *sum)
-{
-    tensor U, V, VU;
-    multiply(1, at->F, N, U);
-    UPPER(1, i, k) V[i][k] = dot(U[i], at->F[k]);
-    mirror(1, V);
-    vec q = contract(1, V, V), second = (2.0 / 3.0) * y;
-    add_branch(g, y, U, V, N, moduli);
-    multiply(1, V, U, VU);
-    vec first = -(2.0 / 3.0) * g - (1.0 / 3.0) * second * n;
-    EACH(1, i, j) sum->Z[i][j] += first * U[i][j] + second * VU[i][j];
-    sum->c += (2.0 / 9.0) * g * n + y * ((2.0 / 27.0) * n * n - (2.0 / 9.0) * q);
-}
-
 /* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them; moduli in space only. */
-INLINE void branch(enum section section, double G, double t, double s, double ratio, const Deformation *at,
-                   const vec *from, vec *to, vec *energies, vec *moduli, Sum *sum)
+ * the rate at the end, where there is a place for them. */
+INLINE void branch(int space, double G, double t, double s, double ratio, const Deformation *at,
+                   const vec *from, vec *to, vec *energies, Sum *sum)
 {
-    const int space = section == SPACE;
     tensor old, M, K;
     vec share = t * at->j;
     symmetric_of(space, from, old);
@@ -169,134 +124,91 @@ INLINE void branch(enum section section, double G, double t, double s, double ra
         energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
         energies[1] = (0.5 * ratio * G) * (by * by) * distance(space, late ? at->C : old, K);
     }
-    if (moduli) {
-        vec inverse = square * root;
-        EACH(space, i, j) K[i][j] *= inverse;
-        g *= m;
-        branch_moduli(at, g, share * g, 3.0 * mean * inverse, K, moduli, sum);
-    }
 }
 
-/* A += H (x) Z + Z (x) H + c H (x) H + d H_iL H_kJ in space, upper half. */
-INLINE void add_shared(const tensor H, const Sum *of, vec *A)
+/* Adds what a branch gives to S, Z, p and c of viscous_points.py, and its dyads to the upper half of c. */
+INLINE void add_branch(enum section section, double G, double t, double s, vec J2, vec j, const tensor H,
+                       const vec *from, tensor S_sum, tensor Z, vec *p_sum, vec *both, vec *c)
 {
-    tensor Y, dH;
-    EACH(1, i, j)
+    const int space = section == SPACE, n = space ? 6 : 4;
+    tensor C, half, W, S;
+    symmetric_of(space, from, C);
+    multiply(space, H, C, half);
+    UPPER(space, i, k)
     {
-        Y[i][j] = of->Z[i][j] + of->c * H[i][j];
-        dH[i][j] = of->pressure * H[i][j];
+        vec sum = all(0.0);
+        for (int l = 0; l < 3; ++l)
+            if (COUPLED(space, k, l))
+                sum += half[i][l] * H[k][l];
+        W[i][k] = s * sum;
     }
-#pragma GCC unroll 9
-    for (int p = 0; p < 9; ++p) {
-        const int J = p / 3, i = p % 3;
-#pragma GCC unroll 9
-        for (int q = p; q < 9; ++q) {
-            const int L = q / 3, k = q % 3;
-            A[p * 9 + q] += H[i][J] * Y[k][L];
-            A[p * 9 + q] += of->Z[i][J] * H[k][L];
-            A[p * 9 + q] += dH[i][L] * H[k][J];
+    for (int i = 0; i < 3; ++i)
+        W[i][i] += t * j;
+    mirror(space, W);
+    vec m = J2 * cofactors(space, W, S), root = inverse_cube_root_of_ratio(m);
+    vec size = (G * j) * J2 * (root * root), e = (t / G) * root, p, r = all(0.0);
+    UPPER(space, i, k) S[i][k] *= size;
+    mirror(space, S);
+    p = trace(S);
+    *p_sum += p;
+    const vec twice = (2.0 / 3.0) * e, first = (-1.0 / 3.0) * twice * p;
+    UPPER(space, i, k)
+    {
+        vec square = all(0.0);
+        for (int l = 0; l < 3; ++l)
+            if (COUPLED(space, k, l) && COUPLED(space, i, l))
+                square += S[i][l] * S[l][k];
+        if (i == k)
+            r += square;
+        Z[i][k] += first * S[i][k] + twice * square;
+        S_sum[i][k] += S[i][k];
+    }
+    *both += e * ((2.0 / 27.0) * p * p - (2.0 / 9.0) * r);
+    for (int a = 0; a < n; ++a) {
+        const int i = PAIRS[a][0], k = PAIRS[a][1];
+        if (!counts(section, a))
+            continue;
+        const vec by = twice * S[i][k];
+        for (int b = a; b < n; ++b) {
+            const int l = PAIRS[b][0], o = PAIRS[b][1];
+            if (!counts(section, b))
+                continue;
+            vec sum = by * S[l][o];
+            if (COUPLED(space, i, l) && COUPLED(space, k, o))
+                sum -= e * (S[i][l] * S[k][o]);
+            if (COUPLED(space, i, o) && COUPLED(space, k, l))
+                sum -= e * (S[i][o] * S[k][l]);
+            c[n * a + b] += sum;
         }
     }
 }
 
-/* P in the plane, and A, (J, i, L, k) and 33 last, upper half, see viscous_points.py: a L, b L, T_3 and
- * T_4 summed up over the branches. Returns which points can be evaluated. */
-INLINE ivec in_plane(enum section section, const Branches *w, const Place *at, const vec *state, vec *P,
-                     vec A[5][5])
+/* Moduli, see MODULI of point_lanes.h; returns which points can be evaluated. */
+INLINE ivec by_place(enum section section, const Branches *w, const Deformation *at, vec J, const vec *state,
+                     vec *moduli)
 {
-    const int rows = section == STRAIN ? 4 : 5, ring = section == RING;
-    const vec *g = at->g, J = at->J;
-    ivec good;
-    const vec root = root_of(ring ? J * at->hoop : J, &good), j = root * root, jj = j * j;
-    const vec scale = ring ? j * root * at->hoop : j * root;
-    const vec H[4] = {g[3] * scale, -g[2] * scale, -g[1] * scale, g[0] * scale}, hoop = J * j * root;
-    const vec across = ring ? at->hoop * at->hoop : all(1.0), jA = ring ? jj * across : jj, jV = jj * J * J;
-    vec first[3] = {}, second[3] = {}, third = all(0.0), fourth = all(0.0);
-#pragma GCC unroll 5
-    for (int k = 0; k < 5; ++k)
-#pragma GCC unroll 5
-        for (int l = k; l < 5; ++l)
-            A[k][l] = all(0.0);
+    const int space = section == SPACE, n = space ? 6 : 4;
+    vec *c = tangent_of(space, moduli), p = all(0.0), both = p, ok = p;
+    tensor S, Z;
+    EACH(space, i, k) S[i][k] = Z[i][k] = all(0.0);
+    for (int k = 0; k < n * n; ++k)
+        c[k] = all(0.0);
 #pragma GCC unroll 1
-    for (int b = 0; b < w->branches; ++b) {
-        const double modulus = w->modulus[b], t = w->share[b], s = w->rest[b];
-        const vec *C = state + 4 * b;
-        vec L[3] = {C[1], C[0], -C[3]}, d = C[0] * C[1] - C[3] * C[3], p[5], u[4];
-        for (int i = 0; i < 2; ++i) {
-            u[i] = g[i] * L[0] + g[2 + i] * L[2];
-            u[2 + i] = g[i] * L[2] + g[2 + i] * L[1];
-        }
-        vec I = (g[0] * u[0] + g[1] * u[1]) + (g[2] * u[2] + g[3] * u[3]);
-        vec one = (s * s) * j * C[2], two = (s * t) * jA, four = (s * t) * jV * C[2];
-        vec three = ring ? (s * s) * j * across * d : (s * s) * j * d;
-        vec sum = one + two, m = (s * s * s) * (C[2] * d) + t * (sum * I + three + four) + t * t * t;
-        vec root = inverse_cube_root_of_ratio(m), by = (0.5 * modulus) * (root * root);
-        one *= by, two *= by, three *= by, four *= by, sum *= 2.0 * by;
-        for (int k = 0; k < 3; ++k) {
-            first[k] += one * L[k];
-            second[k] += two * L[k];
-        }
-        third += three;
-        fourth += four;
-        vec slope = (2.0 / 3.0) * (four - three - (one + 2.0 * two) * I);
-        vec bent = (-4.0 / 3.0 * t / modulus) * root;
-        for (int k = 0; k < 4; ++k)
-            p[k] = sum * u[k] + slope * H[k];
-        p[4] = (2.0 / 3.0) * ((two - one) * I + 2.0 * (three - four)) * hoop;
-#pragma GCC unroll 5
-        for (int k = 0; k < rows; ++k) {
-            vec row = bent * p[k];
-#pragma GCC unroll 5
-            for (int l = k; l < rows; ++l)
-                A[k][l] += row * p[l];
-        }
+    for (int b = 0; b < w->branches; ++b)
+        add_branch(section, w->modulus[b], w->share[b], w->rest[b], J * J, at->j, at->H, state + n * b, S, Z, &p,
+                   &both, c);
+    both += (2.0 / 9.0) * p;
+    for (int a = 0; a < n; ++a) {
+        const int i = PAIRS[a][0], k = PAIRS[a][1];
+        moduli[a] = a < 3 ? S[i][k] - (1.0 / 3.0) * p : S[i][k];
+        ok += moduli[a] - moduli[a];
+        Z[i][k] -= (2.0 / 3.0) * S[i][k];
+        c[(n + 1) * a] += (a < 3 ? 2.0 / 3.0 : 1.0 / 3.0) * p;
     }
-    vec U[4], V[4], T = all(0.0), S = all(0.0), Z[4];
-    for (int k = 0; k < 4; ++k) {
-        const int i = k & 1, x = k & 2;
-        U[k] = g[i] * first[x ? 2 : 0] + g[2 + i] * first[x ? 1 : 2];
-        V[k] = g[i] * second[x ? 2 : 0] + g[2 + i] * second[x ? 1 : 2];
-        T += g[k] * U[k];
-        S += g[k] * V[k];
-    }
-    vec slope = (2.0 / 3.0) * (fourth - third - T - 2.0 * S);
-    vec turn = (5.0 / 9.0) * (T + third) + (14.0 / 9.0) * S - (1.0 / 9.0) * fourth;
-    vec mixed = (4.0 / 9.0) * T - (8.0 / 9.0) * (S + third + fourth);
-    vec area = slope * scale;
-    for (int k = 0; k < 4; ++k) {
-        P[2 * (k & 1) + (k >> 1)] = 2.0 * (U[k] + V[k]) + slope * H[k];
-        Z[k] = turn * H[k] - (4.0 / 3.0) * (U[k] + 2.0 * V[k]);
-        A[k][4] += ((4.0 / 3.0) * (V[k] - U[k]) + mixed * H[k]) * hoop;
-    }
-    P[4] = (2.0 / 3.0) * (S - T + 2.0 * (third - fourth)) * hoop;
-    A[4][4] += ((10.0 / 9.0) * T - (2.0 / 9.0) * S + (4.0 / 9.0) * third + (28.0 / 9.0) * fourth) * (hoop * hoop);
-    for (int k = 0; k < 3; ++k)
-        first[k] = 2.0 * (first[k] + second[k]);
-    for (int i = 0; i < 2; ++i) {
-        A[i][i] += first[0];
-        A[i][2 + i] += first[2];
-        A[2 + i][2 + i] += first[1];
-    }
-    A[0][3] += area;
-    A[1][2] -= area;
-#pragma GCC unroll 4
-    for (int k = 0; k < 4; ++k)
-#pragma GCC unroll 4
-        for (int l = k; l < 4; ++l)
-            A[k][l] = (A[k][l] + H[k] * Z[l]) + Z[k] * H[l];
-    return good;
-}
-
-/* Moduli of a point by itself. */
-INLINE void whole(int space, const vec *upper, vec *moduli)
-{
-    const int dim = space ? 3 : 2, count = space ? 9 : 5, all_of = dim * dim;
-    for (int p = 0; p < count; ++p)
-        for (int q = 0; q < count; ++q) {
-            const int a = p < all_of ? dim * (p % dim) + p / dim : p;
-            const int b = q < all_of ? dim * (q % dim) + q / dim : q;
-            moduli[count * p + q] = a < b ? upper[count * a + b] : upper[count * b + a];
-        }
+    for (int a = 0; a < 3; ++a)
+        for (int b = a; b < n; ++b)
+            c[n * a + b] += b < 3 ? Z[a][a] + Z[b][b] + both : Z[PAIRS[b][0]][PAIRS[b][1]];
+    return at->good & is_finite(ok);
 }
 
 /* See Update of point_lanes.h; the state is the C of all branches, what each has dissipated, and
@@ -308,10 +220,10 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
     const int width = kept + branches;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    Sum sum;
+    Sum sum = {};
     Deformation at;
     tensor FN;
-    vec ok = all(0.0), g[9], upper[81];
+    vec ok = all(0.0), g[9];
     for (int p = 0; p < dim * dim; ++p)
         g[dim * (p % dim) + p / dim] = F[p];
     Place here = {g, space ? all(0.0) : g[0] * g[3] - g[1] * g[2], F[4]};
@@ -320,25 +232,20 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         cross(g + 3, g + 6, normal);
         here.J = dot(g, normal);
     }
-    start(space, &sum);
-    if (space || !moduli || energies)
-        deformation(space, &here, &at);
-    if (moduli && !space) {
-        vec A[5][5];
-        at.good = in_plane(section, w, &here, state, P, A);
-        whole(0, A[0], moduli);
+    deformation(space, &here, &at);
+    if (moduli) {
+        *good = by_place(section, w, &at, space ? here.J : here.J * here.hoop, state, moduli);
+        return;
     }
-    for (int k = 0; moduli && space && k < 81; ++k)
-        upper[k] = all(0.0);
     for (int k = 0; energies && k < ENERGIES; ++k)
         energies[k] = all(0.0);
 #pragma GCC unroll 1
-    for (int b = 0; b < branches && (space || !moduli || energies); ++b) {
+    for (int b = 0; b < branches; ++b) {
         const double ratio = w->ratio[b];
         const int late = w->share[b] < 0.5;
         vec energy[2];
-        branch(section, w->modulus[b], w->share[b], w->rest[b], ratio, &at, state + size * b,
-               end ? end + size * b : 0, energies ? energy : 0, space && moduli ? upper : 0, &sum);
+        branch(space, w->modulus[b], w->share[b], w->rest[b], ratio, &at, state + size * b,
+               end ? end + size * b : 0, energies ? energy : 0, &sum);
         if (!energies)
             continue;
         vec by = late ? 0.5 * ratio * energy[1] : all(1.0);
@@ -355,13 +262,9 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     }
     mirror(space, sum.N);
     multiply(space, at.F, sum.N, FN);
-    for (int p = 0; p < count && (space || !moduli); ++p) {
+    for (int p = 0; p < count; ++p) {
         const int i = place[p][0], J = place[p][1];
         P[p] = FN[i][J] - sum.pressure * at.H[i][J];
-    }
-    if (moduli && space) {
-        add_shared(at.H, &sum, upper);
-        whole(1, upper, moduli);
     }
     for (int p = 0; p < count; ++p)
         ok += P[p] - P[p];
