@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -113,41 +112,6 @@ def _pattern_of_part(part: int) -> Iterator[tuple[Ints, Ints]]:
         yield indptr, np.ctypeslib.as_array(columns, (count,)) if count else np.empty(0, np.int32)
     finally:
         petsc.MatRestoreRowIJ(part, *_PLAIN, *found)
-
-
-def pattern_of(A: PETSc.Mat) -> tuple[Ints, Ints]:
-    """Ends of this rank's rows, and the columns in them, counted over all ranks."""
-    ends, columns = A.getRowIJ() if A.comm.size == 1 else A.getValuesCSR()[:2]
-    return ends, columns
-
-
-def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
-    """Lay ``A`` out anew, with zeros wherever it or ``extra`` has entries; collective.
-
-    A sum of both would need room for two matrices of that size.
-    """
-    if not is_direct(A):
-        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        A.zeroEntries()
-        return
-    width, first = A.getSize()[1], A.getOwnershipRangeColumn()[0]
-    both = _present(*pattern_of(extra), width)
-    with pattern_in_place(A) as (ends, columns):
-        both = both + _present(ends, columns + np.int32(first) if first else columns, width)
-    if A.getType() == PETSc.Mat.Type.MPIAIJ:
-        part, others = columns_of_others(A)
-        with _pattern_of_part(part) as (ends, columns):
-            both = both + _present(ends, others[columns], width)
-    kind = A.getType()
-    A.setType(PETSc.Mat.Type.DENSE)  # what PETSc knew of the places of entries goes with the type
-    A.setType(kind)
-    A.setPreallocationCSR((both.indptr, both.indices))
-
-
-def _present(ends: Ints, columns: Ints, width: int) -> scipy.sparse.csr_matrix:
-    """Ones at the entries of a pattern."""
-    entries = np.ones(len(columns), np.int8), columns, ends
-    return scipy.sparse.csr_matrix(entries, (len(ends) - 1, width))
 
 
 def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
