@@ -81,7 +81,6 @@ def _compile(group: _Group) -> Iterator[str]:
     import numpy as np
     from mpi4py import MPI
 
-    from tribox.app.equilibrium.tangent import pattern_form
     from tribox.forms.bodies.loads import (
         BodyForce,
         DeadTraction,
@@ -110,7 +109,6 @@ def _compile(group: _Group) -> Iterator[str]:
             yield f"{group.cell} {group.section} {type(material).__name__} {formulation}"
     mesh.topology.create_connectivity(dim - 1, dim)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
-    pattern_form(space)
     FollowerPressure(u, facets, group.section)
     reference_area(mesh, facets, group.section)
     surface_weights(space, facets, group.section)

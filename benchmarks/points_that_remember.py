@@ -12,13 +12,11 @@ import argparse
 import time
 from collections.abc import Callable
 
-import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
 
 from benchmarks.verify.flowing import FlowingBody, Shape, rectangle
 from tribox.app.equilibrium.bodies import Bodies
-from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.pattern import cell_matrix
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.internal_force import InternalForce
@@ -67,8 +65,7 @@ def calls(made: FlowingBody) -> dict[str, Callable[[], object]]:
     """What is timed; before each the displacement moves by a hair and the body is as new."""
     solid, u = made.solid, made.u
     bodies, internal = Bodies(u, [solid]), InternalForce(u, [solid])
-    A = dolfinx.fem.petsc.assemble_matrix(pattern_form(u.function_space))
-    A.assemble()
+    A = cell_matrix(u.function_space)
     out = np.zeros_like(u.x.array)
     first = solid.points.committed if isinstance(solid, MemorySolid) else None
 

@@ -132,7 +132,8 @@ class _Sums:
         width = max(len(distinct), 1)
         # One number for each pair of unknowns of a cell: equal ones are one entry of the matrix.
         pairs = number[:, :, None] * width + number[:, None, :]
-        entries, self._entry = np.unique(pairs, return_inverse=True)
+        entries, entry = np.unique(pairs, return_inverse=True)
+        self._entry = entry.reshape(-1).astype(np.int32)
         row, column = np.divmod(entries, width)
         counts = np.bincount(row, minlength=len(distinct))
         self._indptr = np.append(0, np.cumsum(counts)).astype(PETSc.IntType)
@@ -142,7 +143,7 @@ class _Sums:
     def add(self, A: PETSc.Mat, matrices: Floats) -> None:
         """Add element matrices (c, …) of the cells."""
         if len(self._rows):
-            sums = np.bincount(self._entry.reshape(-1), matrices.reshape(-1), len(self._columns))
+            sums = np.bincount(self._entry, matrices.reshape(-1), len(self._columns))
             add = PETSc.InsertMode.ADD_VALUES
             A.setValuesIJV(self._indptr, self._columns, sums, addv=add, rowmap=self._rows)
 
@@ -153,8 +154,8 @@ class _Placed:
 
     pattern: object
     places: CellPlaces
-    inside: list[PointCells]
-    outside: list[PointCells]
+    loops: list[PointCells]
+    outside: list[PointCells]  # of the few cells that are not inside alone
 
 
 class Bodies:
@@ -256,14 +257,14 @@ class Bodies:
         inside = places.inside
         if known is not None and before is not None and np.array_equal(inside, before.inside):
             return replace(known, pattern=pattern, places=places)
-        return _Placed(pattern, places, parts(loops, inside), parts(loops, ~inside))
+        return _Placed(pattern, places, loops, parts(loops, ~inside))
 
     def _add_cells(self, A: PETSc.Mat, placed: _Placed, excess: Floats | None) -> None:
         """Add the matrices of cells."""
         u, places = self._u.x.array, placed.places
         if len(places.starts):
             with places.values(A) as values:
-                add_tangent(placed.inside, u, values, places.starts, excess)
+                add_tangent(placed.loops, u, values, places.starts, excess, places.inside)
         if len(places.dense):
             matrices = np.zeros((*places.dense.shape, self._dim))
             add_tangent(placed.outside, u, matrices, places.dense, excess)

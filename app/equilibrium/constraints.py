@@ -16,9 +16,11 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.matrix_values import IdentityRows, is_direct
+from tribox.app.equilibrium.pattern import Pattern
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
 from tribox.app.equilibrium.unknowns import Platen, Prescribed, Unknowns, component_dofs
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]
 
@@ -48,6 +50,7 @@ class Constraints:
         self._known: tuple[Controls, Ints] = ((), np.empty(0, dtype=np.int32))
         self._leaders: dict[tuple[int, ...], Longs] = {}  # by the platens' identities
         self._rows: tuple[Controls, SlantedRows | None] = ((), None)
+        self._identity: tuple[tuple[int, Controls], IdentityRows] | None = None
 
     @property
     def parts(self) -> list[Prescribed | Platen]:
@@ -164,9 +167,20 @@ class Constraints:
         dofs = self.condensed(self.unknowns.of_nodes(nodes.astype(np.int64))).reshape(-1)
         return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.unknowns.comm)
 
-    def constrain_matrix(self, A: PETSc.Mat) -> None:
-        """Replace rows and columns of prescribed unknowns by the identity; collective."""
-        A.zeroRowsColumns(self.dofs + self.unknowns.first, 1.0)
+    def constrain_matrix(self, A: PETSc.Mat, pattern: int) -> None:
+        """Replace rows and columns of prescribed unknowns by the identity; collective.
+
+        Args:
+            A: the matrix.
+            pattern: number of the one that it has.
+        """
+        if not is_direct(A):
+            A.zeroRowsColumns(self.dofs + self.unknowns.first, 1.0)
+            return
+        key = pattern, self.controls
+        if self._identity is None or self._identity[0] != key:
+            self._identity = key, IdentityRows(A, self.dofs)
+        self._identity[1].put(A)
 
     def add_following_rows(self, A: PETSc.Mat, platens: Sequence[Platen] | None = None) -> None:
         """Add rows u_i − u_leader = 0 of the unknowns that follow a platen, and its spring.
@@ -202,24 +216,32 @@ class Constraints:
             rowmap=rows.astype(PETSc.IntType),
         )
 
-    def add_pattern(self, A: PETSc.Mat, extra: PETSc.Mat, platens: Sequence[Platen]) -> None:
-        """Room in ``extra`` for entries of ``A`` renumbered onto a platen's leading unknown."""
-        indptr, columns, _ = A.getValuesCSR()
-        first, leading = self.unknowns.first, self._leading(platens)
-        follows = leading != np.arange(len(leading))
-        of_row = np.repeat(follows[first : first + self.unknowns.owned], np.diff(indptr))
-        moved = np.nonzero(of_row | follows[columns])[0]
-        # The row of each entry of a CSR matrix from its place: the last row that begins at or
-        # before it.
-        rows = first + np.searchsorted(indptr, moved, side="right") - 1
-        keys = np.unique(leading[rows] * len(leading) + leading[columns[moved]])
-        row, column = np.divmod(keys, max(len(leading), 1))
-        leaders, start = np.unique(row, return_index=True)
-        extra.setValuesIJV(
-            np.append(start, len(keys)).astype(PETSc.IntType),
-            column.astype(PETSc.IntType),
-            np.zeros(len(keys)),
-            addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=leaders.astype(PETSc.IntType),
-        )
-        self.add_following_rows(extra, platens)
+    def moved(self, pairs: Longs, platens: Sequence[Platen]) -> Bools:
+        """Whether pairs (p, 2) of global nodes have an unknown that follows a platen."""
+        leading = self._leading(platens)
+        follows = (leading != np.arange(len(leading))).reshape(-1, self.unknowns.dim).any(axis=1)
+        moved: Bools = follows[pairs].any(axis=1)
+        return moved
+
+    def condensed_pairs(self, pairs: Longs, platens: Sequence[Platen]) -> Longs:
+        """Row and column (e, 2) of all unknowns of global nodes (p, 2), platens' as their leaders.
+
+        Only those that are moved so.
+        """
+        leading, dim = self._leading(platens), self.unknowns.dim
+        each = pairs[:, :, None] * dim + np.arange(dim)
+        rows, columns = np.broadcast_arrays(each[:, 0, :, None], each[:, 1, None, :])
+        before = np.stack([rows, columns], axis=-1).reshape(-1, 2)
+        after = leading[before]
+        found: Longs = after[np.any(after != before, axis=1)]
+        return found
+
+    def room_of(self, pattern: Pattern, platens: Sequence[Platen]) -> Longs:
+        """Row and column (e, 2) of entries that go to the leaders of platens, and of followers."""
+        blocks = pattern.blocks.tocoo()
+        pairs = np.stack([blocks.row + pattern.first, blocks.col], axis=1).astype(np.int64)
+        found = [self.condensed_pairs(pairs[self.moved(pairs, platens)], platens)]
+        for platen in platens:
+            rows = platen.dofs.astype(np.int64) + self.unknowns.first
+            found.append(np.stack([rows, np.full_like(rows, platen.all_dofs[0])], axis=1))
+        return np.concatenate(found)

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -20,6 +19,7 @@ from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 SOURCE = "cell_places.c"
+PIECE = 1 << 20  # entries that are looked at at a time
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
 _PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
 _SIGNATURES = {
@@ -115,41 +115,6 @@ def _pattern_of_part(part: int) -> Iterator[tuple[Ints, Ints]]:
         petsc.MatRestoreRowIJ(part, *_PLAIN, *found)
 
 
-def pattern_of(A: PETSc.Mat) -> tuple[Ints, Ints]:
-    """Ends of this rank's rows, and the columns in them, counted over all ranks."""
-    ends, columns = A.getRowIJ() if A.comm.size == 1 else A.getValuesCSR()[:2]
-    return ends, columns
-
-
-def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
-    """Lay ``A`` out anew, with zeros wherever it or ``extra`` has entries; collective.
-
-    A sum of both would need room for two matrices of that size.
-    """
-    if not is_direct(A):
-        A.axpy(1.0, extra, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        A.zeroEntries()
-        return
-    width, first = A.getSize()[1], A.getOwnershipRangeColumn()[0]
-    both = _present(*pattern_of(extra), width)
-    with pattern_in_place(A) as (ends, columns):
-        both = both + _present(ends, columns + np.int32(first) if first else columns, width)
-    if A.getType() == PETSc.Mat.Type.MPIAIJ:
-        part, others = columns_of_others(A)
-        with _pattern_of_part(part) as (ends, columns):
-            both = both + _present(ends, others[columns], width)
-    kind = A.getType()
-    A.setType(PETSc.Mat.Type.DENSE)  # what PETSc knew of the places of entries goes with the type
-    A.setType(kind)
-    A.setPreallocationCSR((both.indptr, both.indices))
-
-
-def _present(ends: Ints, columns: Ints, width: int) -> scipy.sparse.csr_matrix:
-    """Ones at the entries of a pattern."""
-    entries = np.ones(len(columns), np.int8), columns, ends
-    return scipy.sparse.csr_matrix(entries, (len(ends) - 1, width))
-
-
 def columns_of_others(A: PETSc.Mat) -> tuple[int, Ints]:
     """The part of ``A`` with this rank's rows and others' columns, PETSc's, and these columns.
 
@@ -176,6 +141,76 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
     product = petsc.MatMultTransposeAdd if transposed else petsc.MatMultAdd
     if product(part, x.handle, y.handle, y.handle):
         raise PETSc.Error("a product failed")
+
+
+def _at_columns(A: PETSc.Mat, numbers: Ints, columns: Ints) -> Ints:
+    """Those at ``columns`` of the numbers that ranks give their own columns of ``A``; collective."""
+    everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
+    everywhere.array[:] = numbers
+    wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
+    scatter = PETSc.Scatter().create(everywhere, wanted, here, None)
+    scatter.scatter(everywhere, here)
+    found: Ints = here.array.astype(np.int32)
+    for one in (scatter, wanted, everywhere, here):
+        one.destroy()
+    return found
+
+
+class IdentityRows:
+    """Rows and columns that become those of the identity, by the places of their values.
+
+    PETSc goes through all of the matrix for them each time.
+    """
+
+    def __init__(self, A: PETSc.Mat, rows: Ints) -> None:
+        """Look for owned local ``rows`` (r,), ascending, in a matrix that is direct; collective."""
+        held = np.zeros(A.getLocalSize()[0], np.int32)
+        held[rows] = 1
+        own = own_block(A).handle
+        with _pattern_of_part(own) as (ends, columns):
+            at = _entries_of(ends, rows)
+            self._diagonal = at[columns[at] == np.repeat(rows, np.diff(ends)[rows])]
+        if len(self._diagonal) != len(rows):
+            raise PETSc.Error("the matrix has no place for all of its diagonal")
+        self._places = [_in_rows_and_columns(own, rows, held)]
+        if A.comm.size > 1:
+            other, numbers = columns_of_others(A)
+            self._places.append(_in_rows_and_columns(other, rows, _at_columns(A, held, numbers)))
+
+    def put(self, A: PETSc.Mat) -> None:
+        """Put the identity into a matrix of the same pattern; collective.
+
+        Raises:
+            ValueError: it has another one.
+        """
+        known = sum(count for _, count in self._places)
+        if (there := int(A.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"])) != known:
+            raise ValueError(f"{there} values in a matrix, places for {known}")
+        wholes = [own_block(A).handle, *([columns_of_others(A)[0]] if A.comm.size > 1 else [])]
+        for whole, (places, count) in zip(wholes, self._places, strict=True):
+            with _values_of_part(whole, count) as values:
+                values[places] = 0.0
+                if whole == wholes[0]:
+                    values[self._diagonal] = 1.0
+        A.stateIncrease()
+
+
+def _entries_of(ends: Ints, rows: Ints) -> Ints:
+    """Places of all entries of rows that have these ends."""
+    lengths = np.diff(ends)[rows]
+    begin = np.repeat(ends[rows] - np.append(0, np.cumsum(lengths))[:-1], lengths)
+    places: Ints = (begin + np.arange(len(begin))).astype(np.int32)
+    return places
+
+
+def _in_rows_and_columns(part: int, rows: Ints, held: Ints) -> tuple[Ints, int]:
+    """Places of entries in ``rows`` and in columns that are ``held``; number of all entries."""
+    with _pattern_of_part(part) as (ends, columns):
+        found = [_entries_of(ends, rows)]
+        for start in range(0, len(columns), PIECE):
+            inside = np.nonzero(held[columns[start : start + PIECE]])[0]
+            found.append((inside + start).astype(np.int32))
+        return np.concatenate(found), len(columns)
 
 
 class PlacesOfPart:
@@ -226,14 +261,8 @@ class PlacesOfPart:
         if A.comm.size == 1:
             return
         (whole, columns), (mine, numbers) = columns_of_others(A), columns_of_others(part)
-        everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
-        everywhere.array[:] = np.where(number < 0, -1, number + part.getOwnershipRangeColumn()[0])
-        wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
-        scatter = PETSc.Scatter().create(everywhere, wanted, here, None)
-        scatter.scatter(everywhere, here)
-        yield whole, mine, here.array.astype(np.int32), numbers
-        for one in (scatter, wanted, everywhere, here):
-            one.destroy()
+        global_ = np.where(number < 0, -1, number + part.getOwnershipRangeColumn()[0])
+        yield whole, mine, _at_columns(A, global_, columns), numbers
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
         """Put the values of ``A`` into ``part``."""

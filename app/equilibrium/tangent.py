@@ -9,22 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
 import scipy.sparse
-import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import Bodies
-from tribox.app.equilibrium.constraints import Constraints, Platen
+from tribox.app.equilibrium.constraints import Constraints
 from tribox.app.equilibrium.matrix_values import (
     is_direct,
     pattern_in_place,
     values_in_place,
-    widen,
 )
+from tribox.app.equilibrium.pattern import Pattern
 from tribox.app.equilibrium.slanted import room_of
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.equilibrium.timers import Stopwatch
@@ -38,12 +35,6 @@ from tribox.forms.contact.tangent import Coupling
 from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Ints, Longs
 from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
-
-
-def pattern_form(space: dolfinx.fem.FunctionSpace) -> dolfinx.fem.Form:
-    """A form over all cells, for the tangent's pattern: those of the solids each see one body."""
-    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-    return dolfinx.fem.form(ufl.inner(trial, test) * ufl.dx(metadata={"quadrature_degree": 1}))
 
 
 class Tangent:
@@ -82,10 +73,15 @@ class Tangent:
         self._raw, self.platen_sets, self._rooms = None, [], {}
         if self.constraints.aligned:
             self.platen_sets = [tuple(platen.acts for platen in self.constraints.aligned)]
-        A = dolfinx.fem.petsc.assemble_matrix(pattern_form(self.constraints.unknowns.space))
-        A.assemble()
+        self._pattern = Pattern(self.constraints.unknowns.space)
+        self._pattern.add_cells()
+        beside = self.constraints.unknowns.beside_nodes  # no cell gives them a diagonal
+        self._pattern.add_nodes(np.stack([beside, beside], axis=1))
+        self._choose_windows(trials)
+        self._couple()
+        A = self._pattern.matrix()
         self._plain_map = A.getLGMap()
-        self._widen(A, trials)
+        self._is_laid_out(A)
         if not self.constraints.slanted:
             return A
         self._raw = A
@@ -185,27 +181,11 @@ class Tangent:
         mine &= np.all(numbers == numbers[:, :1] + np.arange(unknowns.dim), axis=1)
         return np.where(mine, numbers[:, 0], -1).astype(np.int32)
 
-    def _add_room(self, A: PETSc.Mat, nodes: Longs, platens: Sequence[Platen] | None) -> None:
-        """Add zeros that couple the global nodes (p, m) of each p; platens: see `_add_coupling`."""
-        distinct, number = np.unique(nodes, return_inverse=True)
-        table, dim = (
-            _incidence(number.reshape(nodes.shape), len(distinct)),
-            self.constraints.unknowns.dim,
-        )
-        room = scipy.sparse.kron(table.T @ table, np.ones((dim, dim)), "bsr").tocsr()
-        room.data[:] = 0.0
-        self._add_coupling(A, Coupling(distinct, distinct, room), platens)
-
-    def _add_coupling(
-        self, A: PETSc.Mat, coupling: Coupling, platens: Sequence[Platen] | None = None
-    ) -> None:
-        """Add a sparse part of the tangent to global rows.
-
-        Those of platens (None: that act at present) go to the rows of the leaders.
-        """
+    def _add_coupling(self, A: PETSc.Mat, coupling: Coupling) -> None:
+        """Add a sparse part of the tangent to global rows, of platens to those of the leaders."""
         matrix = coupling.matrix
         rows, columns = (
-            self.constraints.condensed(self.constraints.unknowns.of_nodes(nodes), platens)
+            self.constraints.condensed(self.constraints.unknowns.of_nodes(nodes))
             for nodes in (coupling.rows, coupling.columns)
         )
         A.setValuesIJV(
@@ -229,39 +209,53 @@ class Tangent:
 
     def _widen(self, A: PETSc.Mat, trials: Sequence[ContactTrial]) -> None:
         """Give ``A`` zeros wherever solids, platens and contact windows may add; collective."""
-        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=True)):
-            self.windows[index] = widened(self.windows[index], term, trial)
+        self._choose_windows(trials)
         self.make_room(A)
 
+    def _choose_windows(self, trials: Sequence[ContactTrial]) -> None:
+        for index, (term, trial) in enumerate(zip(self.contacts, trials, strict=True)):
+            self.windows[index] = widened(self.windows[index], term, trial)
+
     def make_room(self, A: PETSc.Mat) -> None:
-        """Give ``A`` zeros wherever solids, platens and the windows may add; collective.
+        """Give ``A`` zeros wherever solids, platens and the windows may add; collective."""
+        A = A if self._raw is None else self._raw
+        self._couple()
+        A.setLGMap(*self._plain_map)
+        self._pattern.lay_out(A)
+        self._is_laid_out(A)
+
+    def _is_laid_out(self, A: PETSc.Mat) -> None:
+        self.pattern_changes += 1
+        self._mapped, self._fitted = (), None
+        # From here on an entry without room is an error, not an allocation that nobody sees.
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+
+    def _couple(self) -> None:
+        """Add to the pattern what platens and the windows may couple; collective.
 
         What it has been given before is not looked up again.
         """
-        self.pattern_changes += 1
-        A = A if self._raw is None else self._raw
-        extra, pairs = self._empty_like(A), self._coupled_pairs()
-        beside = self.constraints.unknowns.beside_nodes
-        self._add_room(extra, beside[:, None], [])  # no cell gives them a diagonal
+        pairs = self._coupled_pairs()
+        none: Longs = np.empty((0, 2), dtype=np.int64)
+        coupled: list[Longs] = [none]
+        entries: list[Longs] = [none]
         for acting in self.platen_sets or [()]:
             aligned = self.constraints.aligned
             platens = [p for p, acts in zip(aligned, acting, strict=True) if acts]
             room = self._rooms.get(acting)
-            if room is None and platens:
-                self.constraints.add_pattern(A, extra, platens)
             for index, nodes in enumerate(pairs):
                 new = nodes if room is None else without(nodes, room[index])
-                if len(new):
-                    self._add_room(extra, new, platens)
+                if platens:
+                    moved = self.constraints.moved(new, platens)
+                    both = np.concatenate([new[moved], new[moved][:, ::-1]])
+                    entries.append(self.constraints.condensed_pairs(both, platens))
+                    new = new[~moved]
+                coupled.append(new)
+            if room is None and platens:
+                entries.append(self.constraints.room_of(self._pattern, platens))
             self._rooms[acting] = pairs
-        extra.assemble()
-        widen(A, extra)
-        extra.destroy()
-        # What is laid out anew is without this numbering; and from here on an entry without room is
-        # an error, not an allocation that nobody sees.
-        A.setLGMap(*self._plain_map)
-        self._mapped, self._fitted = (), None
-        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        self._pattern.add_nodes(np.concatenate(coupled))
+        self._pattern.add_entries(np.concatenate(entries))
 
     def _coupled_pairs(self) -> list[Longs]:
         """Pairs (p, 2) of nodes that the contacts' windows couple; collective."""
@@ -270,17 +264,6 @@ class Tangent:
             assert window is not None, "windows come first"
             pairs.append(coupled_nodes(term, window.fitted(term.surface)))
         return pairs
-
-    def _empty_like(self, A: PETSc.Mat) -> PETSc.Mat:
-        """A matrix of the size of ``A`` that takes entries anywhere."""
-        unknowns = self.constraints.unknowns
-        out = PETSc.Mat().create(comm=unknowns.comm)
-        out.setSizes(A.getSizes())
-        out.setBlockSize(unknowns.dim)
-        out.setType(PETSc.Mat.Type.AIJ)
-        out.setUp()
-        out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        return out
 
 
 # -- Which entries of the tangent the contact of one pair may fill, now and in the steps to come ---

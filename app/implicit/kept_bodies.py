@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.pattern import cell_matrix
 from tribox.app.equilibrium.slanted import SlantedPlaten
 from tribox.app.equilibrium.supports import (
     JoinedBodies,
@@ -23,7 +23,6 @@ from tribox.app.equilibrium.supports import (
     leave_none,
     motions_of,
 )
-from tribox.app.equilibrium.tangent import pattern_form
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
@@ -52,9 +51,8 @@ class KeptBodies:
     def tangent(self, problem: Equilibrium) -> PETSc.Mat:
         """Their tangent undeformed, on their supports, without contacts; collective."""
         unknowns = problem.unknowns
-        whole = dolfinx.fem.petsc.assemble_matrix(pattern_form(unknowns.space))
-        whole.assemble()
-        whole.zeroEntries()
+        cells = np.concatenate([solid.cells for solid in self.solids])
+        whole = cell_matrix(unknowns.space, cells)
         u = problem.u.x.array
         present = u.copy()
         u[:] = 0.0
@@ -62,11 +60,11 @@ class KeptBodies:
             problem.bodies.add_elastic_tangent(whole, problem.solids.index(solid))
         u[:] = present
         whole.assemble()
-        held = problem.constrained_dofs()
-        whole.zeroRowsColumns(held[self.kept[held]] + unknowns.first, 1.0)
         rows = PETSc.IS().createGeneral(self.dofs + unknowns.first, comm=unknowns.comm)
         rows.setBlockSize(problem.dim)
         out = whole.createSubMatrix(rows, rows)
+        held = np.isin(self.dofs, problem.constrained_dofs()).nonzero()[0]
+        out.zeroRowsColumns(held.astype(PETSc.IntType) + out.getOwnershipRange()[0], 1.0)
         whole.destroy()
         rows.destroy()
         return out

@@ -101,7 +101,7 @@ class _Work(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("shape", "table", "node", "cell", "u")),
         *((name, ctypes.c_void_p) for name in ("update", "material", "state")),
         *((name, ctypes.c_void_p) for name in ("P", "A", "F", "end", "energies")),
-        *((name, ctypes.c_void_p) for name in ("forces", "values", "start", "excess")),
+        *((name, ctypes.c_void_p) for name in ("forces", "values", "start", "take", "excess")),
         *((name, ctypes.c_void_p) for name in ("same", "next")),
     )
 
@@ -277,6 +277,7 @@ def add_tangent(
     values: Floats,
     starts: NDArray[np.int32],
     excess: Floats | None = None,
+    take: Bools | None = None,
 ) -> None:
     """Add the element matrices at ``u`` (n,), N/m per unit thickness, of points of the same cells.
 
@@ -288,9 +289,11 @@ def add_tangent(
             i) and the columns (b, j) are.
         excess: by cell of the body, Pa, added to the volumetric pressures at the centres
             (:mod:`tribox.forms.bodies.solid`).
+        take: which cells alone are added, those that there are starts of; None: all.
     """
+    take = np.ones(len(loops[0].nodes), dtype=bool) if take is None else take
     assert starts.flags.c_contiguous and starts.dtype == np.int32
-    assert starts.shape[:2] == loops[0].nodes.shape
+    assert starts.shape[:2] == (np.count_nonzero(take), loops[0].nodes.shape[1])
     works, kept = [], None if excess is None else np.ascontiguousarray(excess)
     for loop in loops:
         of = loop.moduli
@@ -299,4 +302,5 @@ def add_tangent(
             works[-1].excess = kept.ctypes.data
     first = works[0]
     first.values, first.start = values.ctypes.data, starts.ctypes.data
+    first.take = take.ctypes.data
     loops[0].run(works)

@@ -193,7 +193,7 @@ INLINE void transpose(vec *a)
  * only those with a <= b of a symmetric one, each (i, j) row by row, to `values`: the row (a, i) and the
  * columns of b of a cell from start (a, i, b) on. Returns the starts of the next block. */
 INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const int32_t *start,
-                             const vec *block, double *values)
+                             const uint8_t *take, const vec *block, double *values)
 {
     const int size = dim * nodes, padded = (size + LANES - 1) / LANES;
     vec row[padded * LANES], cell[LANES][size][padded];
@@ -217,7 +217,7 @@ INLINE const int32_t *insert(int dim, int nodes, int symmetric, int lanes, const
 #pragma GCC unroll 1
     for (int l = 0; l < lanes; ++l)
 #pragma GCC unroll 1
-        for (int k = 0; k < size; ++k, start += nodes) {
+        for (int k = 0; k < size && (!take || take[l]); ++k, start += nodes) {
             const double *from = (const double *)cell[l][k];
             for (int b = 0; b < nodes; ++b) {
                 double *to = values + start[b];

@@ -183,7 +183,8 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
  * moduli A (k, n + n n) are read where forces and values are wanted. What of these is not null is added to:
  * `values` from start (cells, a, i, b) on, the columns of b in the row of (a, i); F (k, p) is written.
- * `symmetric`: whether the moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
+ * With `take` (cells) some cells alone have values, and a place in start. `symmetric`: whether the
+ * moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
  *
  * Of the same cells there may be more points: at the `same` places, whose moduli are added up, and at
  * others, `next`, whose forces and values are. */
@@ -198,6 +199,7 @@ typedef struct Work {
     const double *P, *A;
     double *F, *end, *energies, *forces, *values;
     const int32_t *start;
+    const uint8_t *take;
     const double *excess;
     const struct Work *same, *next;
 } Work;
@@ -524,6 +526,7 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
     for (int64_t n = 0; n < w->blocks; ++n) {
         const int lanes = n + 1 < w->blocks ? LANES : (int)w->lanes_of_last;
         const int32_t *node = w->node + n * nodes * LANES;
+        const uint8_t *take = w->take ? w->take + n * LANES : 0;
         if (w->forces)
             __builtin_memset(force, 0, sizeof force);
         if (w->values)
@@ -548,9 +551,9 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
         else if (w->values && section != RING)
             add_first_node(dim, nodes, 0, matrix);
         if (w->values && symmetric)
-            start = insert(dim, nodes, 1, lanes, start, matrix, w->values);
+            start = insert(dim, nodes, 1, lanes, start, take, matrix, w->values);
         else if (w->values)
-            start = insert(dim, nodes, 0, lanes, start, matrix, w->values);
+            start = insert(dim, nodes, 0, lanes, start, take, matrix, w->values);
     }
     return any(bad);
 }

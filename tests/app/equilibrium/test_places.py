@@ -4,18 +4,19 @@ import dolfinx
 import dolfinx.fem.petsc
 import numpy as np
 import pytest
+import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.bodies import CellPlaces
 from tribox.app.equilibrium.equilibrium import load_residuals
 from tribox.app.equilibrium.matrix_values import (
+    IdentityRows,
     PlacesOfPart,
     own_block,
     values_in_place,
-    widen,
 )
-from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.pattern import Pattern, cell_matrix
 from tribox.app.equilibrium.unknowns import NodalLoad, place_of_largest, place_text
 from tribox.forms.bodies.loads import FollowerPressure
 
@@ -42,9 +43,7 @@ def matrix_of(mesh):
     """A displacement space and a matrix with its pattern, on the ranks of the mesh."""
     dim = mesh.geometry.dim
     space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
-    A = dolfinx.fem.petsc.assemble_matrix(pattern_form(space))
-    A.assemble()
-    A.zeroEntries()
+    A = cell_matrix(space)
     A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
     return space, A
 
@@ -136,7 +135,8 @@ def both_meshes(comm, directory):
         comm, [[0, 0, 0], [1, 1, 1]], [3, 4, 2], dolfinx.mesh.CellType.hexahedron
     )
     apart = [difference(mesh) for mesh in (rectangle(comm), box)]
-    return {"difference": apart, "part": taken_out(comm)}
+    space = dolfinx.fem.functionspace(box, ("Lagrange", 1, (3,)))
+    return {"difference": apart, "part": taken_out(space)}
 
 
 @pytest.mark.mpi(both_meshes, 2, 3)
@@ -150,26 +150,50 @@ def test_rows_and_columns_of_other_ranks(on_ranks):
 # -- A part of a matrix taken out by places, and the matrix laid out anew with more entries --------
 
 
-def scattered(comm, entries, apart=False):
-    """A matrix with a diagonal and entries anywhere; ``apart``: none within the even nodes."""
-    A, rng = PETSc.Mat().create(comm), np.random.default_rng((comm.rank, entries, apart))
-    A.setSizes(90)
-    A.setBlockSize(3)
-    A.setType(PETSc.Mat.Type.AIJ)
-    A.setUp()
-    A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-    for row in range(*A.getOwnershipRange()):
-        A.setValue(row, row, 1.0 + row, addv=PETSc.InsertMode.ADD_VALUES)
-    for row, column in rng.integers(90, size=(entries, 2)):
-        if not (apart and row // 3 % 2 == column // 3 % 2 == 0):
-            A.setValue(row, column, rng.uniform(), addv=PETSc.InsertMode.ADD_VALUES)
-    A.assemble()
-    return A
+def coupled(comm, size, apart):
+    """This rank's pairs of global nodes, and of unknowns; ``apart``: none of two even nodes."""
+    nodes = np.random.default_rng((comm.rank, apart)).integers(size, size=(40, 2))
+    nodes = nodes[~(apart & np.all(nodes % 2 == 0, axis=1))]
+    return nodes, np.array([[3 * nodes[0, 0] + 1, (3 * nodes[0, 1] + 7) % (3 * size)]])
 
 
-def taken_out(comm):
+def expected(space, comm, pairs):
+    """All rows of a pattern, dense: what a form over all cells has, and what was added on top."""
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    cells = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(ufl.inner(u, v) * ufl.dx))
+    cells.assemble()
+    out = dense(cells)
+    for nodes, entries in comm.allgather(pairs):
+        for one, other in np.concatenate([nodes, nodes[:, ::-1]]):
+            out[3 * one : 3 * one + 3, 3 * other : 3 * other + 3] = True
+        out[entries[:, 0], entries[:, 1]] = True
+    return out
+
+
+def dense(A):
+    """Where a matrix has entries, in rows of all ranks."""
+    (first, end), (indptr, columns, _) = A.getOwnershipRange(), A.getValuesCSR()
+    mine = np.zeros((end - first, A.getSize()[1]), dtype=bool)
+    mine[np.repeat(np.arange(end - first), np.diff(indptr)), columns] = True
+    return np.concatenate(A.comm.tompi4py().allgather(mine))
+
+
+def identity_apart(A, rows):
+    """Difference from what PETSc makes where rows and columns become those of the identity."""
+    ours, theirs, first = A.copy(), A.copy(), A.getOwnershipRange()[0]
+    IdentityRows(ours, (rows - first).astype(np.int32)).put(ours)
+    theirs.zeroRowsColumns(rows.astype(PETSc.IntType), 1.0)
+    ours.axpy(-1.0, theirs, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    return ours.norm()
+
+
+def taken_out(space):
     """Differences from what PETSc makes, and whether a part with too few entries is found."""
-    A, add = scattered(comm, 900), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+    pattern, comm = Pattern(space), space.mesh.comm
+    pattern.add_cells()
+    A, add = pattern.matrix(), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+    with values_in_place(A) as values:
+        values[:] = np.random.default_rng(comm.rank).uniform(size=len(values))
     first, end = A.getOwnershipRange()
     even = np.array([row for row in range(first, end) if row // 3 % 2 == 0])
     rows = PETSc.IS().createGeneral(even.astype(PETSc.IntType), comm=comm)
@@ -189,18 +213,20 @@ def taken_out(comm):
         wanted.axpy(-1.0, part, add)
         return wanted.norm()
 
-    out = {"found": places.find(A, part), "apart": [difference()]}
+    out = {"found": places.find(A, part), "apart": [difference(), identity_apart(A, even[::4])]}
     out["apart"].append(difference(few_rows, strip, places_of_strip))
-    beside, within, before = scattered(comm, 300, True), scattered(comm, 300), A.copy()
-    wanted = A.copy()
-    wanted.axpy(1.0, beside, add)
-    widen(A, beside)
-    pairs = zip(wanted.getValuesCSR()[:2], A.getValuesCSR()[:2], strict=True)
-    out["same"] = all(np.array_equal(one, other) for one, other in pairs)
+    before, size = A.copy(), A.getSize()[0] // 3
+    beside, within = (coupled(comm, size, apart) for apart in (True, False))
+    out["same"] = [np.array_equal(dense(A), expected(space, comm, (beside[0][:0], beside[1][:0])))]
+    pattern.add_nodes(beside[0])
+    pattern.add_entries(beside[1])
+    pattern.lay_out(A)
+    out["same"].append(np.array_equal(dense(A), expected(space, comm, beside)))
     A.axpy(2.0, before, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     out["again"] = places.find(A, part)
     out["apart"].append(difference())
-    widen(A, within)
+    pattern.add_nodes(within[0])
+    pattern.lay_out(A)
     return {**out, "fewer": places.find(A, part)}
 
 
@@ -209,8 +235,8 @@ def test_a_part_is_taken_out_and_a_matrix_widened_as_petsc_does(on_ranks):
     for ranks in (1, 2, 3):
         found = on_ranks(both_meshes, ranks)["part"]
         assert found == {
-            **{"found": True, "same": True, "again": True},
-            **{"fewer": False, "apart": [0.0, 0.0, 0.0]},
+            **{"found": True, "same": [True, True], "again": True},
+            **{"fewer": False, "apart": [0.0] * 4},
         }
 
 

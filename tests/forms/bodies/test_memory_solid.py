@@ -13,7 +13,7 @@ import ufl
 from tests.forms.bodies.element_matrices import summed
 from tests.grid import grid
 from tribox.app.equilibrium.bodies import Bodies
-from tribox.app.equilibrium.tangent import pattern_form
+from tribox.app.equilibrium.pattern import cell_matrix
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.kinematics import circumference, radius
@@ -72,13 +72,6 @@ def forces(solid):
 def stiffness(solid):
     out = sum((dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms), 0.0)
     return out + summed(solid.displacement, [solid.point_cells]) if solid.remembers else out
-
-
-def pattern_matrix(space):
-    matrix = dolfinx.fem.petsc.assemble_matrix(pattern_form(space))
-    matrix.assemble()
-    matrix.zeroEntries()
-    return matrix
 
 
 @pytest.mark.parametrize(("cell", "section", "formulation"), FEW)
@@ -143,7 +136,7 @@ def test_the_loop_over_cells_gives_what_forms_do(kind):
         bend(u, 0.1, seed=5)
         assert solid.evaluate(0.3, tangent=True)
         bodies, out = Bodies(u, [solid]), np.zeros_like(u.x.array)
-        matrix = pattern_matrix(u.function_space)
+        matrix = cell_matrix(u.function_space)
         bodies.add_forces(out)
         bodies.add_tangent(matrix, 0, 1, False, False)
         matrix.assemble()
