@@ -203,8 +203,7 @@ class GivenForces:
                 row += held.reshape(-1, dim)[mine].sum(axis=0)
         for tool, at in self._tools:
             local[at] += held[tool.dofs[:dim]] * tool.here[:dim]
-        out: Floats = self._problem.comm.allreduce(local)
-        return out
+        return self._problem.comm.allreduce(local)
 
 
 def _support_forces(problem: Equilibrium, approach: float) -> Floats:

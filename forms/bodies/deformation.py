@@ -49,8 +49,7 @@ class Rows:
 
     def displacement(self, u: Floats) -> Floats:
         """Displacements (c, i), m."""
-        found: Floats = np.einsum("ca,cai->ci", self.values, u)
-        return found
+        return np.einsum("ca,cai->ci", self.values, u)
 
     @property
     def gradients(self) -> Floats:
@@ -154,10 +153,8 @@ def _determinant(edges: Floats) -> Floats:
     """Of matrices (c, i, α, q), by components: (c, q)."""
     a, b = edges[:, 0], edges[:, 1]
     if edges.shape[1] == 2:
-        flat: Floats = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        return flat
-    found: Floats = np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
-    return found
+        return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
 
 
 class BodyPoints:

@@ -470,10 +470,7 @@ class CarriedPressure:
 
     def excess(self) -> Floats:
         """The pressures found last less those of the present volumes (c,), Pa, of the cells."""
-        found: Floats = self._excess.x.array[
-            self._excess.function_space.dofmap.list[self._cells, 0]
-        ]
-        return found
+        return self._excess.x.array[self._excess.function_space.dofmap.list[self._cells, 0]]
 
 
 def _derivatives(

@@ -342,8 +342,7 @@ class ExplicitContact:
         self.exchange.gather(work, self._values)
         rows, share = self._shares()
         per_node = np.abs(self._values).max(axis=1)
-        out: Floats = np.einsum("qm,qm->q", share, per_node[rows])
-        return out
+        return np.einsum("qm,qm->q", share, per_node[rows])
 
     # -- dashpots -------------------------------------------------------------------------------
 

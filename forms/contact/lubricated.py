@@ -269,8 +269,7 @@ class LubricatedTerm(ContactTerm):
     def speeds(self, along: Floats, slip: Floats, dt: float) -> Floats:
         """Half the master's velocity (f,) over the slave along the faces, m/s; collective."""
         moved = self.surface.slave.weight * np.einsum("qi,qi->q", slip, along)
-        out: Floats = self.asperities.facet_sums(moved) / self.asperities.whole * (-0.5 / dt)
-        return out
+        return self.asperities.facet_sums(moved) / self.asperities.whole * (-0.5 / dt)
 
     def _with_film(
         self,

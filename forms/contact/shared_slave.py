@@ -64,8 +64,7 @@ class Neighbour:
         term = self.term
         near = term.active & (term.state.gap < term.surface.slave.facet_length)
         area = term.surface.vertices.sums(term.surface.slave.weight * near)
-        out: Floats = np.where(self.rows >= 0, area[self.rows], 0.0)
-        return out
+        return np.where(self.rows >= 0, area[self.rows], 0.0)
 
 
 def introduce(terms: Sequence[Pair]) -> None:
@@ -157,8 +156,7 @@ def left_by_others(term: Pair, known: Left | None) -> Left | None:
 
 def _chosen(take: Bools, some: Floats, other: Floats) -> Floats:
     shape = (len(take), *(1,) * (other.ndim - 1))
-    out: Floats = np.where(take.reshape(shape), some, other)
-    return out
+    return np.where(take.reshape(shape), some, other)
 
 
 def keep_what_went_over(terms: Sequence[Pair], trials: Sequence[ContactTrial]) -> None:

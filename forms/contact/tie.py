@@ -313,8 +313,7 @@ class TieTerm(ContactTerm):
         vertices = self.surface.vertices
         total = vertices.total(np.ascontiguousarray(moved.T)).T
         area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
-        out: Floats = total / area[:, None]
-        return out
+        return total / area[:, None]
 
     def _gradient(self, values: Floats) -> scipy.sparse.csr_matrix:
         """B (v·i, n·j), this rank's part, at displacements (n, i), m."""
@@ -422,8 +421,7 @@ class TieTerm(ContactTerm):
         """Residual Bᵀ s (n, i), N per unit thickness, of this rank's points at the pair's nodes."""
         assert trial.pull is not None and trial.moved is not None
         force = self._gradient(trial.moved).T @ trial.pull.reshape(-1)
-        out: Floats = force.reshape(-1, self.surface.dim)
-        return out
+        return force.reshape(-1, self.surface.dim)
 
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """See :class:`ContactTerm`; a tool's angle counts not."""
@@ -437,8 +435,7 @@ class TieTerm(ContactTerm):
         moved = (gradient @ values.reshape(-1)).reshape(-1, self.surface.dim)
         pull = self.stiffness()[:, None] * self._means(moved)
         force = gradient.T @ pull.reshape(-1)
-        out: Floats = force.reshape(-1, self.surface.dim)
-        return out
+        return force.reshape(-1, self.surface.dim)
 
     def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square of the force, N per unit thickness, that rounding alone leaves here; collective.
@@ -501,8 +498,7 @@ class TieTerm(ContactTerm):
         pattern = (left.T @ right[::dim, ::dim]).tocoo()
         pairs = np.stack([self.surface.nodes[pattern.row], columns[pattern.col]], axis=1)
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-        out: Longs = pairs[pairs[:, 0] != pairs[:, 1]]
-        return out
+        return pairs[pairs[:, 0] != pairs[:, 1]]
 
     def _master_count(self) -> int:
         return int(self.surface.target.stencil.shape[1])

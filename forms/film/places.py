@@ -77,8 +77,7 @@ class FilmCells:
     def last(self) -> Bools:
         """Places (n,) with fewer than two neighbours: the ends of the film."""
         count = np.bincount(self.ends.reshape(-1), minlength=len(self.area))
-        out: Bools = count < 2
-        return out
+        return count < 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +118,7 @@ class FilmPart:
     @property
     def inner(self) -> Longs:
         """The places (x,) before the edges."""
-        out: Longs = self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
-        return out
+        return self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
 
     def widest(self, film: Floats, among: Bools) -> Bools:
         """Places (m,) where ``film`` (m,) is thickest in those parts (r,) ``among`` which it is."""
@@ -183,8 +181,7 @@ class FilmPart:
     @property
     def last(self) -> Longs:
         """The vertices (x,) before the edges."""
-        out: Longs = self.facets[self.edges[:, 0], self.edges[:, 1]]
-        return out
+        return self.facets[self.edges[:, 0], self.edges[:, 1]]
 
     def gap_slopes(self, gap: Floats, length: Floats) -> scipy.sparse.csr_matrix:
         """Derivatives (m, v) of :meth:`gaps`."""
@@ -223,8 +220,7 @@ class FilmPart:
 
     def sums(self, area: Floats, values: Floats) -> Floats:
         """What vertices get (v, …) of values (m, …) per area (m,)."""
-        out: Floats = self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
-        return out
+        return self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
 
     def sums_of(self, weight: Floats) -> scipy.sparse.csr_matrix:
         """The matrix (v, m) of what vertices get of values times ``weight`` (m,)."""
@@ -242,8 +238,7 @@ class FilmPart:
         """
         a, b = self.ends.T
         steps = film * (pressure[b] - pressure[a])
-        out: Floats = np.bincount(self.feels, steps, len(length)) / length
-        return out
+        return np.bincount(self.feels, steps, len(length)) / length
 
     def pull_slopes(
         self, film: Floats, d_film: Floats, pressure: Floats, length: Floats

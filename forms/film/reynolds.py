@@ -139,8 +139,7 @@ class FilmSlopes:
         size = len(self.by_pressure), count
         by_speed = (self._by_speed * sense[:, None]).reshape(-1)
         summed = np.bincount(place, by_speed, size[0] * count)
-        out: Floats = summed.astype(np.float64).reshape(size)
-        return out
+        return summed.astype(np.float64).reshape(size)
 
 
 @dataclass(frozen=True, slots=True)

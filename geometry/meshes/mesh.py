@@ -398,8 +398,7 @@ class Group:
             vector.scatter_reverse(dolfinx.la.InsertMode.add)
         owned: Floats = vector.array[: index.size_local].copy()
         total = float(space.mesh.comm.allreduce(owned.sum()))
-        shares: Floats = np.asarray(owned / total, dtype=np.float64)
-        return shares
+        return np.asarray(owned / total, dtype=np.float64)
 
 
 def group_dofs(space: dolfinx.fem.FunctionSpace, group: Group, component: int) -> Ints:
@@ -437,8 +436,7 @@ def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Grou
 def _numbers(pairs: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """A number (e,) for each pair (e, 2) of nodes, the same in either order."""
     # Nodes of a file are fewer than 2³¹, by the number of cells that are read.
-    out: npt.NDArray[np.int64] = pairs.min(axis=1) * (1 << 31) + pairs.max(axis=1)
-    return out
+    return pairs.min(axis=1) * (1 << 31) + pairs.max(axis=1)
 
 
 def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, Floats]:

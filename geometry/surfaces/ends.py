@@ -202,8 +202,7 @@ def _along(corners: Ints, nodes: Floats, is_open: Bools) -> Floats:
     size = (len(nodes), len(nodes))
     graph = scipy.sparse.csr_matrix((length, (corners[:, 0], corners[:, 1])), shape=size)
     ends = np.nonzero(is_open)[0]
-    out: Floats = dijkstra(graph, directed=False, indices=ends, min_only=True)
-    return out
+    return dijkstra(graph, directed=False, indices=ends, min_only=True)
 
 
 def _open_edges(shape: FacetShape, corners: Ints, planes: Sequence[tuple[int, Bools]]) -> Ints:

@@ -174,8 +174,7 @@ class FacetSearch:
         if len(trees) > 1:
             return self._nearest(points, facets, trees)[0]
         ((tree, at),) = trees
-        nearest: Ints = at[tree.query(points)[1]]
-        return nearest
+        return at[tree.query(points)[1]]
 
     def _nearest(
         self, points: Floats, facets: Floats, trees: list[tuple[cKDTree, Ints]]
@@ -193,8 +192,7 @@ class FacetSearch:
 
 
 def _where(mask: Bools) -> Ints:
-    out: Ints = np.nonzero(mask)[0].astype(np.int32)
-    return out
+    return np.nonzero(mask)[0].astype(np.int32)
 
 
 def _longest(vectors: Floats) -> float:

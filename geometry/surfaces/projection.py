@@ -308,8 +308,7 @@ class FacetSurface:
         length = np.linalg.norm(normal, axis=1)[:, None]
         normal /= np.where(length > 0.0, length, 1.0)
         share = facet_shape(self.shape.cell, 1).values(xi)
-        out: Floats = np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
-        return out
+        return np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """Shares (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
@@ -404,8 +403,7 @@ class FacetSurface:
             cosine = np.einsum("pvi,pvi->pv", edges[:, :, 0], edges[:, :, 1])
             weight *= np.arccos(np.clip(cosine, -1.0, 1.0))
         outward = np.einsum("pv,pvi->pi", weight, unit_normals(tangents))
-        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return unit
+        return outward / np.linalg.norm(outward, axis=1)[:, None]
 
     def _edge_outward(self, out: Projection, rows: Ints, side: Ints, controls: Floats) -> Floats:
         """Outward directions (p, i) on edges: the mean of both facets' normals there."""
@@ -421,8 +419,7 @@ class FacetSurface:
         tangents = np.einsum("pba,pai->pbi", self.shape.first(opposite), controls[other])
         beyond = np.where((other >= 0)[:, None], unit_normals(tangents), 0.0)
         outward = out.normal[rows] + beyond
-        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return unit
+        return outward / np.linalg.norm(outward, axis=1)[:, None]
 
 
 def _sharing_corners(corners: Ints, count: int) -> scipy.sparse.csr_matrix:
