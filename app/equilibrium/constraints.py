@@ -164,10 +164,6 @@ class Constraints:
         dofs = self.condensed(self.unknowns.of_nodes(nodes.astype(np.int64))).reshape(-1)
         return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.unknowns.comm)
 
-    def constrain_matrix(self, A: PETSc.Mat) -> None:
-        """Replace rows and columns of prescribed unknowns by the identity; collective."""
-        A.zeroRowsColumns(self.dofs + self.unknowns.first, 1.0)
-
     def add_following_rows(self, A: PETSc.Mat, platens: Sequence[Platen] | None = None) -> None:
         """Add rows u_i − u_leader = 0 of the unknowns that follow a platen, and its spring.
 

@@ -565,7 +565,7 @@ class Equilibrium:
         """
         self.assemble_tangent(x, A, step, before)
         with self.timer("assembly"):
-            self.constraints.constrain_matrix(A)
+            A.zeroRowsColumns(self.constraints.dofs + self.unknowns.first, 1.0)
 
 
 # -- What each load gives by itself: for tables of forces, and for explicit steps ------------------

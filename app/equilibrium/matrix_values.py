@@ -115,12 +115,6 @@ def _pattern_of_part(part: int) -> Iterator[tuple[Ints, Ints]]:
         petsc.MatRestoreRowIJ(part, *_PLAIN, *found)
 
 
-def pattern_of(A: PETSc.Mat) -> tuple[Ints, Ints]:
-    """Ends of this rank's rows, and the columns in them, counted over all ranks."""
-    ends, columns = A.getRowIJ() if A.comm.size == 1 else A.getValuesCSR()[:2]
-    return ends, columns
-
-
 def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
     """Lay ``A`` out anew, with zeros wherever it or ``extra`` has entries; collective.
 
@@ -131,7 +125,8 @@ def widen(A: PETSc.Mat, extra: PETSc.Mat) -> None:
         A.zeroEntries()
         return
     width, first = A.getSize()[1], A.getOwnershipRangeColumn()[0]
-    both = _present(*pattern_of(extra), width)
+    ends, columns = extra.getRowIJ() if extra.comm.size == 1 else extra.getValuesCSR()[:2]
+    both = _present(ends, columns, width)
     with pattern_in_place(A) as (ends, columns):
         both = both + _present(ends, columns + np.int32(first) if first else columns, width)
     if A.getType() == PETSc.Mat.Type.MPIAIJ:

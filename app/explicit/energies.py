@@ -239,11 +239,3 @@ class Energies:
         pairs = zip(problem.contacts, trials, strict=True)
         local += sum(term.interface_energy(trial) for term, trial in pairs)
         return float(problem.comm.allreduce(local, op=MPI.SUM)) + self.kinetic()
-
-    def work_of_all_ranks(self) -> float:
-        """Work since the start, J/m; collective."""
-        return float(self._problem.comm.allreduce(self.work, op=MPI.SUM))
-
-    def twice_kinetic(self) -> Floats:
-        """Twice the kinetic energy m v² of each owned unknown (n,), J/m, by its last velocity."""
-        return self._mass * self._state.v.owned**2

@@ -133,17 +133,13 @@ def power_sum(k: Kinematics, terms: Sequence[tuple[Expr, Expr]]) -> Expr:
     """
     if k.plane is not None:
         return sum(f * _plane_power_sum(k.plane, k.J, alpha) for f, alpha in terms)
-    J, I1, I2 = map(_without_name, (k.J, k.I1, k.I2))
+    named = ufl.classes.Variable
+    J, I1, I2 = (i.ufl_operands[0] if isinstance(i, named) else i for i in (k.J, k.I1, k.I2))
     bare = Kinematics(k.F, J, I1, I2, plane=None)
     (x, y), (x0, y0) = _excess(k), _excess(bare)
     # The derivatives by the invariants, which are UFL variables, see x and y alone: x0 and y0 are
     # equal to them and made of what the variables stand for.
     return space_power_sum(x0, y0, terms).taylor(x - x0, y - y0)
-
-
-def _without_name(invariant: Expr) -> Expr:
-    """What a UFL variable stands for."""
-    return invariant.ufl_operands[0] if isinstance(invariant, ufl.classes.Variable) else invariant
 
 
 def _excess(k: Kinematics) -> tuple[Expr, Expr]:

@@ -447,7 +447,3 @@ class ExplicitTie(ExplicitContact):
 
     def set_dashpots(self, modulus: float, inverse_mass: Floats, work: NodalVector) -> None:
         """See ``ExplicitContact.set_dashpots``; what is tied does not bounce, and has none."""
-
-    def add_stiffness(self, values: Floats, out: NodalVector) -> None:
-        """Add the stiffness times ``values`` (n, i) at the pair's nodes to ``out``; collective."""
-        self.exchange.add(self.tie.stiffness_times(values), out)

@@ -484,7 +484,8 @@ class TieTerm(ContactTerm):
     def coupled_pairs(self) -> Longs:
         """Pairs (p, 2) of different global nodes that the tangent couples; collective."""
         points = self._points
-        every = np.ones((len(points.weight), points.rows.shape[1] + self._master_count()))
+        count = points.rows.shape[1] + self.surface.target.stencil.shape[1]
+        every = np.ones((len(points.weight), count))
         # Divided by the weights that `_spread` multiplies by: positive numbers of the order of 1,
         # which neither cancel nor vanish in the pattern.
         left = self._spread(every / np.maximum(points.weight, 1e-300)[:, None])
@@ -499,9 +500,6 @@ class TieTerm(ContactTerm):
         pairs = np.stack([self.surface.nodes[pattern.row], columns[pattern.col]], axis=1)
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
         return pairs[pairs[:, 0] != pairs[:, 1]]
-
-    def _master_count(self) -> int:
-        return int(self.surface.target.stencil.shape[1])
 
     def _whole(self, rows: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """Rows of vertices with the other ranks' parts, and their columns' nodes; collective."""

@@ -277,8 +277,10 @@ class _Middles:
         for corner, (a, b, c) in enumerate(_around(shape)):
             edge = {k: self.of(rows[:, [corner, k]]) for k in (a, b, c)}
             face = {
-                pair: self.of(rows[:, list(_side_with(shape, {corner, *pair}))])
+                pair: self.of(rows[:, side])
                 for pair in ((a, b), (b, c), (c, a))
+                for side in map(list, SIDES[shape])
+                if {corner, *pair} <= set(side)
             }
             lower = (rows[:, corner], edge[a], face[a, b], edge[b])
             upper = (edge[c], face[c, a], inside, face[b, c])
@@ -314,11 +316,6 @@ def _around(shape: str) -> tuple[tuple[int, int, int], ...]:
         edges = place[[a, b, c]] - place[corner]
         found.append((a, b, c) if np.linalg.det(edges) > 0.0 else (a, c, b))
     return tuple(found)
-
-
-def _side_with(shape: str, corners: set[int]) -> tuple[int, ...]:
-    """The face of a solid that has these corners."""
-    return next(side for side in SIDES[shape] if corners <= set(side))
 
 
 def _check_shape(mesh: MeshArrays, source: str) -> None:

@@ -151,7 +151,10 @@ class FacetSurface:
         self._around, self._corner = facet, corner
         self._rays: RaySearch | None = None
         if shape.directions == 1:
-            _require_one_each(corners)
+            for at, word in ((0, "start"), (1, "end")):
+                if len(np.unique(corners[:, at])) != len(corners):
+                    why = f"two of its facets {word} at one node"
+                    raise ValueError(f"the master surface branches: {why}")
             at_end = np.count_nonzero(self._around >= 0, axis=1) < 2
             for _, on in planes:
                 at_end &= ~on
@@ -212,7 +215,9 @@ class FacetSurface:
                 fades; None: points count in full up to there.
         """
         controls = self._controls(nodes)
-        facet, xi, entity = self._closest(points, controls, frozen_facets)
+        among, tie = self.search.candidates(points, controls), TIE * self.search.slack
+        stay = None if frozen_facets is None else (frozen_facets, OVERRUN)
+        facet, xi, entity = self._code.closest(points, controls, among, tie, stay)
         if fading is not None and self.ends.joined.any():
             facet, xi, entity = self._go_on((facet, xi, entity), points, controls, fading)
         if rays is not None:
@@ -255,14 +260,6 @@ class FacetSurface:
         among = Candidates(count, facet, np.zeros(len(points)), 0.0)
         _, xi, entity = self._code.closest(points, controls, among, 0.0, (facet, np.inf))
         return xi, entity == INTERIOR
-
-    def _closest(
-        self, points: Floats, controls: Floats, frozen_facets: Ints | None
-    ) -> tuple[Ints, Floats, Ints]:
-        """Facets (q,), ξ (q, α) and entities (q,) of the closest points."""
-        among = self.search.candidates(points, controls)
-        kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
-        return self._code.closest(points, controls, among, TIE * self.search.slack, kept)
 
     @property
     def extraction(self) -> Floats | None:
@@ -431,13 +428,6 @@ def _sharing_corners(corners: Ints, count: int) -> scipy.sparse.csr_matrix:
     out = (incidence @ incidence.T).tocsr()
     out.data[:] = 1
     return out
-
-
-def _require_one_each(corners: Ints) -> None:
-    """In the plane at most one segment starts and one ends at each node."""
-    for column, word in ((0, "start"), (1, "end")):
-        if len(np.unique(corners[:, column])) != len(corners):
-            raise ValueError(f"the master surface branches: two of its facets {word} at one node")
 
 
 def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
