@@ -417,8 +417,7 @@ def contact_program(
         plain = law.law if isinstance(law, FactoredLaw) else law
         if friction.changes:
             plain = friction.friction_law(time)
-        factored = isinstance(law, FactoredLaw)
-        new = _factored(plain, factor, time) if factored else plain
+        new = _factored(plain, factor, time) if isinstance(law, FactoredLaw) else plain
         term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program

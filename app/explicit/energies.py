@@ -69,8 +69,7 @@ def energy_roundoff(problem: Equilibrium) -> float:
     as large as the modulus, as Ogden's is: by strains of 1e-7 of all that a box round the bodies
     holds.
     """
-    x = problem.space.tabulate_dof_coordinates()[:, : problem.dim]
-    box = box_of(problem.comm, x)
+    box = box_of(problem.comm, problem.space.tabulate_dof_coordinates()[:, : problem.dim])
     volume = float(np.prod(np.ptp(box, axis=0)))
     if problem.solids[0].section == "axisymmetric":
         volume *= 2.0 * np.pi * float(box[1, 0])

@@ -349,8 +349,7 @@ class MetalFit(MaterialFit[MetalProblem]):
 
     def flows_back(self) -> bool:
         """Whether the metal flows on a path after a turn: only this shows back stresses."""
-        strain = self.problem.strain
-        _, alpha = response(self.metal, strain, self.problem.along)
+        _, alpha = response(self.metal, self.problem.strain, self.problem.along)
         ends = alpha[[rows.stop - 1 for rows in self.problem.along]]
         return bool((np.diff(ends) > FLOWED).any())
 

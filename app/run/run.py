@@ -488,8 +488,7 @@ def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]
                 raise InputError(f"{source}geometry.mesh: {error}") from None
             return where
 
-        path = comm.bcast(on_first(comm, make))
-        yield case.with_mesh(path)
+        yield case.with_mesh(comm.bcast(on_first(comm, make)))
 
 
 def _kept(geometry: MeshGeometry, directory: Path) -> Path | None:

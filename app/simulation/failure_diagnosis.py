@@ -239,8 +239,7 @@ def _around(problem: Equilibrium, ratios: Sequence[Floats]) -> list[Floats]:
     for solid, ratio in zip(problem.solids, ratios, strict=True):
         mean = np.maximum(ratio.mean(axis=1), 0.0)
         pair = np.stack([mean, np.ones_like(mean)], axis=1)
-        at = nodes[solid.cells]
-        np.add.at(sums.array.reshape(-1, 2), at, pair[:, None])
+        np.add.at(sums.array.reshape(-1, 2), nodes[solid.cells], pair[:, None])
     sums.scatter_reverse(dolfinx.la.InsertMode.add)
     sums.scatter_forward()
     total = sums.array.reshape(-1, 2)

@@ -71,8 +71,7 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
     # ∂X/∂ξ of an isoparametric cell; its inverse takes slopes in the reference cell to those in
     # space.
     edges = np.einsum("zca,cai->ciz", _each(geometry[1:], cells), X)
-    degree = space.element.basix_element.degree
-    table = shape_functions(kind, degree, 1, xi)
+    table = shape_functions(kind, space.element.basix_element.degree, 1, xi)
     values, slopes = _each(table[0], cells), _each(table[1:], cells).transpose(1, 0, 2)
     across, axis = _hoop(X, place, section)
     volume = np.abs(np.linalg.det(edges))

@@ -71,8 +71,7 @@ class AsperityPressure(AveragedPressure):
         Raises:
             ValueError: too few points on a facet.
         """
-        step = np.array([0.0])
-        stiffness = -float(model.asperities.pressure(step)[1][0])
+        stiffness = -float(model.asperities.pressure(np.array([0.0]))[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
         self.model = model
         facets, self.facet_of = _facets(surface)

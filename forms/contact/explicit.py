@@ -341,8 +341,7 @@ class ExplicitContact:
         work.owned[:] *= inverse_mass
         self.exchange.gather(work, self._values)
         rows, share = self._shares()
-        per_node = np.abs(self._values).max(axis=1)
-        return np.einsum("qm,qm->q", share, per_node[rows])
+        return np.einsum("qm,qm->q", share, np.abs(self._values).max(axis=1)[rows])
 
     # -- dashpots -------------------------------------------------------------------------------
 

@@ -96,8 +96,7 @@ def _neighbour(term: Pair, other: Pair) -> Neighbour | None:
         return None
     here = np.array_equal(term.surface.slave.position, other.surface.slave.position)
     here &= type(term.state.friction) is type(other.state.friction)
-    same = term.surface.vertices.on_all_ranks(bool(here))
-    return Neighbour(other, rows, same)
+    return Neighbour(other, rows, term.surface.vertices.on_all_ranks(bool(here)))
 
 
 def covered_by_others(neighbours: Sequence[Neighbour], count: int) -> Floats:

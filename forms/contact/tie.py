@@ -190,8 +190,7 @@ def _parts(cell: str) -> tuple[Floats, Floats]:
         turned = steps[steps.sum(axis=1) < _PARTS - 1] + 1.0
     # A triangle falls into upright parts and, between them, ones turned by half a turn.
     upright = (corners[:, None] + xi).reshape(-1, 2)
-    reversed_ = (turned[:, None] - xi).reshape(-1, 2)
-    points = np.concatenate([upright, reversed_]) / _PARTS
+    points = np.concatenate([upright, (turned[:, None] - xi).reshape(-1, 2)]) / _PARTS
     return points, np.tile(weight / _PARTS**2, len(corners) + len(turned))
 
 
@@ -310,10 +309,8 @@ class TieTerm(ContactTerm):
 
     def _means(self, moved: Floats) -> Floats:
         """Sums (v, i) of this rank's points over all ranks, divided by c_A; collective."""
-        vertices = self.surface.vertices
-        total = vertices.total(np.ascontiguousarray(moved.T)).T
-        area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
-        return total / area[:, None]
+        total = self.surface.vertices.total(np.ascontiguousarray(moved.T)).T
+        return total / np.where(self.tied_area > 0.0, self.tied_area, 1.0)[:, None]
 
     def _gradient(self, values: Floats) -> scipy.sparse.csr_matrix:
         """B (v·i, n·j), this rank's part, at displacements (n, i), m."""
@@ -443,8 +440,7 @@ class TieTerm(ContactTerm):
         Of points that have moved by u each sum of the jump is rounded by about ε |u|. What has
         moved further than the slave is long counts as moved by that.
         """
-        vertices = self.surface.vertices
-        longest = float(np.ptp(vertices.position, axis=0).max())
+        longest = float(np.ptp(self.surface.vertices.position, axis=0).max())
         # |B| |u| bounds the size of the sums that are rounded; ε of it is their error.
         moved = np.minimum(np.abs(self.surface.gather(x)), longest)
         plain = abs(self._gradient(np.zeros_like(moved)))

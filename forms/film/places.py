@@ -76,8 +76,7 @@ class FilmCells:
 
     def last(self) -> Bools:
         """Places (n,) with fewer than two neighbours: the ends of the film."""
-        count = np.bincount(self.ends.reshape(-1), minlength=len(self.area))
-        return count < 2
+        return np.bincount(self.ends.reshape(-1), minlength=len(self.area)) < 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,8 +300,7 @@ def _senses(beside: Longs, turned: Floats) -> Floats:
     # A facet that follows itself, its image at a plane of symmetry, says nothing of the line.
     same = (turned > 0.0) | (beside == np.arange(count)[:, None])
     other = np.where(np.concatenate([same, same]), ends, (ends + count) % (2 * count))
-    pairs = np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1)
-    chain = _together(pairs, 2 * count)
+    chain = _together(np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1), 2 * count)
     return np.where(chain[:count] < chain[count:], 1.0, -1.0)
 
 
@@ -311,8 +309,7 @@ def _beside(facets: Longs, closed: Bools) -> tuple[Longs, Floats]:
 
     At vertices that are ``closed`` (v,) its image follows, which runs the other way.
     """
-    count = len(facets)
-    beside = np.repeat(np.arange(count)[:, None], 2, axis=1)
+    beside = np.repeat(np.arange(len(facets))[:, None], 2, axis=1)
     turned = np.where(closed[facets], -1.0, 1.0)
     vertex = facets.reshape(-1)
     order = np.argsort(vertex, kind="stable")

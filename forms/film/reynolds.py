@@ -364,8 +364,7 @@ class ReynoldsFilm:
         first, last = mean[ends].T
         whole = 2.0 * first**2 * last**2 / (first + last)
         # ∂/∂a of 2a²b²/(a + b) is that times (a + 2b)/(a (a + b)).
-        other = mean[ends[:, ::-1]]
-        slope = whole[:, None] * (mean[ends] + 2.0 * other)
+        slope = whole[:, None] * (mean[ends] + 2.0 * mean[ends[:, ::-1]])
         slope /= mean[ends] * (first + last)[:, None]
         shared = factor[ends].mean(axis=1)
         by_film = 0.5 * d_factor[ends] * whole[:, None]

@@ -186,8 +186,7 @@ def refined(position: Floats, bodies: Parts, surfaces: Parts, source: str) -> Me
     for _, blocks in bodies.values():
         for shape, rows in blocks.items():
             counts[shape] = counts.get(shape, 0) + len(rows)
-    dim = DIMENSION[next(iter(counts))]
-    cell = QUADRILATERAL if dim == 2 else HEXAHEDRON
+    cell = QUADRILATERAL if DIMENSION[next(iter(counts))] == 2 else HEXAHEDRON
     middles = _Middles(position, [b for _, b in bodies.values()])
     made = {name: Part(tag, middles.divided(blocks)) for name, (tag, blocks) in bodies.items()}
     try:
@@ -238,8 +237,7 @@ class _Middles:
         known, first = self._known.get(rows.shape[1], (np.empty((0, rows.shape[1])), 0))
         # Of known rows and wanted ones together np.unique says where each first stands: that is its
         # place among the known, or beyond them if it is none.
-        wanted = np.sort(rows, axis=1)
-        both = np.concatenate([known, wanted]).astype(np.int64)
+        both = np.concatenate([known, np.sort(rows, axis=1)]).astype(np.int64)
         _, at, back = np.unique(both, axis=0, return_index=True, return_inverse=True)
         found = at[back.reshape(-1)[len(known) :]]
         if np.any(found >= len(known)):

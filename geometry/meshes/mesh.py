@@ -178,8 +178,7 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    source = type(shape).__name__
-    return _load(lambda: _generated(shape), source, comm, contacts)
+    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
 
 
 def read(
@@ -455,7 +454,6 @@ def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, 
     for edge in edges:
         cell = int(cells.links(edge)[0])
         at = int(np.nonzero(inside.links(cell) == edge)[0][0])
-        closure = layout.entity_closure_dofs(1, at)
-        nodes.append(space.dofmap.cell_dofs(cell)[closure])
+        nodes.append(space.dofmap.cell_dofs(cell)[layout.entity_closure_dofs(1, at)])
     found = np.array(nodes, dtype=np.int32).reshape(-1)
     return found, np.outer(lengths, share).reshape(-1)

@@ -64,8 +64,7 @@ def outward_facets(
 
 def owned_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """The facets that this rank owns."""
-    size = mesh.topology.index_map(mesh.topology.dim - 1).size_local
-    return facets[facets < size]
+    return facets[facets < mesh.topology.index_map(mesh.topology.dim - 1).size_local]
 
 
 def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:

@@ -257,8 +257,7 @@ class RaySearch:
         at_ends = shape.first(np.array([[0.0], [1.0]]))
         here = unit_normals(np.einsum("eba,fai->febi", at_ends, controls))
         # Beyond a first end lies the second one of the facet before, and the other way round.
-        there = here[self.across, np.array([1, 0])]
-        cosine = np.einsum("fei,fei->fe", here, there)
+        cosine = np.einsum("fei,fei->fe", here, here[self.across, np.array([1, 0])])
         self.has_kinks = bool(np.any((cosine < np.cos(KINK)) & (self.across >= 0)))
 
     def hits(

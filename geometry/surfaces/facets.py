@@ -347,8 +347,7 @@ def fitted_circle(place: Floats) -> tuple[float, float]:
     The sum of squared distances from the circle is least (Gauss and Newton's method from the
     algebraic circle of Kåsa). The radius is infinite where places are straight, or fewer than 3.
     """
-    middle = place.mean(axis=0)
-    at = place - middle
+    at = place - place.mean(axis=0)
     size = float(np.sqrt((at**2).sum(axis=1).max(initial=0.0)))
     if len(place) < 3 or size == 0.0:
         return np.inf, 0.0

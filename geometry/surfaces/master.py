@@ -364,8 +364,7 @@ def _boxes(points: Floats) -> Floats:
         if len(group) == 1 or max(sizes) == 0.0:
             groups.append(group)
             break
-        along = group[:, int(np.argmax(np.ptp(group, axis=0)))]
-        order = np.argsort(along, kind="stable")
+        order = np.argsort(group[:, int(np.argmax(np.ptp(group, axis=0)))], kind="stable")
         # Halves across the longest side: boxes close round the points keep the bounds sharp.
         groups += np.array_split(group[order], 2)
     ends = [np.stack([group.min(axis=0), group.max(axis=0)]) for group in groups]

@@ -256,8 +256,7 @@ class FacetSurface:
         self, points: Floats, controls: Floats, facet: Ints
     ) -> tuple[Floats, Bools]:
         """Places ξ (q, α) nearest to points on endless facets (q,); whether there are any."""
-        count = np.arange(len(points) + 1)
-        among = Candidates(count, facet, np.zeros(len(points)), 0.0)
+        among = Candidates(np.arange(len(points) + 1), facet, np.zeros(len(points)), 0.0)
         _, xi, entity = self._code.closest(points, controls, among, 0.0, (facet, np.inf))
         return xi, entity == INTERIOR
 
@@ -422,8 +421,7 @@ class FacetSurface:
 def _sharing_corners(corners: Ints, count: int) -> scipy.sparse.csr_matrix:
     """Facets (f, f) with a node of the ``count`` in common, by their corners (f, v)."""
     start = np.arange(0, corners.size + 1, corners.shape[1])
-    ones = np.ones(corners.size, dtype=np.int32)
-    given = ones, corners.reshape(-1), start
+    given = np.ones(corners.size, dtype=np.int32), corners.reshape(-1), start
     incidence = scipy.sparse.csr_matrix(given, shape=(len(corners), count))
     out = (incidence @ incidence.T).tocsr()
     out.data[:] = 1
@@ -443,8 +441,7 @@ def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
             "the master surface branches: more than two of its facets meet at an edge, or two "
             "whose outward sides differ"
         )
-    at = np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)
-    match = order[at]
+    match = order[np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)]
     found = key[match] == back
     across = np.where(found, match // len(shape.sides), -1).astype(np.int32)
     side = np.where(found, match % len(shape.sides), 0).astype(np.int32)

@@ -117,8 +117,7 @@ class RigidSurface(ABC):
         self.control_points = self._middle + self.size * corners
         # Σ_a Z_a Z_aᵀ = (d + 1)/d I for the corners Z_a of the simplex in the unit sphere.
         self._gradients = (self.dim / (self.dim + 1) / self.size) * corners
-        every = np.arange(self.dim + 1, dtype=np.int32)
-        self.stencil = np.tile(every, (facets, 1))
+        self.stencil = np.tile(np.arange(self.dim + 1, dtype=np.int32), (facets, 1))
 
     @property
     def neighbours(self) -> scipy.sparse.csr_matrix:
@@ -321,8 +320,7 @@ def _simplex(dim: int) -> Floats:
     if dim == 2:
         angle = 0.5 * np.pi + np.arange(3) * (2.0 * np.pi / 3.0)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    cube = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-    return cube / np.sqrt(3.0)
+    return np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
 
 
 # -- The motion of a rigid tool: a displacement and one angle, as two reference nodes hold them ----

@@ -205,8 +205,7 @@ class Polyline(RigidShape):
                 xi[end] += sign * far / pieces.length[end]
         number = np.arange(len(xi), dtype=np.int32)
         cells = np.stack([number, np.roll(number, -1)], axis=1)
-        places = pieces.places(facet, xi)
-        return Outline(places, cells if pieces.closed else cells[:-1])
+        return Outline(pieces.places(facet, xi), cells if pieces.closed else cells[:-1])
 
 
 # -- The corners of a polyline in the plane, rounded by fillets that fit ---------------------------

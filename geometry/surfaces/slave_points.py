@@ -295,8 +295,7 @@ def slave_vertices(
 
 def _positions(space: dolfinx.fem.FunctionSpace, mine: Longs, distinct: Longs) -> Floats:
     """Reference positions (v, i) of the ``distinct`` global nodes; collective."""
-    index = space.dofmap.index_map
-    local = index.global_to_local(mine)
+    local = space.dofmap.index_map.global_to_local(mine)
     dim = space.mesh.geometry.dim
     here = space.tabulate_dof_coordinates()[local][:, :dim]
     out = np.empty((len(distinct), dim))

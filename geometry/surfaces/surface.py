@@ -184,8 +184,7 @@ class ContactSurface:
         self._source = MasterSource(*known)
         self.master = no_facets(self.shape, self._source.extent)
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
-        rows = self._source.fetch(self.slave.position, still, self.master.number)
-        self._take(rows)
+        self._take(self._source.fetch(self.slave.position, still, self.master.number))
 
     def _searched(
         self, master: MasterFacets, ends: tuple[float | None, float | None], rings: bool = False

@@ -137,8 +137,7 @@ def test_a_table_with_other_columns_or_missing_rows_is_refused(done, tmp_path, t
 def test_a_row_that_was_cut_off_in_the_middle_is_dropped(done, tmp_path):
     out = as_killed(done, tmp_path / "out", 2)
     path = out / "history.csv"
-    kept = path.read_text().splitlines(keepends=True)[:3]
-    path.write_text("".join(kept) + "2,1.")
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]) + "2,1.")
     run(case_of(), out, resume=True)
     assert path.read_text() == (done / "history.csv").read_text()
 

@@ -40,8 +40,7 @@ def test_the_place_of_the_largest_number():
 
 def matrix_of(mesh):
     """A displacement space and a matrix with its pattern, on the ranks of the mesh."""
-    dim = mesh.geometry.dim
-    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,)))
     A = dolfinx.fem.petsc.assemble_matrix(pattern_form(space))
     A.assemble()
     A.zeroEntries()

@@ -179,8 +179,7 @@ def test_a_velocity_that_appears_goes_on_from_where_the_surface_is():
         "velocity": {"y": [[0, 1e-4], [1, 1e-4], [1.5, 0]]},
         "stages": ["hold"],
     }
-    simulation = run([HELD, SIDE, load, hold], THREE)
-    height = of_surface(simulation, BOTTOM, "displacement_y")
+    height = of_surface(run([HELD, SIDE, load, hold], THREE), BOTTOM, "displacement_y")
     _, along = stretches(1e6)
     start = HEIGHT * (1.0 - along)
     assert height[1] == pytest.approx(start, rel=1e-9)

@@ -82,8 +82,7 @@ def cycled(contact: dict, E: float, height: float, elements: int = 8) -> list[Ro
         ],
         "solver": {"tolerance": 1e-10},
     }
-    run = solved(data)
-    return run.rows
+    return solved(data).rows
 
 
 def closed_form(rows: list[Row], alpha: float, conductance: float) -> np.ndarray:
@@ -107,8 +106,7 @@ def column(rows: list[Row], name: str) -> np.ndarray:
 
 def loop(rows: list[Row]) -> tuple[list[Row], float]:
     """The rows of the closed cycle, from the end of ``there`` to that of ``again``; ∮ T du."""
-    start = max(i for i, row in enumerate(rows) if row.stage == "there")
-    cycle = rows[start:]
+    cycle = rows[max(i for i, row in enumerate(rows) if row.stage == "there") :]
     force, place = column(cycle, "tangential_force"), column(cycle, "driven_displacement")
     assert place[0] == pytest.approx(place[-1], rel=1e-12)
     return cycle, float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(place)))
@@ -234,8 +232,7 @@ def slowed_block(steps: int, velocity: float, pressure: str) -> tuple[list[Row],
         ],
     }
     cuts = Cuts()
-    run = solved(data, observer=cuts)
-    return run.rows, cuts.too_long
+    return solved(data, observer=cuts).rows, cuts.too_long
 
 
 @pytest.mark.parametrize(

@@ -93,8 +93,7 @@ def no_number(name, formulation, depth, section):
     """
     u, solid = body("quadrilateral", MATERIALS[name], formulation, distortion=0.0, section=section)
     stretched(u, 1e-3)
-    x = u.function_space.tabulate_dof_coordinates()[:, :2]
-    corner = int(np.argmax(x.sum(axis=1)))
+    corner = int(np.argmax(u.function_space.tabulate_dof_coordinates()[:, :2].sum(axis=1)))
     u.x.array[2 * corner : 2 * corner + 2] = -depth * np.array([0.2, 0.7 / 3.0])
     cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
     assert not cells.add(u.x.array, mine, None)

@@ -169,8 +169,7 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(dim, dim)))[0]
     turn[0] *= np.linalg.det(turn)
     now = scene.where + x.array_r.reshape(-1, dim)
-    shift = [0.4, -0.3, 0.2][:dim]
-    moved.array[:] = (now @ turn.T + shift - scene.where).reshape(-1)
+    moved.array[:] = (now @ turn.T + [0.4, -0.3, 0.2][:dim] - scene.where).reshape(-1)
     trial = scene.term.evaluate(moved, 1.0)
     np.testing.assert_allclose(trial.kinematics.slip, 0.0, atol=1e-12)
     np.testing.assert_allclose(trial.traction, first.traction @ turn.T, rtol=0, atol=1e-10)

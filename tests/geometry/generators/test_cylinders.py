@@ -72,8 +72,7 @@ def test_contact_zone_has_its_width_and_size_in_each_body(model):
 
 def test_cells_grow_from_the_contact_by_the_growth_asked_for(model):
     ON_BLOCK.build()
-    x = group_points("elastomer_right", 1)
-    lengths = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(group_points("elastomer_right", 1), axis=0), axis=1)
     assert lengths[0] <= H and lengths[0] > 0.5 * H
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.4, rtol=2e-2)  # chords of arcs
 
