@@ -183,7 +183,6 @@ class MetalProblem:
     def __init__(
         self, data: MaterialData, law: str, branches: int, fixed: Mapping[str, float]
     ) -> None:
-        """Take a test of a metal."""
         assert data.strain is not None and data.stress is not None
         self.law, self.branches, self.fixed = law, branches, dict(fixed)
         self.strain, self.rows, self.unknown = with_turns(data.strain)

@@ -67,7 +67,6 @@ class Interruption(Observer):
     """
 
     def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
-        """No signal is taken before the context is entered."""
         self._comm, self._saving = comm, saving
         self.noted: Callable[[], None] | None = None
         self.asked = False

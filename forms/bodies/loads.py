@@ -30,7 +30,6 @@ class Load:
         residual: dolfinx.fem.Form,
         tangent: dolfinx.fem.Form | None = None,
     ) -> None:
-        """Keep the parts."""
         self.value, self.residual, self.tangent = value, residual, tangent
 
     @property

@@ -51,7 +51,6 @@ class PointStress:
     """
 
     def __init__(self, material: Material, section: Section) -> None:
-        """Differentiate the energy."""
         self._space = section == "3D"
         self._constants, variables = free_variables(3)
         k = of_invariants(variables, self._space)

@@ -176,7 +176,6 @@ class _Loops:
     arrays: dict[str, NDArray[Any]]
 
     def __init__(self, band: Band, scale: float, smoothing: float, **given: NDArray[Any]) -> None:
-        """Take what is given; the rest is made by the functions."""
         self._code = _code()
         places, faces = len(given["unknown"]), len(given["ends"])
         sizes = [places] * (len(_RESULTS) - 3) + [faces, faces, places * (3 * band.reach + 1)]

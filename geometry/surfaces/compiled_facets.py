@@ -82,7 +82,6 @@ class CompiledFacets:
     """All facets of one surface."""
 
     def __init__(self, shape: FacetShape, facets: int) -> None:
-        """Lay out what the library works on."""
         self.shape, self._code = shape, library(SOURCE)
         sizes = _sizes(self._code)
         # Zeros that no one touches take no memory; nor are they written before a facet is needed.

@@ -239,7 +239,6 @@ class RigidShape(RigidSurface):
     """A surface given by formulae."""
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
-        """See :class:`RigidSurface`."""
         super().__init__(facets, centre, size, extent)
         self.search = Unsearched(0.5 * self.size)
 

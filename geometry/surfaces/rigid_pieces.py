@@ -181,7 +181,6 @@ class CompiledPieces:
     """The loops over the points of a line, by the source ``polyline.c``."""
 
     def __init__(self, pieces: Pieces) -> None:
-        """Lay the pieces out."""
         middle = turned(pieces.start - pieces.centre, 0.5 * pieces.sweep)
         arrays = pieces.start, pieces.end, pieces.centre, pieces.sweep, middle
         every = (*arrays, pieces.limits(), *pieces.spheres())

@@ -380,7 +380,6 @@ class LineEnds:
     """The ends and corners of a line, and what they leave of points near them."""
 
     def __init__(self, pieces: Pieces) -> None:
-        """Find them."""
         self._open, self._sharp = pieces.open_ends(), pieces.turns() != 0.0
         self._length, self._sweep = pieces.length, pieces.sweep
         out = left_of(pieces.directions())

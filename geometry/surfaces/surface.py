@@ -456,7 +456,6 @@ class SurfaceExchange:
     """
 
     def __init__(self, surface: ContactSurface) -> None:
-        """Find the nodes of ``surface``."""
         self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
         self.signs, self._images = surface.signs, surface.images
         self._own = len(surface.nodes) - (0 if self._images is None else len(self._images.of))
