@@ -96,7 +96,6 @@ class TriboxError(Exception):
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        """Take a message, whatever it quotes."""
         super().__init__(as_line(message))
 
     @property

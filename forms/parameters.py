@@ -127,7 +127,6 @@ class Refused(ValueError):
     """
 
     def __init__(self, key: str, reason: str, value: object = MISSING) -> None:
-        """Make the message: key, value and reason."""
         shown = key if value is MISSING else f"{key} = {value!r}"
         super().__init__(f"{shown}: {reason}" if key else reason)
         self.key, self.reason, self.value = key, reason, value

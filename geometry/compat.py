@@ -135,16 +135,14 @@ def _tags_of(
 def cell_nodes(mesh: dolfinx.mesh.Mesh) -> Ints:
     """Rows (c, a) of ``mesh.geometry.x`` of the nodes of each local cell, corners first."""
     geometry = mesh.geometry
-    nodes: Ints = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    return nodes
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
 def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints) -> Ints:
     """Rows (e, a) of ``mesh.geometry.x`` of the nodes of each local edge or face."""
     if not len(entities):  # 0.9 divides by their number
         return np.empty((0, dim + 1), dtype=np.int32)
-    nodes: Ints = dolfinx.mesh.entities_to_geometry(mesh, dim, entities)
-    return nodes  # of curved cells the corners come first
+    return dolfinx.mesh.entities_to_geometry(mesh, dim, entities)
 
 
 def cell_order(mesh: dolfinx.mesh.Mesh) -> int:
@@ -184,8 +182,7 @@ def integration_facets(mesh: dolfinx.mesh.Mesh, facets: Ints) -> Ints:
 def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
     """Points (p, i) of the reference cell at which a space takes values of a function."""
     points = space.element.interpolation_points
-    found: Floats = points() if callable(points) else points
-    return found
+    return points() if callable(points) else points
 
 
 # -- spaces with more nodes than the mesh has -----------------------------------------------------
@@ -224,8 +221,7 @@ def with_more_nodes(space: dolfinx.fem.FunctionSpace, more: int) -> dolfinx.fem.
 
 def packed_constants(form: dolfinx.fem.Form) -> Floats:
     """Values of a form's constants, as ``dolfinx.fem.assemble_vector`` takes them."""
-    constants: Floats = dolfinx.cpp.fem.pack_constants(form._cpp_object)
-    return constants
+    return dolfinx.cpp.fem.pack_constants(form._cpp_object)
 
 
 def add_matrix(A: PETSc.Mat, form: dolfinx.fem.Form, unrolled: bool) -> None:

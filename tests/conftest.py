@@ -85,8 +85,7 @@ class Pair:
 
     def nodes(self, body: str) -> np.ndarray:
         """Nodes of the displacement on one body."""
-        table = self.u.function_space.dofmap.list
-        return np.unique(table[self.named.cells(body)])
+        return np.unique(self.u.function_space.dofmap.list[self.named.cells(body)])
 
     def displaced(self, upper: Motion, lower: Motion) -> PETSc.Vec:
         """Unknowns that move each body by a function of the reference positions (n, 2)."""
@@ -198,8 +197,7 @@ def make_sheet(
     if cell == "triangle":
         places.append(starts + degree - local)
     size = [degree * n + 1 for n in count]
-    at = np.concatenate(places)
-    facets = np.ravel_multi_index(tuple(np.moveaxis(at, -1, 0)), size)
+    facets = np.ravel_multi_index(tuple(np.moveaxis(np.concatenate(places), -1, 0)), size)
     if cell == "interval":
         # The body lies to the right of a segment from left to right: upwards is its left.
         assert (np.diff(nodes[facets[:, :2], 0], axis=1) > 0.0).all()

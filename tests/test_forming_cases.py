@@ -306,8 +306,7 @@ def drawing_force(rim: float, law: Swift, mu: float, holder: float) -> float:
     wall, fillet, thick, forces = 25.6e-3, 6.5e-3, 1e-3, []
     for now in np.linspace(rim, 32.2e-3, 40):
         radius = np.linspace(wall, now, 400)
-        strain = np.log(np.sqrt(1.0 + (rim**2 - now**2) / radius**2))
-        stress = law.stress(strain)
+        stress = law.stress(np.log(np.sqrt(1.0 + (rim**2 - now**2) / radius**2)))
         drawn = np.trapezoid(stress / radius, radius) + 2 * mu * holder / (2 * np.pi * now * thick)
         bent = 4.0 / np.sqrt(3.0) * stress[0] * thick / (4.0 * fillet)
         forces.append(2.0 * np.pi * wall * thick * (drawn + bent) * np.exp(0.5 * np.pi * mu))

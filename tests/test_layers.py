@@ -83,8 +83,7 @@ def imports(root: Path = ROOT) -> dict[str, set[str]]:
 
 
 def room(module: str) -> str:
-    parts = module.split(".")
-    return ".".join(parts[:3])
+    return ".".join(module.split(".")[:3])
 
 
 def within(module: str, places: set[str]) -> bool:

@@ -262,8 +262,7 @@ def shear_compliance(case: Case) -> float:
     """Displacement of the upper block's top per shear traction below, m/Pa; 0 if not known."""
     if not isinstance(case.geometry, BlocksGeometry):
         return 0.0
-    modulus = case.bodies[case.geometry.bodies[0]].shear_modulus
-    return case.geometry.upper.height / modulus
+    return case.geometry.upper.height / case.bodies[case.geometry.bodies[0]].shear_modulus
 
 
 # -- Checks of friction-map parameters against the film, the pressure and the numbers of a run -----
@@ -355,8 +354,7 @@ def notes_on_tabulation(parameters: FrictionMapParameters, film: Floats) -> Iter
     rows = np.array([thickness for thickness, _ in table])
     asked = np.unique(film)
     asked = asked[(asked > parameters.D_min) & (asked < parameters.D_max)]
-    has_row = np.isclose(asked[:, None], rows, rtol=SAME, atol=0.0).any(axis=1)
-    missing = asked[~has_row]
+    missing = asked[~np.isclose(asked[:, None], rows, rtol=SAME, atol=0.0).any(axis=1)]
     if not missing.size:
         return
     inside = (missing > rows[0]) & (missing < rows[-1])

@@ -191,8 +191,7 @@ class ContactBuilder:
         parts = [one.part for one in constraints if isinstance(one.part, SlantedPlaten)]
         dofs = [part.dofs for part in parts if part.displacement is not None]
         none = np.empty(0, dtype=np.int32)
-        nodes: Ints = np.concatenate([none, *dofs]) // self.space.dofmap.index_map_bs
-        return nodes
+        return np.concatenate([none, *dofs]) // self.space.dofmap.index_map_bs
 
     def _held_with(self, master: str) -> list[Longs]:
         """By axis, nodes that stay where they are, along axes in which the master rests there too.
@@ -418,8 +417,7 @@ def contact_program(
         plain = law.law if isinstance(law, FactoredLaw) else law
         if friction.changes:
             plain = friction.friction_law(time)
-        factored = isinstance(law, FactoredLaw)
-        new = _factored(plain, factor, time) if factored else plain
+        new = _factored(plain, factor, time) if isinstance(law, FactoredLaw) else plain
         term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program

@@ -210,8 +210,9 @@ def _built(case: Case, comm: MPI.Comm, runs_code: bool) -> Model:
     solids = make_solids(bodies, named, u, section, materials)
     loads = _loads(case, named, u, section)
     tools = make_tools(case, named, tool_blocks, loads)
+    by_name = {tool.name: tool for tool in tools.members}
     builder = ContactBuilder(
-        case, named, u.function_space, section, materials, runs_code, tools.by_name(), loads
+        case, named, u.function_space, section, materials, runs_code, by_name, loads
     )
     contacts = [builder.build(index) for index in range(len(case.contact))]
     terms = [contact.term for contact in contacts]

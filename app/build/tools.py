@@ -174,10 +174,6 @@ class Tools:
     # each sets one of them from (time, driven displacement), s and m
     programs: list[Callable[[float, float], None]] = field(default_factory=list)
 
-    def by_name(self) -> dict[str, RigidTool]:
-        """The members by their names."""
-        return {tool.name: tool for tool in self.members}
-
 
 def blocks_of_tools(case: Case, named: NamedMesh) -> dict[str, Block]:
     """The unknowns of each tool: the components of its displacement, and its angle."""
@@ -337,7 +333,9 @@ def _stays(case: Case, name: str, how: _Slot) -> Acts:
     names = [stage.name for stage in case.stage]
     # Those after the first of the stages in which its displacement is given.
     known = names if how.load is not None else names[min(map(names.index, how.given)) + 1 :]
-    free = {s for s in known if case.touches_in(name, s) and s not in how.given}
+    mine = [contact for contact in case.contact if contact.master == name]
+    touches = {s for s in known if any(case.acts_in(contact, s) for contact in mine)}
+    free = touches - set(how.given)
     return lambda stage: stage not in free
 
 

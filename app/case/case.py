@@ -322,10 +322,6 @@ class Case(Model):
         given_up = {name for one in past for name in one.release}
         return bool(given_up & self.names_of(contact))
 
-    def touches_in(self, tool: str, stage: str) -> bool:
-        """Whether a contact with this tool acts in a stage."""
-        return any(self.acts_in(one, stage) for one in self.contact if one.master == tool)
-
     def names_of(self, contact: Contact) -> set[str]:
         """What a contact is released by: its name, or its tool's."""
         return {contact.label} | ({contact.master} & self.tools.keys())

@@ -440,12 +440,6 @@ class PlacedBlockSize(Model):
         return PlacedBlock(name, low, high, self.elements, self.size, self.grading or ())
 
 
-def _usual_cell(data: dict[str, Any]) -> _Cell:
-    """Quadrilaterals, or hexahedra where a block has an extent in z."""
-    blocks = (data.get("blocks") or {}).values()
-    return "hexahedron" if any(block.z is not None for block in blocks) else "quadrilateral"
-
-
 class PlacedBlocksGeometry(GeneratedGeometry):
     """Rectangles in the plane, or boxes in space, each a body with a name of its own."""
 
@@ -469,7 +463,11 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         default="plane-strain", description=f"{SECTION}; of blocks in the plane"
     )
     cell: _Cell = Field(
-        default_factory=lambda data: _usual_cell(data),
+        default_factory=lambda data: (
+            "hexahedron"
+            if any(block.z is not None for block in (data.get("blocks") or {}).values())
+            else "quadrilateral"
+        ),
         description="shape of the elements; default: quadrilateral, in space hexahedron",
     )
 

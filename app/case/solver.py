@@ -216,8 +216,7 @@ def _as_text(value: object) -> str:
 
 def _as_name(text: str) -> str:
     """Text without spaces and without what a directory name or a shell would stumble over."""
-    spaceless = re.sub(r"(?<=\d)\s+(?=\D)", "", text.strip())
-    return re.sub(rf"[^{_LETTERS}]+", "_", spaceless)
+    return re.sub(rf"[^{_LETTERS}]+", "_", re.sub(r"(?<=\d)\s+(?=\D)", "", text.strip()))
 
 
 # -- PETSc options that a case may give: those that say how a system is solved, and nothing else ---

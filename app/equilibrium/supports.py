@@ -413,8 +413,7 @@ def _as_one(problem: Equilibrium, platen: Platen, modes: Floats, mine: Ints) -> 
     rows: Floats = modes.transpose(0, 2, 1)[here]
     if isinstance(platen, SlantedPlaten):
         rows = modes[here.all(axis=1)] @ platen.normal
-    local = np.concatenate([rows.sum(axis=0), [len(rows)]])
-    total = problem.comm.allreduce(local)
+    total = problem.comm.allreduce(np.concatenate([rows.sum(axis=0), [len(rows)]]))
     # A platen under a force may move as a whole: what counts is by how much its nodes move apart.
     # Held or on a spring it is their motion itself.
     mean = total[:-1] / max(total[-1], 1.0)

@@ -467,8 +467,7 @@ def _with(
     """Nodes (n,) and those of each facet (f, n), with ``more`` (f, s) for the ``active`` ones."""
     both = np.unique(np.concatenate([nodes, more.reshape(-1)]))
     known = _present(touched).tocoo()
-    facets = np.repeat(np.nonzero(active)[0], more.shape[1])
-    row = np.concatenate([known.row, facets])
+    row = np.concatenate([known.row, np.repeat(np.nonzero(active)[0], more.shape[1])])
     node = np.concatenate([nodes[known.col], more[active].reshape(-1)])
     return both, _table(row, np.searchsorted(both, node), (len(more), len(both)))
 

@@ -69,8 +69,7 @@ def energy_roundoff(problem: Equilibrium) -> float:
     as large as the modulus, as Ogden's is: by strains of 1e-7 of all that a box round the bodies
     holds.
     """
-    x = problem.space.tabulate_dof_coordinates()[:, : problem.dim]
-    box = box_of(problem.comm, x)
+    box = box_of(problem.comm, problem.space.tabulate_dof_coordinates()[:, : problem.dim])
     volume = float(np.prod(np.ptp(box, axis=0)))
     if problem.solids[0].section == "axisymmetric":
         volume *= 2.0 * np.pi * float(box[1, 0])
@@ -239,11 +238,3 @@ class Energies:
         pairs = zip(problem.contacts, trials, strict=True)
         local += sum(term.interface_energy(trial) for term, trial in pairs)
         return float(problem.comm.allreduce(local, op=MPI.SUM)) + self.kinetic()
-
-    def work_of_all_ranks(self) -> float:
-        """Work since the start, J/m; collective."""
-        return float(self._problem.comm.allreduce(self.work, op=MPI.SUM))
-
-    def twice_kinetic(self) -> Floats:
-        """Twice the kinetic energy m v² of each owned unknown (n,), J/m, by its last velocity."""
-        return self._mass * self._state.v.owned**2

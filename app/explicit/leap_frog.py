@@ -106,8 +106,7 @@ class LumpedDynamics:
 
     def sums(self, values: Floats) -> Floats:
         """Sum of ``values`` (n,) over each platen's unknowns (p,); collective."""
-        local = np.array([values[p.dofs].sum() for p in self.platens])
-        return self._summed(local)
+        return self._summed(np.array([values[p.dofs].sum() for p in self.platens]))
 
     def _summed(self, local: Floats) -> Floats:
         if self.comm.size == 1:

@@ -286,7 +286,6 @@ class StableSteps:
     """Estimates the stable step; each estimate starts from the eigenvectors of the last."""
 
     def __init__(self, stiffness: Stiffness, space: dolfinx.fem.FunctionSpace) -> None:
-        """Start without an estimate."""
         self._stiffness, self._space = stiffness, space
         self._bodies: Mode | None = None
         self._whole: Mode | None = None

@@ -232,8 +232,8 @@ class ExplicitStepper:
             self._set_dashpots()
         if state.steps % self.options.check_every == 0:
             stored = self.energies.stored(trials)
-            work = self.energies.work_of_all_ranks()
-            self._watch.check(stored, work, state.time, self.energies.twice_kinetic())
+            work = float(problem.comm.allreduce(self.energies.work))
+            self._watch.check(stored, work, state.time, self.dynamics.mass * state.v.owned**2)
 
     def _set_dashpots(self) -> None:
         """Fit the contacts' dashpots to the masses they now lie between; collective."""

@@ -157,8 +157,7 @@ def energies_figure(results: Results) -> Figure:
     # What the parts and the gap add up to: beyond external work, the energy of first velocities.
     supplied = np.sum(list(parts.values()), axis=0) + error
     largest = float(np.max(np.abs(supplied))) or 1.0
-    apart = np.abs(supplied - table["external_work"])
-    moving_first = bool(apart.max() > 1e-9 * largest)
+    moving_first = bool(np.abs(supplied - table["external_work"]).max() > 1e-9 * largest)
     first = [] if moving_first else [0.0]
     x = np.concatenate([[at.begin] * len(first), at.values])
     unit = fitting(supplied, "J")

@@ -132,8 +132,7 @@ def _unsteady_words(series: list[Series]) -> str:
 
 def _curve_speeds(series: list[Series]) -> Floats:
     low = min(s.speed.min() for s in series)
-    high = max(s.speed.max() for s in series)
-    return np.geomspace(low / 1.5, high * 1.5, 2000)
+    return np.geomspace(low / 1.5, max(s.speed.max() for s in series) * 1.5, 2000)
 
 
 def broken(values: Floats, speed: Floats, at: float) -> Floats:

@@ -148,8 +148,7 @@ def sweep_figure(results: Results) -> Figure | None:
         _scales(axes, swept)
     panels[-1].set_xlabel(swept.label)
     words = "" if len(lines) == len(found) else f" ({len(lines)} of {len(found)} shown)"
-    unsteady = any(line.unsettled.any() for line in lines)
-    crosses = f"; {CROSSES}" * unsteady
+    crosses = f"; {CROSSES}" * any(line.unsettled.any() for line in lines)
     title = f"at the end of each stage or velocity{words}{crosses}"
     figure.suptitle(f"{results.case.title}\n{title}".strip(), fontsize=9)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)

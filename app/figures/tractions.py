@@ -88,8 +88,7 @@ def _directed(chain: Ints, reference: Floats, pressed: NDArray[np.bool_]) -> Int
     if chain[0] == chain[-1] and len(chain) > 2:
         ring = chain[:-1]
         turned = np.roll(ring, -_middle_of_gap(pressed[ring]))
-        centre = reference[ring].mean(axis=0)
-        arms = reference[turned] - centre
+        arms = reference[turned] - reference[ring].mean(axis=0)
         # Twice the area within, > 0 against the clock.
         area = np.cross(np.c_[arms, np.zeros(len(arms))], np.roll(np.c_[arms, 0 * arms[:, :1]], -1,
                         axis=0))[:, 2].sum()  # fmt: skip

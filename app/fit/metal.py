@@ -183,7 +183,6 @@ class MetalProblem:
     def __init__(
         self, data: MaterialData, law: str, branches: int, fixed: Mapping[str, float]
     ) -> None:
-        """Take a test of a metal."""
         assert data.strain is not None and data.stress is not None
         self.law, self.branches, self.fixed = law, branches, dict(fixed)
         self.strain, self.rows, self.unknown = with_turns(data.strain)
@@ -349,8 +348,7 @@ class MetalFit(MaterialFit[MetalProblem]):
 
     def flows_back(self) -> bool:
         """Whether the metal flows on a path after a turn: only this shows back stresses."""
-        strain = self.problem.strain
-        _, alpha = response(self.metal, strain, self.problem.along)
+        _, alpha = response(self.metal, self.problem.strain, self.problem.along)
         ends = alpha[[rows.stop - 1 for rows in self.problem.along]]
         return bool((np.diff(ends) > FLOWED).any())
 

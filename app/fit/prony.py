@@ -102,7 +102,6 @@ class PronyProblem:
     """
 
     def __init__(self, data: MaterialData, shift: Shift | None = None) -> None:
-        """Take a test, which must be none of a metal."""
         self.data, self.shift = data, shift
         self.relative = data.kind != "cycles"
         parts = (data.stress,) if data.stress is not None else (data.modulus, data.loss)

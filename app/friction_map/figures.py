@@ -294,8 +294,7 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
 def _traction_panel(
     axes: Axes, setup: MapSetup, film: float, x: Floats, traction: Floats, colour: str
 ) -> None:
-    largest = float(np.max(np.abs(traction)))
-    unit, scale = ("kPa", 1e-3) if largest >= 1e3 else ("Pa", 1.0)
+    unit, scale = ("kPa", 1e-3) if float(np.max(np.abs(traction))) >= 1e3 else ("Pa", 1.0)
     axes.plot(
         np.concatenate([[0.0], x]), np.concatenate([[0.0], traction]) * scale, color=colour, lw=1.3
     )

@@ -43,7 +43,6 @@ class DirectoryLock:
     """
 
     def __init__(self, directory: Path) -> None:
-        """Nothing is locked yet."""
         self._directory, self._path = directory, directory / LOCK
         self._descriptor: int | None = None
         self._made: list[Path] = []

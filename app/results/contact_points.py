@@ -288,5 +288,4 @@ def _facets(term: ContactTerm) -> Longs:
     _, first = np.unique(surface.slave.facet, return_index=True)
     gathered = surface.vertices.comm.allgather(surface.vertices.of_point[first])
     facets: Longs = np.concatenate(gathered)
-    middle = surface.vertices.position[facets].mean(axis=1)
-    return facets[order_by_place(middle)]
+    return facets[order_by_place(surface.vertices.position[facets].mean(axis=1))]

@@ -90,8 +90,7 @@ def keep_inputs_apart(directory: Path, sources: Iterable[Path]) -> None:
 
 def default_directory(case_file: Path) -> Path:
     """Where the results of a case go if nobody says: ``results/CASE``."""
-    root = os.environ.get("TRIBOX_RESULTS", "results")
-    return Path(root) / case_file.stem
+    return Path(os.environ.get("TRIBOX_RESULTS", "results")) / case_file.stem
 
 
 def suffixed_directory(source: Path, suffix: str) -> Path:

@@ -168,7 +168,6 @@ class CellStrain:
     """Evaluates the deformation gradient F at the centres of this rank's own cells."""
 
     def __init__(self, u: dolfinx.fem.Function, section: Section) -> None:
-        """Tabulate the shape functions."""
         space, topology = u.function_space, u.function_space.mesh.topology
         owned = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         self._rows = rows_at(space, section, owned, centre(topology.cell_name()))
@@ -206,7 +205,6 @@ class StressField:
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
-        """Find the centres of all cells."""
         topology = u.function_space.mesh.topology
         self._count = topology.index_map(topology.dim).size_local
         self._centres = [_CentrePoints(u, solid) for solid in solids]

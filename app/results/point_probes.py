@@ -74,7 +74,6 @@ class PointProbes:
     """
 
     def __init__(self, model: Model, probes: Sequence[PointPlaces]) -> None:
-        """Tabulate the shape functions at the points."""
         self._problem, self._probes = model.problem, probes
         self._components = components(model.problem.dim)
         self._flows = model.problem.flows
@@ -302,7 +301,6 @@ class NodeTable:
     )
 
     def __init__(self, model: Model) -> None:
-        """Take the lines of a model."""
         self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:
@@ -326,7 +324,6 @@ class ShapeTable:
     )
 
     def __init__(self, model: Model) -> None:
-        """Take the lines of a model."""
         self._model = model
 
     def rows(self) -> list[tuple[object, ...]]:

@@ -176,8 +176,7 @@ def final_shapes(directory: Path, ends: Mapping[int, float]) -> dict[str, dict[s
         mine = [row for row in rows if row["probe"] == name]
         bent = [float(row["bend_angle"]) for row in mine if int(row["step"]) in loaded]
         last = {key: value for key, value in mine[-1].items() if key not in (*KEYS, "probe")}
-        most = max(bent, key=abs, default=math.nan)
-        last["springback"] = most - last["bend_angle"]
+        last["springback"] = max(bent, key=abs, default=math.nan) - last["bend_angle"]
         found[name] = {k: float(v) if math.isfinite(v) else None for k, v in last.items()}
     return found
 
@@ -296,10 +295,8 @@ class _Body:
         local = np.array([weight @ part for part in parts] + [self.solid.strain_energy()])
         total = comm.allreduce(local)
         volume, means, energy = total[0], total[1:-1] / total[0], total[-1]
-        stretch = float(measures.max_stretch.max(initial=0.0))
-        largest = comm.allreduce(stretch, op=MPI.MAX)
-        reference = self._points.place.reshape(-1, dim)
-        extreme, where = _largest(mises, reference, comm)
+        largest = comm.allreduce(float(measures.max_stretch.max(initial=0.0)), op=MPI.MAX)
+        extreme, where = _largest(mises, self._points.place.reshape(-1, dim), comm)
         t = self._thickness
         tail = [volume / self._reference, largest, extreme, *where, energy * t]
         return np.array([volume * t, *means, *tail])

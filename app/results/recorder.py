@@ -117,7 +117,8 @@ class Recorder(Observer):
         """Write how a step went that has been tried."""
         with self.saving:
             if self.first:
-                self._begun_tables(state).add_attempt(attempt_row(state, load_step, dt, result))
+                attempt = attempt_row(state, load_step, dt, result)
+                self._begun_tables(state).attempts.extend([attempt])
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """Write the outputs that are due and look for a negative dissipation."""
@@ -544,11 +545,7 @@ class RunTables:
             for name, (columns, _, _) in tables_of(state).items()
         }
         path, tried = directory / "progress.csv", state.position.failures
-        self._progress = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
-
-    def add_attempt(self, row: tuple[int | float | str, ...]) -> None:
-        """Append an attempt, see :func:`attempt_row`."""
-        self._progress.extend([row])
+        self.attempts = GrowingTable(path, ATTEMPT_COLUMNS, after, tried)
 
     def write(self, state: RunState) -> None:
         """Append the rows that are new."""
@@ -563,5 +560,5 @@ class RunTables:
 
     def sync(self) -> None:
         """See that the rows are on the disk."""
-        for table in (*self._tables.values(), self._progress):
+        for table in (*self._tables.values(), self.attempts):
             table.sync()

@@ -56,7 +56,6 @@ class Saving:
     """
 
     def __init__(self, directory: Path) -> None:
-        """Begin without an error."""
         self._directory = directory
         self.place = Place(directory)
         self.problem: str | None = None

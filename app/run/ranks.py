@@ -127,7 +127,6 @@ class Forwarding:
     """
 
     def __init__(self, first: signal.Signals, further: signal.Signals) -> None:
-        """Nothing is passed on before the context is entered."""
         self.asked = 0
         self._first: int | None = None
         self._sent = (first, further)

@@ -67,7 +67,6 @@ class Interruption(Observer):
     """
 
     def __init__(self, comm: MPI.Comm, saving: Saving) -> None:
-        """No signal is taken before the context is entered."""
         self._comm, self._saving = comm, saving
         self.noted: Callable[[], None] | None = None
         self.asked = False
@@ -488,8 +487,7 @@ def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]
                 raise InputError(f"{source}geometry.mesh: {error}") from None
             return where
 
-        path = comm.bcast(on_first(comm, make))
-        yield case.with_mesh(path)
+        yield case.with_mesh(comm.bcast(on_first(comm, make)))
 
 
 def _kept(geometry: MeshGeometry, directory: Path) -> Path | None:

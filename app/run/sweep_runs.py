@@ -174,7 +174,8 @@ def run_sweep(
         for index, label in to_run:
             where = directory / label
             how = [f"--{name}" for name, given in options.how(where).items() if given]
-            parts.append(Part(label, part_command(case_file, index, where, [*how, *words]), where))
+            how += ["--part", str(index), "--out", str(where)]
+            parts.append(Part(label, tribox_command("run", str(case_file), *how, *words), where))
         jobs = options.jobs or max(1, cores() // options.ranks)
         with _put_together(case, directory, kept), sweep_lines(len(parts)) as lines:
             run_side_by_side(parts, jobs, lines)
@@ -390,13 +391,6 @@ def _summary_file(directory: Path) -> tuple[int, int] | None:
 def cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0))
-
-
-def part_command(case_file: Path, index: int, directory: Path, options: Sequence[str]) -> list[str]:
-    """The command that runs one value of the sweep in ``case_file``."""
-    return tribox_command(
-        *("run", str(case_file), "--part", str(index), "--out", str(directory), *options)
-    )
 
 
 def _summary_of_part(path: Path) -> dict[str, Any] | None:

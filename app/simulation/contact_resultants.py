@@ -125,8 +125,7 @@ def _film(term: ContactTerm, trial: ContactTrial, force: float) -> tuple[float, 
     if film is None or not isinstance(term, LubricatedTerm):
         return force, 0.0, 0.0
     after = term.film_after(trial)
-    area = term.linearised.area_of(trial)
-    carried = float(area @ (film.ratio * film.asperity))
+    carried = float(term.linearised.area_of(trial) @ (film.ratio * film.asperity))
     return carried, float(after.volume.sum()), after.supplied
 
 

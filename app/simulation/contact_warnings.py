@@ -124,8 +124,7 @@ class PairProbe:
         count = len(np.unique(facet))
         self._shape = (count, len(facet) // max(count, 1))
         xi = self._by_facet(term.surface.slave.xi)
-        ones = np.ones((*xi.shape[:2], 1))
-        linear = np.concatenate([ones, xi], axis=2)
+        linear = np.concatenate([np.ones((*xi.shape[:2], 1)), xi], axis=2)
         self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
         # Takes values at the points of a facet to what is left of them beside a linear function.
         self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
@@ -228,8 +227,7 @@ class PairProbe:
 
     def _inside(self, patch: Bools) -> Bools:
         """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
-        vertices = self.surface.vertices
-        return patch & self._whole(patch)[vertices.of_point].all(axis=1)
+        return patch & self._whole(patch)[self.surface.vertices.of_point].all(axis=1)
 
     def _whole(self, patch: Bools) -> Bools:
         """Vertices (v,) all of whose facets are in a patch (q,); collective."""

@@ -170,7 +170,10 @@ class EnergyBalance:
         loads = np.ones(len(self._last.force), dtype=bool)
         loads[_given(problem)] = False
         self._last.force[loads] = 0.0
-        self._start = (problem.strain_energy(), self._interface())
+        pairs = zip(problem.contacts, problem.trials, strict=True)
+        stored = sum(term.interface_energy(trial) for term, trial in pairs)
+        interface = float(problem.comm.allreduce(stored, op=MPI.SUM))
+        self._start = (problem.strain_energy(), interface)
         self.work = self.dissipation = self.numerical = 0.0
         self.strain = self.interface = self.kinetic = self.damping = 0.0
         self.plastic = self.viscous = 0.0
@@ -258,11 +261,6 @@ class EnergyBalance:
         columns = {column: getattr(self, name) for name, column in _COLUMNS.items()}
         columns["energy_error"] = self.error
         return {name: energy * thickness for name, energy in columns.items()}
-
-    def _interface(self) -> float:
-        pairs = zip(self.problem.contacts, self.problem.trials, strict=True)
-        local = sum(term.interface_energy(trial) for term, trial in pairs)
-        return float(self.problem.comm.allreduce(local, op=MPI.SUM))
 
 
 # -- Kinetic against strain energy of explicit load steps, and what is said of it ------------------

@@ -239,8 +239,7 @@ def _around(problem: Equilibrium, ratios: Sequence[Floats]) -> list[Floats]:
     for solid, ratio in zip(problem.solids, ratios, strict=True):
         mean = np.maximum(ratio.mean(axis=1), 0.0)
         pair = np.stack([mean, np.ones_like(mean)], axis=1)
-        at = nodes[solid.cells]
-        np.add.at(sums.array.reshape(-1, 2), at, pair[:, None])
+        np.add.at(sums.array.reshape(-1, 2), nodes[solid.cells], pair[:, None])
     sums.scatter_reverse(dolfinx.la.InsertMode.add)
     sums.scatter_forward()
     total = sums.array.reshape(-1, 2)
@@ -322,7 +321,11 @@ def _of_state(
     contacts: Sequence[Contact],
 ) -> Findings:
     """What is wrong at the state evaluated last, the surest cure first."""
-    penalties = list(_of_penalties(problem))
+    penalties = [
+        (note, DEFAULT_PENALTY)
+        for index, term in enumerate(problem.contacts)
+        for note in notes_on_penalty(index, penalty_factor(problem, term), pressure_kind(term))
+    ]
     nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
     edges = list(rests_on_edges(problem, contacts)) if nearly else []
     caught = [] if edges else list(catches(problem, contacts))
@@ -450,13 +453,6 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
         yield f"{before.text} has nearly collapsed (volume ratio {before.ratio:.2g})", cure
     elif tried.ratio <= 0.0:
         yield f"{tried.text} is turned inside out by the last iteration", cure
-
-
-def _of_penalties(problem: Equilibrium) -> Findings:
-    """Penalties that are far off."""
-    for index, term in enumerate(problem.contacts):
-        for note in notes_on_penalty(index, penalty_factor(problem, term), pressure_kind(term)):
-            yield note, DEFAULT_PENALTY
 
 
 def _of_firm_penalties(problem: Equilibrium) -> Findings:

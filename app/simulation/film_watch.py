@@ -534,8 +534,7 @@ def corners(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats,
 def _turned(a: Floats, b: Floats) -> Floats:
     """Angles (p,), rad, from directions (p, i) in the plane to others, to the left."""
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    angle: Floats = np.arctan2(cross, np.einsum("pi,pi->p", a, b))
-    return angle
+    return np.arctan2(cross, np.einsum("pi,pi->p", a, b))
 
 
 def cell_depths(term: LubricatedTerm, space: dolfinx.fem.FunctionSpace) -> Floats:

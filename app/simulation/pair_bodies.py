@@ -67,8 +67,7 @@ def has_spring(problem: Equilibrium, one: Loose) -> bool:
 
 def _share(problem: Equilibrium, some: Ints, dofs: Ints) -> bool:
     """Whether any rank has unknowns of both; collective."""
-    here = bool(np.isin(some, dofs).any())
-    return bool(problem.comm.allreduce(here, op=MPI.LOR))
+    return bool(problem.comm.allreduce(bool(np.isin(some, dofs).any()), op=MPI.LOR))
 
 
 def _way_out(problem: Equilibrium, one: Loose, index: int) -> Floats | None:
@@ -203,8 +202,7 @@ class GivenForces:
                 row += held.reshape(-1, dim)[mine].sum(axis=0)
         for tool, at in self._tools:
             local[at] += held[tool.dofs[:dim]] * tool.here[:dim]
-        out: Floats = self._problem.comm.allreduce(local)
-        return out
+        return self._problem.comm.allreduce(local)
 
 
 def _support_forces(problem: Equilibrium, approach: float) -> Floats:

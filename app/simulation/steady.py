@@ -187,5 +187,4 @@ def change_over(way: Floats, values: Floats, length: float) -> float:
     slid = float(way[-1])
     start = max(slid - length, 0.0)
     within = np.append(values[way >= start], np.interp(start, way, values))
-    change = float(np.abs(within - values[-1]).max())
-    return change * max(length / slid, 1.0)
+    return float(np.abs(within - values[-1]).max()) * max(length / slid, 1.0)

@@ -52,8 +52,7 @@ def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
     places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
     master = surface.master
     extent = master.extent if isinstance(master, MasterFacets) else _extent(master.position)
-    found = np.concatenate(surface.space.mesh.comm.allgather(places))
-    return _places_text(found, extent)
+    return _places_text(np.concatenate(surface.space.mesh.comm.allgather(places)), extent)
 
 
 def _places_text(found: Floats, extent: float) -> str:
@@ -321,8 +320,7 @@ def slid_off(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
         off, missing = pressed & ~now.projection.on_surface, np.zeros_like(pressed)
         surface = problem.contacts[index].surface
         if now.projection.rays is not None and now.nodes is not None:
-            closest = surface.project(now.position, now.nodes)
-            missing = off & closest.on_surface
+            missing = off & surface.project(now.position, now.nodes).on_surface
         local = np.array([np.count_nonzero(a) for a in (off, now.pressure, pressed, missing)])
         count, pressing, all_, astray = problem.comm.allreduce(local)
         if not (count and pressing):

@@ -326,8 +326,7 @@ class _CreepWatch(Remembers):
         energies = self._problem.bodies.strain_energies()
         own = [energies[n] for n, _, _ in self._bodies]
         local = np.concatenate([own, *(b.dissipated_by_part for _, b, _ in self._bodies)])
-        both = self._problem.comm.allreduce(local)
-        stored, lost = np.split(both, [len(self._bodies)])
+        stored, lost = np.split(self._problem.comm.allreduce(local), [len(self._bodies)])
         # What a branch has lost since the row before counts if this step was long for it.
         self._in_long += np.where(long, lost - self._lost, 0.0)
         self._longest = np.maximum(self._longest, np.where(long, row.dt, 0.0))

@@ -84,7 +84,6 @@ class _FirstOrder:
     """Forces and energy of first-order cells by the loops for them."""
 
     def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
-        """Arrange the cells for the loops."""
         name, source, _ = _FIRST_ORDER[solid.section]
         nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
         x = space.tabulate_dof_coordinates()[:, : space.mesh.topology.dim][nodes]

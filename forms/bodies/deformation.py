@@ -49,8 +49,7 @@ class Rows:
 
     def displacement(self, u: Floats) -> Floats:
         """Displacements (c, i), m."""
-        found: Floats = np.einsum("ca,cai->ci", self.values, u)
-        return found
+        return np.einsum("ca,cai->ci", self.values, u)
 
     @property
     def gradients(self) -> Floats:
@@ -72,8 +71,7 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
     # ∂X/∂ξ of an isoparametric cell; its inverse takes slopes in the reference cell to those in
     # space.
     edges = np.einsum("zca,cai->ciz", _each(geometry[1:], cells), X)
-    degree = space.element.basix_element.degree
-    table = shape_functions(kind, degree, 1, xi)
+    table = shape_functions(kind, space.element.basix_element.degree, 1, xi)
     values, slopes = _each(table[0], cells), _each(table[1:], cells).transpose(1, 0, 2)
     across, axis = _hoop(X, place, section)
     volume = np.abs(np.linalg.det(edges))
@@ -154,10 +152,8 @@ def _determinant(edges: Floats) -> Floats:
     """Of matrices (c, i, α, q), by components: (c, q)."""
     a, b = edges[:, 0], edges[:, 1]
     if edges.shape[1] == 2:
-        flat: Floats = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        return flat
-    found: Floats = np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
-    return found
+        return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
 
 
 class BodyPoints:

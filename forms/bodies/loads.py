@@ -30,7 +30,6 @@ class Load:
         residual: dolfinx.fem.Form,
         tangent: dolfinx.fem.Form | None = None,
     ) -> None:
-        """Keep the parts."""
         self.value, self.residual, self.tangent = value, residual, tangent
 
     @property
@@ -223,8 +222,7 @@ def owned_values(space: dolfinx.fem.FunctionSpace, form: dolfinx.fem.Form) -> Fl
     vector = dolfinx.la.vector(index, dim)
     dolfinx.fem.assemble_vector(vector.array, form)
     vector.scatter_reverse(dolfinx.la.InsertMode.add)
-    values: Floats = vector.array[: index.size_local * dim].copy()
-    return values
+    return vector.array[: index.size_local * dim].copy()
 
 
 def _vector(mesh: dolfinx.mesh.Mesh, size: int) -> dolfinx.fem.Constant:

@@ -188,7 +188,6 @@ class PointCells:
     """
 
     def __init__(self, section: Section, cells: Cells, moduli: Moduli | None = None) -> None:
-        """Arrange the cells for the loop."""
         self.section, self.cells, self.nodes = section, cells, cells.nodes
         self.moduli = Moduli() if moduli is None else moduli
         self._call = getattr(library(CELLS), f"tribox_point_cells_{NAMES[section]}")

@@ -106,7 +106,6 @@ class MaterialPoints:
     flows = rated = added = False
 
     def __init__(self, space: bool, columns: Mapping[str, slice], first: Floats) -> None:
-        """Take what the kind remembers."""
         self.space, self.columns, self.first = space, columns, first
         self.components = 9 if space else 5
 

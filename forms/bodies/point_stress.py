@@ -51,7 +51,6 @@ class PointStress:
     """
 
     def __init__(self, material: Material, section: Section) -> None:
-        """Differentiate the energy."""
         self._space = section == "3D"
         self._constants, variables = free_variables(3)
         k = of_invariants(variables, self._space)
@@ -142,8 +141,7 @@ def log_strain(F: Floats) -> Floats:
     """Logarithmic (Hencky) strain ln V = ½ ln b (p, 3, 3), in the deformed axes."""
     values, axes = np.linalg.eigh(F @ F.transpose(0, 2, 1))
     logs = 0.5 * np.log(values)
-    found: Floats = np.einsum("pia,pa,pja->pij", axes, logs, axes)
-    return found
+    return np.einsum("pia,pa,pja->pij", axes, logs, axes)
 
 
 def mean_pressure(stress: Floats) -> Floats:

@@ -133,17 +133,12 @@ def power_sum(k: Kinematics, terms: Sequence[tuple[Expr, Expr]]) -> Expr:
     """
     if k.plane is not None:
         return sum(f * _plane_power_sum(k.plane, k.J, alpha) for f, alpha in terms)
-    J, I1, I2 = map(_without_name, (k.J, k.I1, k.I2))
-    bare = Kinematics(k.F, J, I1, I2, plane=None)
-    (x, y), (x0, y0) = _excess(k), _excess(bare)
+    named = ufl.classes.Variable
+    J, I1, I2 = (i.ufl_operands[0] if isinstance(i, named) else i for i in (k.J, k.I1, k.I2))
+    (x, y), (x0, y0) = _excess(k), _excess(Kinematics(k.F, J, I1, I2, plane=None))
     # The derivatives by the invariants, which are UFL variables, see x and y alone: x0 and y0 are
     # equal to them and made of what the variables stand for.
     return space_power_sum(x0, y0, terms).taylor(x - x0, y - y0)
-
-
-def _without_name(invariant: Expr) -> Expr:
-    """What a UFL variable stands for."""
-    return invariant.ufl_operands[0] if isinstance(invariant, ufl.classes.Variable) else invariant
 
 
 def _excess(k: Kinematics) -> tuple[Expr, Expr]:
@@ -196,8 +191,7 @@ def squared_arcosh(x: Expr) -> Expr:
 def _cosh_of_root(x: Expr) -> Expr:
     """Cosh √x − 1 for x ≥ 0, an entire function: its Taylor series up to `SMALL`."""
     series = _polynomial(x, [0.0] + [1.0 / math.factorial(2 * n) for n in range(1, 9)])
-    large = ufl.conditional(ufl.gt(x, SMALL), x, SMALL)
-    power = ufl.exp(ufl.sqrt(large))
+    power = ufl.exp(ufl.sqrt(ufl.conditional(ufl.gt(x, SMALL), x, SMALL)))
     return ufl.conditional(ufl.gt(x, SMALL), 0.5 * (power + 1.0 / power) - 1.0, series)
 
 

@@ -121,10 +121,6 @@ def _depends(expression: Any, variable: Any) -> bool:
     return any(part == variable for part in unique_pre_traversal(expression))
 
 
-def _vanishes(derivative: Any) -> bool:
-    return isinstance(expand_derivatives(derivative), ufl.constantvalue.Zero)
-
-
 class Solid:
     """A body: its cells, its material, and the compiled forms of its strain energy.
 
@@ -184,7 +180,9 @@ class Solid:
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
         # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
-        self.reduced = formulation == "q1-sri" and not _vanishes(self._pressure())
+        slope = expand_derivatives(_derivatives(u, self.section, self._volumetric)[1])
+        has_volume = not isinstance(slope, ufl.constantvalue.Zero)
+        self.reduced = formulation == "q1-sri" and has_volume
         self._start_points()
 
     @cached_property
@@ -249,10 +247,6 @@ class Solid:
     def _volumetric(self, k: Kinematics) -> Any:
         """The volumetric part of the strain energy, J/m³."""
         return self._energy(k)[1]
-
-    def _pressure(self) -> Any:
-        """Its slope over J at the centre, Pa."""
-        return _derivatives(self._u, self.section, self._volumetric)[1]
 
     def _compiled(
         self, k: Kinematics, energy: Callable[[Kinematics], Any], dx: Any
@@ -470,10 +464,7 @@ class CarriedPressure:
 
     def excess(self) -> Floats:
         """The pressures found last less those of the present volumes (c,), Pa, of the cells."""
-        found: Floats = self._excess.x.array[
-            self._excess.function_space.dofmap.list[self._cells, 0]
-        ]
-        return found
+        return self._excess.x.array[self._excess.function_space.dofmap.list[self._cells, 0]]
 
 
 def _derivatives(

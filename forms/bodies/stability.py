@@ -104,5 +104,4 @@ class _Stiffness:
         xx, xy, yy = (np.broadcast_to(value, len(first)) for value in found)
         # Mohr's circle of the symmetric 2 × 2 matrix: the smaller of its two eigenvalues.
         mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
-        least: Floats = mean - np.hypot(half, xy)
-        return least
+        return mean - np.hypot(half, xy)

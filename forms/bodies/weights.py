@@ -90,8 +90,7 @@ def lumped_mass(
     lightest = float(mass.array.reshape(-1, size)[nodes].min(initial=np.inf))
     if space.mesh.comm.allreduce(not lightest > 0.0, op=MPI.LOR):
         raise ValueError("the element's lumped masses are not positive: use first-order elements")
-    values: Floats = mass.array.copy()
-    return values
+    return mass.array.copy()
 
 
 def mass_form(
@@ -141,8 +140,7 @@ def element_frequencies(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Float
     scaled = root[:, :, None] * stiffness * root[:, None, :]
     if not len(scaled):
         return np.empty(0)
-    values: Floats = np.asarray(np.linalg.eigvalsh(scaled)[:, -1], dtype=np.float64)
-    return values
+    return np.asarray(np.linalg.eigvalsh(scaled)[:, -1], dtype=np.float64)
 
 
 def _stiffness(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:

@@ -71,8 +71,7 @@ class AsperityPressure(AveragedPressure):
         Raises:
             ValueError: too few points on a facet.
         """
-        step = np.array([0.0])
-        stiffness = -float(model.asperities.pressure(step)[1][0])
+        stiffness = -float(model.asperities.pressure(np.array([0.0]))[1][0])
         super().__init__(surface, max(stiffness, model.scale / model.reach))
         self.model = model
         facets, self.facet_of = _facets(surface)
@@ -96,8 +95,7 @@ class AsperityPressure(AveragedPressure):
     def covered(self, at: Projection) -> Bools:
         """Facets (f,) that have the master below all of them; collective."""
         on = np.where(at.on_surface, 1.0 if at.share is None else at.share, 0.0)
-        out: Bools = self.facet_sums(self.surface.slave.weight * on) > _WHOLE * self.whole
-        return out
+        return self.facet_sums(self.surface.slave.weight * on) > _WHOLE * self.whole
 
     def gaps(self, at: Projection, shape: Floats | None = None) -> tuple[Floats, Floats]:
         """Gaps (v,), m, at the vertices, and the area (v,), m², of their mean; collective.
@@ -189,5 +187,4 @@ def dual(shape: Floats, weight: Floats, facet: Longs, bent: bool = False) -> Flo
     np.add.at(mass, facet, (weight[:, None] * span)[:, :, None] * span[:, None, :])
     np.add.at(area, facet, weight[:, None] * shape)
     per_facet = area[:, :, None] * np.linalg.pinv(mass, hermitian=True)[:, :k]
-    out: Floats = np.einsum("qkl,ql->qk", per_facet[facet], span)
-    return out
+    return np.einsum("qkl,ql->qk", per_facet[facet], span)

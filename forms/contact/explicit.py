@@ -341,9 +341,7 @@ class ExplicitContact:
         work.owned[:] *= inverse_mass
         self.exchange.gather(work, self._values)
         rows, share = self._shares()
-        per_node = np.abs(self._values).max(axis=1)
-        out: Floats = np.einsum("qm,qm->q", share, per_node[rows])
-        return out
+        return np.einsum("qm,qm->q", share, np.abs(self._values).max(axis=1)[rows])
 
     # -- dashpots -------------------------------------------------------------------------------
 
@@ -448,7 +446,3 @@ class ExplicitTie(ExplicitContact):
 
     def set_dashpots(self, modulus: float, inverse_mass: Floats, work: NodalVector) -> None:
         """See ``ExplicitContact.set_dashpots``; what is tied does not bounce, and has none."""
-
-    def add_stiffness(self, values: Floats, out: NodalVector) -> None:
-        """Add the stiffness times ``values`` (n, i) at the pair's nodes to ``out``; collective."""
-        self.exchange.add(self.tie.stiffness_times(values), out)

@@ -56,8 +56,7 @@ class ContactKinematics:
 
 
 def _dot(u: Floats, v: Floats) -> Floats:
-    out: Floats = np.einsum("qi,qi->q", u, v)
-    return out
+    return np.einsum("qi,qi->q", u, v)
 
 
 def opposite(
@@ -118,8 +117,7 @@ def on_facet(slip: Floats, at: Projection) -> Floats:
 
 def in_plane(n: Floats, v: Floats) -> Floats:
     """(I − n⊗n) v."""
-    out: Floats = v - _dot(n, v)[:, None] * n
-    return out
+    return v - _dot(n, v)[:, None] * n
 
 
 # -- From the control points of a rigid tool to its own unknowns, displacement and angle -----------
@@ -164,13 +162,11 @@ class Carried:
     def forces(self, shares: Floats, force: Floats) -> Floats:
         """Forces (p, 2, i), N, on the reference nodes of forces (p, i) shared by (p, a)."""
         moved = np.einsum("pa,aik->pik", shares, self.tangent)
-        out: Floats = np.einsum("pik,pi->pk", moved, force).reshape(len(force), 2, self.dim)
-        return out
+        return np.einsum("pik,pi->pk", moved, force).reshape(len(force), 2, self.dim)
 
     def motions(self, values: Floats) -> Floats:
         """Velocities (a, i) of the control points of those (2, i) of the reference nodes."""
-        out: Floats = self.tangent @ values.reshape(-1)
-        return out
+        return self.tangent @ values.reshape(-1)
 
     def bending(self, forces: Floats) -> Floats:
         """Block (1, 2, i, 2, j), N/m, of the angle, from forces (a, i), N, at control points."""

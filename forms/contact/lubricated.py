@@ -246,9 +246,8 @@ class LubricatedTerm(ContactTerm):
         Vertices and facets keep their order, so that the undeformed facets tell where that is,
         turned with the normals.
         """
-        right = _turned_right(kinematics.normal)
-        tangents = self._tangents
-        turned = np.where(np.einsum("qi,qi->q", right, tangents) < 0.0, -1.0, 1.0)
+        right = np.stack([kinematics.normal[:, 1], -kinematics.normal[:, 0]], axis=1)
+        turned = np.where(np.einsum("qi,qi->q", right, self._tangents) < 0.0, -1.0, 1.0)
         return turned[:, None] * right, turned
 
     def _evaluate(self, values: Floats, dt: float, mode: ContactMode) -> ContactTrial:
@@ -269,8 +268,7 @@ class LubricatedTerm(ContactTerm):
     def speeds(self, along: Floats, slip: Floats, dt: float) -> Floats:
         """Half the master's velocity (f,) over the slave along the faces, m/s; collective."""
         moved = self.surface.slave.weight * np.einsum("qi,qi->q", slip, along)
-        out: Floats = self.asperities.facet_sums(moved) / self.asperities.whole * (-0.5 / dt)
-        return out
+        return self.asperities.facet_sums(moved) / self.asperities.whole * (-0.5 / dt)
 
     def _with_film(
         self,
@@ -592,8 +590,3 @@ class LubricatedTerm(ContactTerm):
             parts=parts,
             supplied=supplied,
         )
-
-
-def _turned_right(normal: Floats) -> Floats:
-    """Unit vectors (q, i) a quarter turn to the right of (q, i)."""
-    return np.stack([normal[:, 1], -normal[:, 0]], axis=1)

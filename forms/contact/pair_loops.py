@@ -78,7 +78,6 @@ class PairFields:
     """A structure with the arrays that it points to, which live as long as it has them."""
 
     def __init__(self, **sizes: int) -> None:
-        """Take sizes and numbers."""
         self.structure = PairStructure(**sizes)
         self._alive: dict[str, NDArray[Any] | None] = {}
 

@@ -215,8 +215,7 @@ def nodal_pressure(surface: ContactSurface, pressure: Floats) -> Floats:
         pressure: t_N at the points of this rank, whatever the rule that it comes from.
     """
     vertices = surface.vertices
-    out: Floats = vertices.sums(surface.slave.weight * pressure) / vertices.area
-    return out
+    return vertices.sums(surface.slave.weight * pressure) / vertices.area
 
 
 def _of_springs(pressure: Floats, normal: NormalContact) -> Floats:

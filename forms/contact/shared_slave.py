@@ -64,8 +64,7 @@ class Neighbour:
         term = self.term
         near = term.active & (term.state.gap < term.surface.slave.facet_length)
         area = term.surface.vertices.sums(term.surface.slave.weight * near)
-        out: Floats = np.where(self.rows >= 0, area[self.rows], 0.0)
-        return out
+        return np.where(self.rows >= 0, area[self.rows], 0.0)
 
 
 def introduce(terms: Sequence[Pair]) -> None:
@@ -97,8 +96,7 @@ def _neighbour(term: Pair, other: Pair) -> Neighbour | None:
         return None
     here = np.array_equal(term.surface.slave.position, other.surface.slave.position)
     here &= type(term.state.friction) is type(other.state.friction)
-    same = term.surface.vertices.on_all_ranks(bool(here))
-    return Neighbour(other, rows, same)
+    return Neighbour(other, rows, term.surface.vertices.on_all_ranks(bool(here)))
 
 
 def covered_by_others(neighbours: Sequence[Neighbour], count: int) -> Floats:
@@ -157,8 +155,7 @@ def left_by_others(term: Pair, known: Left | None) -> Left | None:
 
 def _chosen(take: Bools, some: Floats, other: Floats) -> Floats:
     shape = (len(take), *(1,) * (other.ndim - 1))
-    out: Floats = np.where(take.reshape(shape), some, other)
-    return out
+    return np.where(take.reshape(shape), some, other)
 
 
 def keep_what_went_over(terms: Sequence[Pair], trials: Sequence[ContactTrial]) -> None:

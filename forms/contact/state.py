@@ -325,8 +325,7 @@ class ContactTrial:
             return self.kinematics.closed
         near = normal.rim[self.of_point].any(axis=1)
         met = self.projection.on_surface if normal.whole is None else normal.whole
-        out: Bools = self.kinematics.closed | (near & met)
-        return out
+        return self.kinematics.closed | (near & met)
 
     @property
     def pressure(self) -> Floats:

@@ -43,7 +43,7 @@ class PairStiffness:
         values = np.zeros((len(contact.exchange.nodes), contact.term.surface.dim))
         contact.exchange.gather(w, values)
         if isinstance(contact, ExplicitTie):
-            contact.add_stiffness(values, out)
+            contact.exchange.add(contact.tie.stiffness_times(values), out)
             return
         jump = contact.jump(values)
         across = np.einsum("qi,qi->q", n, jump)[:, None] * n

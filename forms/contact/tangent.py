@@ -502,5 +502,4 @@ def film_per_cover(trial: ContactTrial, take: Longs) -> Floats:
     resistance = np.zeros_like(squared)
     viscous = trial.response.dissipation.viscous[take]
     np.divide(viscous, squared, out=resistance, where=squared > 0.0)
-    out: Floats = resistance[:, None] * slip
-    return out
+    return resistance[:, None] * slip

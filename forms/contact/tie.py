@@ -190,8 +190,7 @@ def _parts(cell: str) -> tuple[Floats, Floats]:
         turned = steps[steps.sum(axis=1) < _PARTS - 1] + 1.0
     # A triangle falls into upright parts and, between them, ones turned by half a turn.
     upright = (corners[:, None] + xi).reshape(-1, 2)
-    reversed_ = (turned[:, None] - xi).reshape(-1, 2)
-    points = np.concatenate([upright, reversed_]) / _PARTS
+    points = np.concatenate([upright, (turned[:, None] - xi).reshape(-1, 2)]) / _PARTS
     return points, np.tile(weight / _PARTS**2, len(corners) + len(turned))
 
 
@@ -310,11 +309,8 @@ class TieTerm(ContactTerm):
 
     def _means(self, moved: Floats) -> Floats:
         """Sums (v, i) of this rank's points over all ranks, divided by c_A; collective."""
-        vertices = self.surface.vertices
-        total = vertices.total(np.ascontiguousarray(moved.T)).T
-        area = np.where(self.tied_area > 0.0, self.tied_area, 1.0)
-        out: Floats = total / area[:, None]
-        return out
+        total = self.surface.vertices.total(np.ascontiguousarray(moved.T)).T
+        return total / np.where(self.tied_area > 0.0, self.tied_area, 1.0)[:, None]
 
     def _gradient(self, values: Floats) -> scipy.sparse.csr_matrix:
         """B (v·i, n·j), this rank's part, at displacements (n, i), m."""
@@ -422,8 +418,7 @@ class TieTerm(ContactTerm):
         """Residual Bᵀ s (n, i), N per unit thickness, of this rank's points at the pair's nodes."""
         assert trial.pull is not None and trial.moved is not None
         force = self._gradient(trial.moved).T @ trial.pull.reshape(-1)
-        out: Floats = force.reshape(-1, self.surface.dim)
-        return out
+        return force.reshape(-1, self.surface.dim)
 
     def forces_at_nodes(self, trial: ContactTrial) -> tuple[Longs, Floats, float]:
         """See :class:`ContactTerm`; a tool's angle counts not."""
@@ -437,8 +432,7 @@ class TieTerm(ContactTerm):
         moved = (gradient @ values.reshape(-1)).reshape(-1, self.surface.dim)
         pull = self.stiffness()[:, None] * self._means(moved)
         force = gradient.T @ pull.reshape(-1)
-        out: Floats = force.reshape(-1, self.surface.dim)
-        return out
+        return force.reshape(-1, self.surface.dim)
 
     def roundoff_squared(self, x: PETSc.Vec, trial: ContactTrial) -> float:
         """Square of the force, N per unit thickness, that rounding alone leaves here; collective.
@@ -446,8 +440,7 @@ class TieTerm(ContactTerm):
         Of points that have moved by u each sum of the jump is rounded by about ε |u|. What has
         moved further than the slave is long counts as moved by that.
         """
-        vertices = self.surface.vertices
-        longest = float(np.ptp(vertices.position, axis=0).max())
+        longest = float(np.ptp(self.surface.vertices.position, axis=0).max())
         # |B| |u| bounds the size of the sums that are rounded; ε of it is their error.
         moved = np.minimum(np.abs(self.surface.gather(x)), longest)
         plain = abs(self._gradient(np.zeros_like(moved)))
@@ -487,7 +480,8 @@ class TieTerm(ContactTerm):
     def coupled_pairs(self) -> Longs:
         """Pairs (p, 2) of different global nodes that the tangent couples; collective."""
         points = self._points
-        every = np.ones((len(points.weight), points.rows.shape[1] + self._master_count()))
+        count = points.rows.shape[1] + self.surface.target.stencil.shape[1]
+        every = np.ones((len(points.weight), count))
         # Divided by the weights that `_spread` multiplies by: positive numbers of the order of 1,
         # which neither cancel nor vanish in the pattern.
         left = self._spread(every / np.maximum(points.weight, 1e-300)[:, None])
@@ -501,11 +495,7 @@ class TieTerm(ContactTerm):
         pattern = (left.T @ right[::dim, ::dim]).tocoo()
         pairs = np.stack([self.surface.nodes[pattern.row], columns[pattern.col]], axis=1)
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-        out: Longs = pairs[pairs[:, 0] != pairs[:, 1]]
-        return out
-
-    def _master_count(self) -> int:
-        return int(self.surface.target.stencil.shape[1])
+        return pairs[pairs[:, 0] != pairs[:, 1]]
 
     def _whole(self, rows: scipy.sparse.csr_matrix) -> tuple[scipy.sparse.csr_matrix, Longs]:
         """Rows of vertices with the other ranks' parts, and their columns' nodes; collective."""

@@ -76,9 +76,7 @@ class FilmCells:
 
     def last(self) -> Bools:
         """Places (n,) with fewer than two neighbours: the ends of the film."""
-        count = np.bincount(self.ends.reshape(-1), minlength=len(self.area))
-        out: Bools = count < 2
-        return out
+        return np.bincount(self.ends.reshape(-1), minlength=len(self.area)) < 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +117,7 @@ class FilmPart:
     @property
     def inner(self) -> Longs:
         """The places (x,) before the edges."""
-        out: Longs = self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
-        return out
+        return self.ends[len(self.faces) :].min(axis=1)  # those at edges are numbered last
 
     def widest(self, film: Floats, among: Bools) -> Bools:
         """Places (m,) where ``film`` (m,) is thickest in those parts (r,) ``among`` which it is."""
@@ -183,8 +180,7 @@ class FilmPart:
     @property
     def last(self) -> Longs:
         """The vertices (x,) before the edges."""
-        out: Longs = self.facets[self.edges[:, 0], self.edges[:, 1]]
-        return out
+        return self.facets[self.edges[:, 0], self.edges[:, 1]]
 
     def gap_slopes(self, gap: Floats, length: Floats) -> scipy.sparse.csr_matrix:
         """Derivatives (m, v) of :meth:`gaps`."""
@@ -223,8 +219,7 @@ class FilmPart:
 
     def sums(self, area: Floats, values: Floats) -> Floats:
         """What vertices get (v, …) of values (m, …) per area (m,)."""
-        out: Floats = self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
-        return out
+        return self.shared @ (values * (area if values.ndim == 1 else area[:, None]))
 
     def sums_of(self, weight: Floats) -> scipy.sparse.csr_matrix:
         """The matrix (v, m) of what vertices get of values times ``weight`` (m,)."""
@@ -242,8 +237,7 @@ class FilmPart:
         """
         a, b = self.ends.T
         steps = film * (pressure[b] - pressure[a])
-        out: Floats = np.bincount(self.feels, steps, len(length)) / length
-        return out
+        return np.bincount(self.feels, steps, len(length)) / length
 
     def pull_slopes(
         self, film: Floats, d_film: Floats, pressure: Floats, length: Floats
@@ -306,8 +300,7 @@ def _senses(beside: Longs, turned: Floats) -> Floats:
     # A facet that follows itself, its image at a plane of symmetry, says nothing of the line.
     same = (turned > 0.0) | (beside == np.arange(count)[:, None])
     other = np.where(np.concatenate([same, same]), ends, (ends + count) % (2 * count))
-    pairs = np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1)
-    chain = _together(pairs, 2 * count)
+    chain = _together(np.stack([np.repeat(own, 2), other.reshape(-1)], axis=1), 2 * count)
     return np.where(chain[:count] < chain[count:], 1.0, -1.0)
 
 
@@ -316,8 +309,7 @@ def _beside(facets: Longs, closed: Bools) -> tuple[Longs, Floats]:
 
     At vertices that are ``closed`` (v,) its image follows, which runs the other way.
     """
-    count = len(facets)
-    beside = np.repeat(np.arange(count)[:, None], 2, axis=1)
+    beside = np.repeat(np.arange(len(facets))[:, None], 2, axis=1)
     turned = np.where(closed[facets], -1.0, 1.0)
     vertex = facets.reshape(-1)
     order = np.argsort(vertex, kind="stable")

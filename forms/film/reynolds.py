@@ -139,8 +139,7 @@ class FilmSlopes:
         size = len(self.by_pressure), count
         by_speed = (self._by_speed * sense[:, None]).reshape(-1)
         summed = np.bincount(place, by_speed, size[0] * count)
-        out: Floats = summed.astype(np.float64).reshape(size)
-        return out
+        return summed.astype(np.float64).reshape(size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +176,6 @@ class _Loops:
     arrays: dict[str, NDArray[Any]]
 
     def __init__(self, band: Band, scale: float, smoothing: float, **given: NDArray[Any]) -> None:
-        """Take what is given; the rest is made by the functions."""
         self._code = _code()
         places, faces = len(given["unknown"]), len(given["ends"])
         sizes = [places] * (len(_RESULTS) - 3) + [faces, faces, places * (3 * band.reach + 1)]
@@ -365,8 +363,7 @@ class ReynoldsFilm:
         first, last = mean[ends].T
         whole = 2.0 * first**2 * last**2 / (first + last)
         # ∂/∂a of 2a²b²/(a + b) is that times (a + 2b)/(a (a + b)).
-        other = mean[ends[:, ::-1]]
-        slope = whole[:, None] * (mean[ends] + 2.0 * other)
+        slope = whole[:, None] * (mean[ends] + 2.0 * mean[ends[:, ::-1]])
         slope /= mean[ends] * (first + last)[:, None]
         shared = factor[ends].mean(axis=1)
         by_film = 0.5 * d_factor[ends] * whole[:, None]

@@ -74,8 +74,7 @@ class Exponential:
         """See :class:`Asperities`."""
         z, scale = gap / self.length, self.reference * self.length
         below = np.minimum(z, 0.0)
-        out: Floats = scale * (np.exp(-np.maximum(z, 0.0)) - below + 0.5 * below**2)
-        return out
+        return scale * (np.exp(-np.maximum(z, 0.0)) - below + 0.5 * below**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +107,7 @@ class GreenwoodTripp:
         depth, below = np.maximum(4.0 - np.maximum(z, 0.0), 0.0), np.minimum(gap, 0.0)
         # ∫ (4 − z)^6.804 dz from z to 4, and below 0 that of the straight line.
         far = self.sigma * 4.4086e-5 * self.reference * depth**7.804 / 7.804
-        out: Floats = far - at_zero * below - 0.5 * slope * below**2
-        return out
+        return far - at_zero * below - 0.5 * slope * below**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +147,7 @@ class AsperityTable:
         at = gap / self.sigma
         piece = np.clip(np.searchsorted(z, at, side="right") - 1, 0, len(z) - 1)
         mean = 0.5 * (p[piece] + self.pressure(gap)[0])
-        out: Floats = self.sigma * (beyond[piece] - mean * (at - z[piece]))
-        return out
+        return self.sigma * (beyond[piece] - mean * (at - z[piece]))
 
 
 @dataclass(frozen=True, slots=True)

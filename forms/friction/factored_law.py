@@ -98,8 +98,7 @@ class FactoredLaw:
 
     def _multiplied(self, member: str, state: FrictionState, pressure: Floats) -> Floats:
         """What the law says of a state, times its factor, (q,)."""
-        found: Floats = _factor(state) * getattr(self.law, member)(state, pressure)
-        return found
+        return _factor(state) * getattr(self.law, member)(state, pressure)
 
 
 def strongest(law: FrictionLaw) -> FrictionLaw:
@@ -127,5 +126,4 @@ def _with_factor(state: FrictionState, factor: Floats) -> FrictionState:
 
 def _factor(state: Any) -> Floats:
     """Factor (q,) of the step that a state is of."""
-    out: Floats = state.factor
-    return out
+    return state.factor

@@ -53,7 +53,6 @@ class GuardedLaw:
     """
 
     def __init__(self, law: FrictionLaw, name: str, file: str = "") -> None:
-        """Take a law that has the four methods."""
         self.law, self.name, self.file = law, name, file
         self.fault: str | None = None
         self.not_finite: str | None = None

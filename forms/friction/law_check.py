@@ -240,8 +240,7 @@ def _enter(
 def _difference(traction: Traction, h: Floats) -> Floats:
     """Central difference of fourth order, (q, i)."""
     near, far = traction(h) - traction(-h), traction(2.0 * h) - traction(-2.0 * h)
-    out: Floats = (8.0 * near - far) / (12.0 * h[:, None])
-    return out
+    return (8.0 * near - far) / (12.0 * h[:, None])
 
 
 # -- everything else ------------------------------------------------------------------------------

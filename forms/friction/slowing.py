@@ -241,8 +241,7 @@ def _one_less_log(z: Floats) -> Floats:
     """1 - ln(1 + z)/z for z > 0, whose digits the series keeps where z is small."""
     small = np.minimum(z, 0.02)
     series = sum((-1.0) ** (k + 1) * small**k / (k + 1) for k in range(1, 9))
-    out: Floats = np.where(z < 0.02, series, 1.0 - np.log1p(z) / z)
-    return out
+    return np.where(z < 0.02, series, 1.0 - np.log1p(z) / z)
 
 
 def _solved(slip: Callable[[Floats], tuple[Floats, Floats]], total: Floats, at: Floats) -> Floats:
@@ -260,5 +259,4 @@ def _solved(slip: Callable[[Floats], tuple[Floats, Floats]], total: Floats, at: 
         near, x = np.abs(new - x) <= CLOSE, new
         if near.all():
             break
-    out: Floats = np.exp(x)
-    return out
+    return np.exp(x)

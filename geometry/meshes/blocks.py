@@ -58,9 +58,7 @@ class Block:
 
     def on_all_ranks(self, values: Floats, comm: MPI.Comm) -> Floats:
         """Its ordered entries (m,) of values (n,) of the owned unknowns; collective."""
-        gathered = np.concatenate(comm.allgather(values[self.dofs]))
-        out: Floats = gathered[self.order]
-        return out
+        return np.concatenate(comm.allgather(values[self.dofs]))[self.order]
 
     def _put(self, space: dolfinx.fem.FunctionSpace, first: int) -> None:
         """Put it into the nodes from the local one ``first`` on; collective."""

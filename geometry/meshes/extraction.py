@@ -186,8 +186,7 @@ def refined(position: Floats, bodies: Parts, surfaces: Parts, source: str) -> Me
     for _, blocks in bodies.values():
         for shape, rows in blocks.items():
             counts[shape] = counts.get(shape, 0) + len(rows)
-    dim = DIMENSION[next(iter(counts))]
-    cell = QUADRILATERAL if dim == 2 else HEXAHEDRON
+    cell = QUADRILATERAL if DIMENSION[next(iter(counts))] == 2 else HEXAHEDRON
     middles = _Middles(position, [b for _, b in bodies.values()])
     made = {name: Part(tag, middles.divided(blocks)) for name, (tag, blocks) in bodies.items()}
     try:
@@ -238,8 +237,7 @@ class _Middles:
         known, first = self._known.get(rows.shape[1], (np.empty((0, rows.shape[1])), 0))
         # Of known rows and wanted ones together np.unique says where each first stands: that is its
         # place among the known, or beyond them if it is none.
-        wanted = np.sort(rows, axis=1)
-        both = np.concatenate([known, wanted]).astype(np.int64)
+        both = np.concatenate([known, np.sort(rows, axis=1)]).astype(np.int64)
         _, at, back = np.unique(both, axis=0, return_index=True, return_inverse=True)
         found = at[back.reshape(-1)[len(known) :]]
         if np.any(found >= len(known)):
@@ -277,8 +275,10 @@ class _Middles:
         for corner, (a, b, c) in enumerate(_around(shape)):
             edge = {k: self.of(rows[:, [corner, k]]) for k in (a, b, c)}
             face = {
-                pair: self.of(rows[:, list(_side_with(shape, {corner, *pair}))])
+                pair: self.of(rows[:, side])
                 for pair in ((a, b), (b, c), (c, a))
+                for side in map(list, SIDES[shape])
+                if {corner, *pair} <= set(side)
             }
             lower = (rows[:, corner], edge[a], face[a, b], edge[b])
             upper = (edge[c], face[c, a], inside, face[b, c])
@@ -314,11 +314,6 @@ def _around(shape: str) -> tuple[tuple[int, int, int], ...]:
         edges = place[[a, b, c]] - place[corner]
         found.append((a, b, c) if np.linalg.det(edges) > 0.0 else (a, c, b))
     return tuple(found)
-
-
-def _side_with(shape: str, corners: set[int]) -> tuple[int, ...]:
-    """The face of a solid that has these corners."""
-    return next(side for side in SIDES[shape] if corners <= set(side))
 
 
 def _check_shape(mesh: MeshArrays, source: str) -> None:

@@ -178,8 +178,7 @@ def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh
     Returns:
         The mesh, with the names that the shape's ``build`` gives.
     """
-    source = type(shape).__name__
-    return _load(lambda: _generated(shape), source, comm, contacts)
+    return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
 
 
 def read(
@@ -398,8 +397,7 @@ class Group:
             vector.scatter_reverse(dolfinx.la.InsertMode.add)
         owned: Floats = vector.array[: index.size_local].copy()
         total = float(space.mesh.comm.allreduce(owned.sum()))
-        shares: Floats = np.asarray(owned / total, dtype=np.float64)
-        return shares
+        return np.asarray(owned / total, dtype=np.float64)
 
 
 def group_dofs(space: dolfinx.fem.FunctionSpace, group: Group, component: int) -> Ints:
@@ -437,8 +435,7 @@ def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Grou
 def _numbers(pairs: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """A number (e,) for each pair (e, 2) of nodes, the same in either order."""
     # Nodes of a file are fewer than 2³¹, by the number of cells that are read.
-    out: npt.NDArray[np.int64] = pairs.min(axis=1) * (1 << 31) + pairs.max(axis=1)
-    return out
+    return pairs.min(axis=1) * (1 << 31) + pairs.max(axis=1)
 
 
 def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, Floats]:
@@ -457,7 +454,6 @@ def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, 
     for edge in edges:
         cell = int(cells.links(edge)[0])
         at = int(np.nonzero(inside.links(cell) == edge)[0][0])
-        closure = layout.entity_closure_dofs(1, at)
-        nodes.append(space.dofmap.cell_dofs(cell)[closure])
+        nodes.append(space.dofmap.cell_dofs(cell)[layout.entity_closure_dofs(1, at)])
     found = np.array(nodes, dtype=np.int32).reshape(-1)
     return found, np.outer(lengths, share).reshape(-1)

@@ -52,14 +52,12 @@ def _lagrange(cell: str, degree: int) -> basix.finite_element.FiniteElement:
 
 def nodes_of(mesh: dolfinx.mesh.Mesh, cells: Ints) -> Floats:
     """Nodes (c, a, i), m, of local cells, the corners first."""
-    found: Floats = mesh.geometry.x[cell_nodes(mesh)[cells]][:, :, : mesh.geometry.dim]
-    return found
+    return mesh.geometry.x[cell_nodes(mesh)[cells]][:, :, : mesh.geometry.dim]
 
 
 def centre(cell: str) -> Floats:
     """Reference coordinates (1, α) of the middle of a cell."""
-    found: Floats = basix.geometry(basix.CellType[cell]).mean(axis=0)[None]
-    return found
+    return basix.geometry(basix.CellType[cell]).mean(axis=0)[None]
 
 
 def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlaces:
@@ -140,8 +138,7 @@ def places_from_centre(cell: str, order: int, X: Floats, points: Floats) -> Floa
 def excess(cell: str, xi: Floats) -> Floats:
     """By how much reference coordinates (k, α) lie outside a cell (k,); negative inside."""
     beyond = xi.sum(axis=1) if cell in _SIMPLICES else xi.max(axis=1, initial=-np.inf)
-    out: Floats = np.maximum((-xi).max(axis=1, initial=-np.inf), beyond - 1.0)
-    return out
+    return np.maximum((-xi).max(axis=1, initial=-np.inf), beyond - 1.0)
 
 
 def clipped(cell: str, xi: Floats) -> Floats:
@@ -149,11 +146,9 @@ def clipped(cell: str, xi: Floats) -> Floats:
     inner = np.clip(xi, 0.0, 1.0)
     if cell in _SIMPLICES:
         inner /= np.maximum(inner.sum(axis=1, keepdims=True), 1.0)
-    out: Floats = inner
-    return out
+    return inner
 
 
 def _inside(cell: str, xi: Floats) -> Bools:
     """Whether reference coordinates (k, α) lie in a cell."""
-    inside: Bools = excess(cell, xi) <= INSIDE
-    return inside
+    return excess(cell, xi) <= INSIDE

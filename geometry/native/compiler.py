@@ -80,14 +80,10 @@ def level_of(flags: str) -> tuple[str, ...]:
     return ()
 
 
-def _trusted(directory: Path) -> bool:
-    """Whether a directory is new, or was made by this user or the administrator."""
-    return not directory.exists() or directory.stat().st_uid in (0, os.getuid())
-
-
 def _load(file: Path) -> ctypes.CDLL | None:
     """The library in a file; None where there is no file, or one of another system."""
-    if not _trusted(file.parent):
+    # Made by this user or the administrator, if it is there.
+    if file.parent.exists() and file.parent.stat().st_uid not in (0, os.getuid()):
         raise KernelError(f"{file.parent} belongs to somebody else")
     try:
         return ctypes.CDLL(str(file)) if file.exists() else None

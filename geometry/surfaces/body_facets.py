@@ -36,10 +36,7 @@ def facet_nodes(space: dolfinx.fem.FunctionSpace, facets: NDArray[np.int32]) -> 
     layout = space.dofmap.dof_layout
     local_facets = range(facets_per_cell(space.mesh))
     closure = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in local_facets])
-    nodes: NDArray[np.int32] = np.take_along_axis(
-        space.dofmap.list[cells], closure[local].astype(np.int64), axis=1
-    )
-    return nodes
+    return np.take_along_axis(space.dofmap.list[cells], closure[local].astype(np.int64), axis=1)
 
 
 def outward_facets(
@@ -67,8 +64,7 @@ def outward_facets(
 
 def owned_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """The facets that this rank owns."""
-    size = mesh.topology.index_map(mesh.topology.dim - 1).size_local
-    return facets[facets < size]
+    return facets[facets < mesh.topology.index_map(mesh.topology.dim - 1).size_local]
 
 
 def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:
@@ -129,22 +125,19 @@ class OuterFacets:
             facet, side = np.nonzero((at >= 0) & facets[:, None])
             normal[at[facet, side]] = self._normal[facet]
         here, beyond = self._comm.allreduce(normals)
-        smooth: Longs = ends[np.einsum("ei,ei->e", here, beyond) > np.cos(SMOOTH)]
-        return smooth
+        return ends[np.einsum("ei,ei->e", here, beyond) > np.cos(SMOOTH)]
 
     def _gathered(self, facets: Longs) -> Longs:
         """Corners (f, k) of the distinct ones of all ranks' facets (f, a); collective."""
         corners = np.concatenate(self._comm.allgather(facets[:, : self._shape.corners]))
         _, first = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)
-        out: Longs = corners[first]
-        return out
+        return corners[first]
 
     def _sides(self, corners: Longs) -> Longs:
         """Sorted corners (f s, k) of the sides of each facet in turn."""
         sides = [corners[:, side.nodes[:2]] for side in self._shape.sides]
         stacked = np.sort(np.stack(sides, axis=1), axis=2)
-        out: Longs = stacked.reshape(-1, stacked.shape[2])
-        return out
+        return stacked.reshape(-1, stacked.shape[2])
 
 
 def _found(rows: Longs, among: Longs) -> Longs:
@@ -152,8 +145,7 @@ def _found(rows: Longs, among: Longs) -> Longs:
     _, number = np.unique(np.concatenate([among, rows]), axis=0, return_inverse=True)
     which = np.full(int(number.max(initial=-1)) + 1, -1, dtype=np.int64)
     which[number[: len(among)]] = np.arange(len(among))
-    out: Longs = which[number[len(among) :]]
-    return out
+    return which[number[len(among) :]]
 
 
 def _cells_of(

@@ -82,7 +82,6 @@ class CompiledFacets:
     """All facets of one surface."""
 
     def __init__(self, shape: FacetShape, facets: int) -> None:
-        """Lay out what the library works on."""
         self.shape, self._code = shape, library(SOURCE)
         sizes = _sizes(self._code)
         # Zeros that no one touches take no memory; nor are they written before a facet is needed.
@@ -243,8 +242,7 @@ def samples(shape: FacetShape) -> Floats:
     steps = np.linspace(0.0, 1.0, min(2 * shape.degree, 4) + 1)
     grid = np.stack(np.meshgrid(*[steps] * shape.directions), axis=-1)
     xi = grid.reshape(-1, shape.directions)
-    inside: Floats = xi[shape.excess(xi) <= SEAM]
-    return inside
+    return xi[shape.excess(xi) <= SEAM]
 
 
 @lru_cache
@@ -300,5 +298,4 @@ def _hull(shape: FacetShape) -> Floats:
     else:
         one = [[comb(d, j) * x**j * (1.0 - x) ** (d - j) for j in range(d + 1)] for x in xi.T]
         values = one[0] if len(one) == 1 else [a * b for a in one[0] for b in one[1]]
-    hull: Floats = np.linalg.inv(np.stack(values, axis=1)).astype(np.float64)
-    return hull
+    return np.linalg.inv(np.stack(values, axis=1)).astype(np.float64)

@@ -201,9 +201,7 @@ def _along(corners: Ints, nodes: Floats, is_open: Bools) -> Floats:
     length = np.linalg.norm(nodes[corners[:, 1]] - nodes[corners[:, 0]], axis=1)
     size = (len(nodes), len(nodes))
     graph = scipy.sparse.csr_matrix((length, (corners[:, 0], corners[:, 1])), shape=size)
-    ends = np.nonzero(is_open)[0]
-    out: Floats = dijkstra(graph, directed=False, indices=ends, min_only=True)
-    return out
+    return dijkstra(graph, directed=False, indices=np.nonzero(is_open)[0], min_only=True)
 
 
 def _open_edges(shape: FacetShape, corners: Ints, planes: Sequence[tuple[int, Bools]]) -> Ints:

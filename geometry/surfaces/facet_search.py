@@ -174,8 +174,7 @@ class FacetSearch:
         if len(trees) > 1:
             return self._nearest(points, facets, trees)[0]
         ((tree, at),) = trees
-        nearest: Ints = at[tree.query(points)[1]]
-        return nearest
+        return at[tree.query(points)[1]]
 
     def _nearest(
         self, points: Floats, facets: Floats, trees: list[tuple[cKDTree, Ints]]
@@ -193,8 +192,7 @@ class FacetSearch:
 
 
 def _where(mask: Bools) -> Ints:
-    out: Ints = np.nonzero(mask)[0].astype(np.int32)
-    return out
+    return np.nonzero(mask)[0].astype(np.int32)
 
 
 def _longest(vectors: Floats) -> float:
@@ -259,8 +257,7 @@ class RaySearch:
         at_ends = shape.first(np.array([[0.0], [1.0]]))
         here = unit_normals(np.einsum("eba,fai->febi", at_ends, controls))
         # Beyond a first end lies the second one of the facet before, and the other way round.
-        there = here[self.across, np.array([1, 0])]
-        cosine = np.einsum("fei,fei->fe", here, there)
+        cosine = np.einsum("fei,fei->fe", here, here[self.across, np.array([1, 0])])
         self.has_kinks = bool(np.any((cosine < np.cos(KINK)) & (self.across >= 0)))
 
     def hits(

@@ -219,25 +219,21 @@ def unit_normals(tangents: Floats) -> Floats:
         normal = np.stack([-tau[..., 1], tau[..., 0]], axis=-1)
     else:
         normal = np.cross(tangents[..., 0, :], tangents[..., 1, :]).astype(np.float64)
-    unit: Floats = normal / np.linalg.norm(normal, axis=-1)[..., None]
-    return unit
+    return normal / np.linalg.norm(normal, axis=-1)[..., None]
 
 
 def measure(tangents: Floats) -> Floats:
     """Length (q,) of one tangent, or area of the parallelogram of two, (q, α, i)."""
     if tangents.shape[1] == 1:
-        out: Floats = np.linalg.norm(tangents[:, 0], axis=1)
-        return out
+        return np.linalg.norm(tangents[:, 0], axis=1)
     (x, y, z), (u, v, w) = tangents.transpose(1, 2, 0)
-    area: Floats = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
-    return area
+    return np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
 
 
 def solve_small(matrix: Floats, right: Floats) -> Floats:
     """Solutions (p, α) of p systems of one or two equations, (p, α, α) and (p, α)."""
     if matrix.shape[-1] == 1:
-        out: Floats = right / matrix[..., 0]
-        return out
+        return right / matrix[..., 0]
     a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
     over = 1.0 / _determinant(matrix)
     first = (d * right[:, 0] - b * right[:, 1]) * over
@@ -246,8 +242,7 @@ def solve_small(matrix: Floats, right: Floats) -> Floats:
 
 def _determinant(matrix: Floats) -> Floats:
     """Determinants (p,) of matrices (p, 2, 2)."""
-    out: Floats = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
-    return out
+    return matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
 
 
 # -- Lines of nodes in the plane: their order, which no partition of the mesh changes, and shape ---
@@ -315,8 +310,7 @@ def tangent_angles(place: Floats) -> Floats:
     inner = turned[:-1] + share * np.diff(turned)
     # A parabola's chord lies between the tangents at its ends.
     first, last = 2.0 * turned[0] - inner[0], 2.0 * turned[-1] - inner[-1]
-    out: Floats = np.concatenate([[first], inner, [last]])
-    return out
+    return np.concatenate([[first], inner, [last]])
 
 
 def line_curvatures(place: Floats) -> Floats:
@@ -334,8 +328,7 @@ def line_curvatures(place: Floats) -> Floats:
     sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     # κ = 4 A/(a b c) of the circumscribed circle; `area` is 2 A.
     inner = 2.0 * area / (sides * np.linalg.norm(a + b, axis=1))
-    out: Floats = np.concatenate([inner[:1], inner, inner[-1:]])
-    return out
+    return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
 def straight_angle(place: Floats, about: float) -> float:
@@ -354,8 +347,7 @@ def fitted_circle(place: Floats) -> tuple[float, float]:
     The sum of squared distances from the circle is least (Gauss and Newton's method from the
     algebraic circle of Kåsa). The radius is infinite where places are straight, or fewer than 3.
     """
-    middle = place.mean(axis=0)
-    at = place - middle
+    at = place - place.mean(axis=0)
     size = float(np.sqrt((at**2).sum(axis=1).max(initial=0.0)))
     if len(place) < 3 or size == 0.0:
         return np.inf, 0.0
@@ -389,5 +381,4 @@ def distances_to_line(place: Floats, line: Floats) -> Floats:
     apart = place[:, None] - start
     share = np.einsum("nmi,mi->nm", apart, along) / np.einsum("mi,mi->m", along, along)
     foot = apart - np.clip(share, 0.0, 1.0)[:, :, None] * along
-    out: Floats = np.sqrt(np.einsum("nmi,nmi->nm", foot, foot).min(axis=1))
-    return out
+    return np.sqrt(np.einsum("nmi,nmi->nm", foot, foot).min(axis=1))

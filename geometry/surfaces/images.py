@@ -48,8 +48,7 @@ class Held:
 
 def held_along(held: Sequence[Longs], nodes: Longs) -> Bools:
     """Along which axes (n, i) global nodes (n,) are among those that stay where they are."""
-    out: Bools = np.stack([np.isin(nodes, those) for those in held], axis=1)
-    return out
+    return np.stack([np.isin(nodes, those) for those in held], axis=1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,14 +73,12 @@ class MasterFacets:
 
     def sizes(self) -> Floats:
         """Length (f,), m, of each undeformed facet; in space the side of a square or half one."""
-        longest: Floats = self._corners_apart().max(axis=(1, 2)) / np.sqrt(self.shape.directions)
-        return longest
+        return self._corners_apart().max(axis=(1, 2)) / np.sqrt(self.shape.directions)
 
     def widths(self) -> Floats:
         """Shortest side (f,), m, of each undeformed facet."""
         apart = self._corners_apart()
-        shortest: Floats = np.where(apart > 0.0, apart, np.inf).min(axis=(1, 2))
-        return shortest
+        return np.where(apart > 0.0, apart, np.inf).min(axis=(1, 2))
 
     def own(self) -> MasterFacets:
         """The same without images and planes of symmetry."""
@@ -93,8 +91,7 @@ class MasterFacets:
     def _corners_apart(self) -> Floats:
         """Distances (f, c, c), m, of the corners of each undeformed facet."""
         corners = self.position[self.facets[:, : self.shape.corners]]
-        apart: Floats = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
-        return apart
+        return np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,8 +364,7 @@ def _boxes(points: Floats) -> Floats:
         if len(group) == 1 or max(sizes) == 0.0:
             groups.append(group)
             break
-        along = group[:, int(np.argmax(np.ptp(group, axis=0)))]
-        order = np.argsort(along, kind="stable")
+        order = np.argsort(group[:, int(np.argmax(np.ptp(group, axis=0)))], kind="stable")
         # Halves across the longest side: boxes close round the points keep the bounds sharp.
         groups += np.array_split(group[order], 2)
     ends = [np.stack([group.min(axis=0), group.max(axis=0)]) for group in groups]

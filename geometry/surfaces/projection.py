@@ -151,7 +151,10 @@ class FacetSurface:
         self._around, self._corner = facet, corner
         self._rays: RaySearch | None = None
         if shape.directions == 1:
-            _require_one_each(corners)
+            for at, word in ((0, "start"), (1, "end")):
+                if len(np.unique(corners[:, at])) != len(corners):
+                    why = f"two of its facets {word} at one node"
+                    raise ValueError(f"the master surface branches: {why}")
             at_end = np.count_nonzero(self._around >= 0, axis=1) < 2
             for _, on in planes:
                 at_end &= ~on
@@ -212,7 +215,9 @@ class FacetSurface:
                 fades; None: points count in full up to there.
         """
         controls = self._controls(nodes)
-        facet, xi, entity = self._closest(points, controls, frozen_facets)
+        among, tie = self.search.candidates(points, controls), TIE * self.search.slack
+        stay = None if frozen_facets is None else (frozen_facets, OVERRUN)
+        facet, xi, entity = self._code.closest(points, controls, among, tie, stay)
         if fading is not None and self.ends.joined.any():
             facet, xi, entity = self._go_on((facet, xi, entity), points, controls, fading)
         if rays is not None:
@@ -251,18 +256,9 @@ class FacetSurface:
         self, points: Floats, controls: Floats, facet: Ints
     ) -> tuple[Floats, Bools]:
         """Places ξ (q, α) nearest to points on endless facets (q,); whether there are any."""
-        count = np.arange(len(points) + 1)
-        among = Candidates(count, facet, np.zeros(len(points)), 0.0)
+        among = Candidates(np.arange(len(points) + 1), facet, np.zeros(len(points)), 0.0)
         _, xi, entity = self._code.closest(points, controls, among, 0.0, (facet, np.inf))
         return xi, entity == INTERIOR
-
-    def _closest(
-        self, points: Floats, controls: Floats, frozen_facets: Ints | None
-    ) -> tuple[Ints, Floats, Ints]:
-        """Facets (q,), ξ (q, α) and entities (q,) of the closest points."""
-        among = self.search.candidates(points, controls)
-        kept = None if frozen_facets is None else (frozen_facets, OVERRUN)
-        return self._code.closest(points, controls, among, TIE * self.search.slack, kept)
 
     @property
     def extraction(self) -> Floats | None:
@@ -308,8 +304,7 @@ class FacetSurface:
         length = np.linalg.norm(normal, axis=1)[:, None]
         normal /= np.where(length > 0.0, length, 1.0)
         share = facet_shape(self.shape.cell, 1).values(xi)
-        out: Floats = np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
-        return out
+        return np.einsum("qv,qvi->qi", share, normal.reshape(*corner.shape, nodes.shape[1]))
 
     def weights(self, facet: Ints, xi: Floats) -> Floats:
         """Shares (q, m) of the nodes ``stencil`` in the place ξ (q, α) of each facet (q,)."""
@@ -404,8 +399,7 @@ class FacetSurface:
             cosine = np.einsum("pvi,pvi->pv", edges[:, :, 0], edges[:, :, 1])
             weight *= np.arccos(np.clip(cosine, -1.0, 1.0))
         outward = np.einsum("pv,pvi->pi", weight, unit_normals(tangents))
-        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return unit
+        return outward / np.linalg.norm(outward, axis=1)[:, None]
 
     def _edge_outward(self, out: Projection, rows: Ints, side: Ints, controls: Floats) -> Floats:
         """Outward directions (p, i) on edges: the mean of both facets' normals there."""
@@ -421,26 +415,17 @@ class FacetSurface:
         tangents = np.einsum("pba,pai->pbi", self.shape.first(opposite), controls[other])
         beyond = np.where((other >= 0)[:, None], unit_normals(tangents), 0.0)
         outward = out.normal[rows] + beyond
-        unit: Floats = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return unit
+        return outward / np.linalg.norm(outward, axis=1)[:, None]
 
 
 def _sharing_corners(corners: Ints, count: int) -> scipy.sparse.csr_matrix:
     """Facets (f, f) with a node of the ``count`` in common, by their corners (f, v)."""
     start = np.arange(0, corners.size + 1, corners.shape[1])
-    ones = np.ones(corners.size, dtype=np.int32)
-    given = ones, corners.reshape(-1), start
+    given = np.ones(corners.size, dtype=np.int32), corners.reshape(-1), start
     incidence = scipy.sparse.csr_matrix(given, shape=(len(corners), count))
     out = (incidence @ incidence.T).tocsr()
     out.data[:] = 1
     return out
-
-
-def _require_one_each(corners: Ints) -> None:
-    """In the plane at most one segment starts and one ends at each node."""
-    for column, word in ((0, "start"), (1, "end")):
-        if len(np.unique(corners[:, column])) != len(corners):
-            raise ValueError(f"the master surface branches: two of its facets {word} at one node")
 
 
 def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
@@ -456,8 +441,7 @@ def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
             "the master surface branches: more than two of its facets meet at an edge, or two "
             "whose outward sides differ"
         )
-    at = np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)
-    match = order[at]
+    match = order[np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)]
     found = key[match] == back
     across = np.where(found, match // len(shape.sides), -1).astype(np.int32)
     side = np.where(found, match % len(shape.sides), 0).astype(np.int32)

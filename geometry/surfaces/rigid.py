@@ -117,8 +117,7 @@ class RigidSurface(ABC):
         self.control_points = self._middle + self.size * corners
         # Σ_a Z_a Z_aᵀ = (d + 1)/d I for the corners Z_a of the simplex in the unit sphere.
         self._gradients = (self.dim / (self.dim + 1) / self.size) * corners
-        every = np.arange(self.dim + 1, dtype=np.int32)
-        self.stencil = np.tile(every, (facets, 1))
+        self.stencil = np.tile(np.arange(self.dim + 1, dtype=np.int32), (facets, 1))
 
     @property
     def neighbours(self) -> scipy.sparse.csr_matrix:
@@ -202,8 +201,7 @@ class RigidSurface(ABC):
     def moved(self, points: Floats, nodes: Floats) -> Floats:
         """Undeformed points (p, i), m, of the tool where the control points ``nodes`` are now."""
         turn, shift = self._motion(nodes)
-        out: Floats = shift + (points - self._middle) @ turn.T
-        return out
+        return shift + (points - self._middle) @ turn.T
 
     def places(self, facet: Ints, xi: Floats, nodes: Floats) -> tuple[Floats, Floats]:
         """Points ȳ (q, i) and tangents (q, α, i) of material places, on control points (a, i)."""
@@ -221,13 +219,11 @@ class RigidSurface(ABC):
 
     def shares(self, places: Floats) -> Floats:
         """N_a (q, a) at undeformed places (q, i), m, of the tool, on its surface or not."""
-        out: Floats = 1.0 / (self.dim + 1) + (places - self._middle) @ self._gradients.T
-        return out
+        return 1.0 / (self.dim + 1) + (places - self._middle) @ self._gradients.T
 
     def slopes(self, facet: Ints, xi: Floats) -> Floats:
         """∂N_a/∂ξ^α (q, α, a)."""
-        out: Floats = self.at(facet, xi).tangents @ self._gradients.T
-        return out
+        return self.at(facet, xi).tangents @ self._gradients.T
 
     def _motion(self, nodes: Floats) -> tuple[Floats, Floats]:
         """Rotation (i, j) and the place (i,) of M now."""
@@ -243,7 +239,6 @@ class RigidShape(RigidSurface):
     """A surface given by formulae."""
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
-        """See :class:`RigidSurface`."""
         super().__init__(facets, centre, size, extent)
         self.search = Unsearched(0.5 * self.size)
 
@@ -303,8 +298,7 @@ def normals(tangents: Floats) -> Floats:
         across = np.stack([-tangents[:, 0, 1], tangents[:, 0, 0]], axis=1)
     else:
         across = np.cross(tangents[:, 0], tangents[:, 1]).astype(np.float64)
-    out: Floats = across / np.linalg.norm(across, axis=1)[:, None]
-    return out
+    return across / np.linalg.norm(across, axis=1)[:, None]
 
 
 def unit(vector: Floats, what: str) -> Floats:
@@ -317,8 +311,7 @@ def unit(vector: Floats, what: str) -> Floats:
     size = np.linalg.norm(given)
     if not (np.isfinite(size) and size > 0.0):
         raise ValueError(f"{what} has no direction: {given}")
-    out: Floats = given / size
-    return out
+    return given / size
 
 
 def _simplex(dim: int) -> Floats:
@@ -326,9 +319,7 @@ def _simplex(dim: int) -> Floats:
     if dim == 2:
         angle = 0.5 * np.pi + np.arange(3) * (2.0 * np.pi / 3.0)
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    cube = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-    out: Floats = cube / np.sqrt(3.0)
-    return out
+    return np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
 
 
 # -- The motion of a rigid tool: a displacement and one angle, as two reference nodes hold them ----
@@ -387,8 +378,7 @@ class RigidMotion:
     def rotation(self, theta: float) -> Floats:
         """R (i, j)."""
         w = self._spin
-        out: Floats = np.eye(self.dim) + np.sin(theta) * w + (1.0 - np.cos(theta)) * (w @ w)
-        return out
+        return np.eye(self.dim) + np.sin(theta) * w + (1.0 - np.cos(theta)) * (w @ w)
 
     def control_points(self, displacement: Floats, theta: float) -> Floats:
         """y_a (a, i), m, current.
@@ -397,8 +387,7 @@ class RigidMotion:
             displacement: (i,), m: c.
             theta: rad, counter-clockwise, or right-handed about the axis.
         """
-        out: Floats = self.centre + displacement + self._arms() @ self.rotation(theta).T
-        return out
+        return self.centre + displacement + self._arms() @ self.rotation(theta).T
 
     def tangent(self, theta: float) -> Floats:
         """T = ∂y_a/∂(c, θL) (a, i, 2 · i), no unit, for all components of both nodes in turn.
@@ -416,10 +405,8 @@ class RigidMotion:
         """∂²y_a/∂(θL)² (a, i), 1/m; all other second derivatives are zero."""
         w = self._spin
         second = np.cos(theta) * (w @ w) - np.sin(theta) * w
-        out: Floats = self._arms() @ second.T / self.length**2
-        return out
+        return self._arms() @ second.T / self.length**2
 
     def _arms(self) -> Floats:
         """Y_a − C (a, i), m."""
-        out: Floats = self.points - self.centre
-        return out
+        return self.points - self.centre

@@ -92,8 +92,7 @@ class MeshSurface(RigidSurface):
     def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         turn, _ = self._motion(nodes)
-        out: Floats = self._surface.smooth_normals(facet, xi, self.nodes) @ turn.T
-        return out
+        return self._surface.smooth_normals(facet, xi, self.nodes) @ turn.T
 
     def at(self, facet: Ints, xi: Floats) -> Places:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; without curvature."""
@@ -159,8 +158,7 @@ def _axes(ends: Floats) -> Floats:
     if ends.shape[1] == 1:
         return np.tile([0.0, 0.0, 1.0], (len(ends), 1))
     way = ends[:, 1] - ends[:, 0]
-    out: Floats = way / np.linalg.norm(way, axis=1)[:, None]
-    return out
+    return way / np.linalg.norm(way, axis=1)[:, None]
 
 
 def _shape(nodes: Floats, facets: Ints) -> FacetShape:

@@ -36,14 +36,12 @@ class Pieces:
     def length(self) -> Floats:
         """(p,), m."""
         chord = np.linalg.norm(self.end - self.start, axis=1)
-        out: Floats = np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * self.radius)
-        return out
+        return np.where(self.sweep == 0.0, chord, np.abs(self.sweep) * self.radius)
 
     @property
     def radius(self) -> Floats:
         """(p,), m, of arcs."""
-        out: Floats = np.linalg.norm(self.start - self.centre, axis=1)
-        return out
+        return np.linalg.norm(self.start - self.centre, axis=1)
 
     def reversed(self) -> Pieces:
         """The same line run through backwards."""
@@ -72,8 +70,7 @@ class Pieces:
         chord = self.end - self.start
         # Tangents of an arc at its ends are its chord turned by ∓ω/2.
         out = np.stack([turned(chord, -0.5 * self.sweep), turned(chord, 0.5 * self.sweep)], axis=1)
-        unit: Floats = out / np.linalg.norm(out, axis=2)[..., None]
-        return unit
+        return out / np.linalg.norm(out, axis=2)[..., None]
 
     def turns(self) -> Floats:
         """Turn (p, e), rad, left positive, at the ends of each piece, 0 at those of the line."""
@@ -184,7 +181,6 @@ class CompiledPieces:
     """The loops over the points of a line, by the source ``polyline.c``."""
 
     def __init__(self, pieces: Pieces) -> None:
-        """Lay the pieces out."""
         middle = turned(pieces.start - pieces.centre, 0.5 * pieces.sweep)
         arrays = pieces.start, pieces.end, pieces.centre, pieces.sweep, middle
         every = (*arrays, pieces.limits(), *pieces.spheres())

@@ -111,14 +111,12 @@ class Polyline(RigidShape):
     def excess(self, facet: Ints, xi: Floats) -> Floats:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
-        out: Floats = np.where(self._sharp[facet], past, -np.inf).max(axis=1)
-        return out
+        return np.where(self._sharp[facet], past, -np.inf).max(axis=1)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         at_end = np.stack([xi[:, 0] <= 0.0, xi[:, 0] >= 1.0], axis=1)
-        out: Bools = (at_end & self._cut[facet]).any(axis=1)
-        return out
+        return (at_end & self._cut[facet]).any(axis=1)
 
     # -- closest points ---------------------------------------------------------------------------
 
@@ -207,8 +205,7 @@ class Polyline(RigidShape):
                 xi[end] += sign * far / pieces.length[end]
         number = np.arange(len(xi), dtype=np.int32)
         cells = np.stack([number, np.roll(number, -1)], axis=1)
-        places = pieces.places(facet, xi)
-        return Outline(places, cells if pieces.closed else cells[:-1])
+        return Outline(pieces.places(facet, xi), cells if pieces.closed else cells[:-1])
 
 
 # -- The corners of a polyline in the plane, rounded by fillets that fit ---------------------------
@@ -292,8 +289,7 @@ def _require_simple(points: Floats, after: Floats, closed: bool) -> None:
 def _sides(a: Floats, b: Floats, c: Floats) -> Floats:
     """Twice the areas (p,) of triangles; positive where c is on the left of a to b."""
     u, v = b - a, c - a
-    out: Floats = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    return out
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
 def _turns(ahead: Floats, closed: bool) -> Floats:
@@ -384,7 +380,6 @@ class LineEnds:
     """The ends and corners of a line, and what they leave of points near them."""
 
     def __init__(self, pieces: Pieces) -> None:
-        """Find them."""
         self._open, self._sharp = pieces.open_ends(), pieces.turns() != 0.0
         self._length, self._sweep = pieces.length, pieces.sweep
         out = left_of(pieces.directions())

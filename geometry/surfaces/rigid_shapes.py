@@ -29,8 +29,7 @@ class Plane(RigidShape):
             ValueError: a normal without direction, or no size.
         """
         self.point, self.normal = np.array(point, dtype=np.float64), unit(normal, "a normal")
-        dim = len(self.point)
-        extent = np.tile(np.array([[-np.inf], [np.inf]]), (1, dim))
+        extent = np.tile(np.array([[-np.inf], [np.inf]]), (1, len(self.point)))
         # Only a plane across an axis is bounded, in that axis.
         across = np.abs(np.abs(self.normal) - 1.0) <= 1e-15
         extent[:, across] = self.point[across]
@@ -57,8 +56,7 @@ class Plane(RigidShape):
         if len(self.point) == 3:
             signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
             cells = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-        corners = self.at(cells[:0, 0], middle + half * signs)
-        return Outline(corners.place, cells)
+        return Outline(self.at(cells[:0, 0], middle + half * signs).place, cells)
 
 
 def directions_across(normal: Floats) -> Floats:

@@ -103,8 +103,7 @@ def _half_way_to_the_end(facet: Longs, xi: Floats, share: Floats) -> Floats:
     end = np.empty_like(total)
     end[order] = total - facet[order]
     inside = xi[:, 0]
-    out: Floats = 0.5 * np.minimum(inside - (end - share), end - inside)
-    return out
+    return 0.5 * np.minimum(inside - (end - share), end - inside)
 
 
 def _orthonormal(tangents: Floats, derivative: Floats) -> tuple[Floats, Floats]:
@@ -235,8 +234,7 @@ class SlaveVertices:
     def at_points(self, values: Floats, shape: Floats | None = None) -> Floats:
         """Σ_A N_A f_A (q,) of vertex values ``values`` (v,); as :meth:`sums`, with other N."""
         shape = self.shape if shape is None else shape
-        out: Floats = np.einsum("qk,qk->q", shape, values[self.of_point])
-        return out
+        return np.einsum("qk,qk->q", shape, values[self.of_point])
 
     def on_all_ranks(self, here: bool) -> bool:
         """Whether something holds on all ranks; collective."""
@@ -297,8 +295,7 @@ def slave_vertices(
 
 def _positions(space: dolfinx.fem.FunctionSpace, mine: Longs, distinct: Longs) -> Floats:
     """Reference positions (v, i) of the ``distinct`` global nodes; collective."""
-    index = space.dofmap.index_map
-    local = index.global_to_local(mine)
+    local = space.dofmap.index_map.global_to_local(mine)
     dim = space.mesh.geometry.dim
     here = space.tabulate_dof_coordinates()[local][:, :dim]
     out = np.empty((len(distinct), dim))

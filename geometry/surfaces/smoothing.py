@@ -119,8 +119,7 @@ FACETS_TO_AXIS = 6  # over which smoothness fades
 
 def on_axis(nodes: Floats) -> Bools:
     """Which nodes (n, i), m, of rings are on the axis (n,)."""
-    near: Bools = np.abs(nodes[:, 0]) <= AXIS * np.ptp(nodes, axis=0).max()
-    return near
+    return np.abs(nodes[:, 0]) <= AXIS * np.ptp(nodes, axis=0).max()
 
 
 def towards_axis(facets: Ints, nodes: Floats) -> Floats:
@@ -319,8 +318,7 @@ def _widths(shape: FacetShape, facets: Ints, nodes: Floats, piece: Longs, inner:
 def _rows(matrix: Sparse, index: Longs, factor: Floats) -> Sparse:
     """Rows of a matrix times a factor each, zero where the index is −1."""
     factor = np.where(index >= 0, factor, 0.0)
-    out: Sparse = (scipy.sparse.diags(factor) @ matrix[np.maximum(index, 0)]).tocsr()
-    return out
+    return (scipy.sparse.diags(factor) @ matrix[np.maximum(index, 0)]).tocsr()
 
 
 def _slopes(edges: _Edges, count: int) -> Sparse:

@@ -184,8 +184,7 @@ class ContactSurface:
         self._source = MasterSource(*known)
         self.master = no_facets(self.shape, self._source.extent)
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
-        rows = self._source.fetch(self.slave.position, still, self.master.number)
-        self._take(rows)
+        self._take(self._source.fetch(self.slave.position, still, self.master.number))
 
     def _searched(
         self, master: MasterFacets, ends: tuple[float | None, float | None], rings: bool = False
@@ -247,8 +246,7 @@ class ContactSurface:
             return numbers
         order = np.argsort(self.master.number)
         place = np.searchsorted(self.master.number, numbers, sorter=order)
-        out: Ints = order[place].astype(np.int32)
-        return out
+        return order[place].astype(np.int32)
 
     def _number_nodes(self) -> None:
         """Number the nodes of the pair, and find those of each point."""
@@ -312,8 +310,7 @@ class ContactSurface:
         if isinstance(master, RigidMaster) and master.motion is not None:
             return master.motion.control_points(*master.motion.read(moved))
         own = len(master.nodes) if self.images is None else -len(self.images.of)
-        out: Floats = (master.position + moved)[:own]
-        return out
+        return (master.position + moved)[:own]
 
     def project(
         self,
@@ -409,8 +406,7 @@ def _unless_kinked(smooth: Floats, own: Floats) -> Floats:
     """Unit normals (q, i) of a smooth surface through facets; at kinks the facets' own."""
     length = np.linalg.norm(smooth, axis=1)
     near = np.einsum("qi,qi->q", smooth, own) > ROUND * length
-    out: Floats = np.where(near[:, None], smooth / np.where(near, length, 1.0)[:, None], own)
-    return out
+    return np.where(near[:, None], smooth / np.where(near, length, 1.0)[:, None], own)
 
 
 # -- Values at the nodes of a contact pair, fetched from and returned to whichever rank owns them --
@@ -460,7 +456,6 @@ class SurfaceExchange:
     """
 
     def __init__(self, surface: ContactSurface) -> None:
-        """Find the nodes of ``surface``."""
         self.nodes, self.slave_rows = surface.nodes, surface.slave_rows
         self.signs, self._images = surface.signs, surface.images
         self._own = len(surface.nodes) - (0 if self._images is None else len(self._images.of))

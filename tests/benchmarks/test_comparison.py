@@ -114,8 +114,7 @@ def other_tree(tmp_path_factory) -> Path:
 @pytest.mark.long
 def test_the_other_tree_is_what_runs_and_is_probed(other_tree, block, case_file, tmp_path):
     out = tmp_path / "bench"
-    options = Options(case_file(block), out, 1, overrides=SHORT, against=other_tree)
-    run_bench(["1"], options)
+    run_bench(["1"], Options(case_file(block), out, 1, overrides=SHORT, against=other_tree))
     (found,) = json.loads((out / "bench.json").read_text(encoding="utf-8"))["comparisons"]
     old, new = found["sides"]
     assert old["iterations"] > new["iterations"]

@@ -56,8 +56,7 @@ class Block:
 
 def find_blocks(page: Path) -> list[Block]:
     """All fenced blocks of a page in order; a PageError tells of what is not closed or no mark."""
-    lines = page.read_text(encoding="utf-8").splitlines()
-    return list(_blocks(page, lines))
+    return list(_blocks(page, page.read_text(encoding="utf-8").splitlines()))
 
 
 def _blocks(page: Path, lines: list[str]) -> Iterator[Block]:

@@ -168,8 +168,7 @@ def _add_known(draw: st.DrawFn, case: dict[str, Any], key: Key) -> None:
 @st.composite
 def damaged_texts(draw: st.DrawFn) -> bytes:
     """The bytes of a good case file, some of them others."""
-    text = hostile.toml_of(draw(st.sampled_from(good_cases()))).encode()
-    return draw(damaged(text))
+    return draw(damaged(hostile.toml_of(draw(st.sampled_from(good_cases()))).encode()))
 
 
 ODD_BYTES = [

@@ -44,8 +44,7 @@ class Setting:
 
     def __post_init__(self) -> None:
         named = mesh(self.section)
-        dim = named.mesh.geometry.dim
-        element = ("Lagrange", self.degree, (dim,))
+        element = ("Lagrange", self.degree, (named.mesh.geometry.dim,))
         self.u = dolfinx.fem.Function(dolfinx.fem.functionspace(named.mesh, element))
         self.loads = Loads(named, self.u, self.section, 1.0)
         for boundary in self.boundaries:
@@ -64,8 +63,7 @@ class Setting:
         """Positions of owned nodes, and which of them a condition chooses."""
         space = self.u.function_space
         owned = space.dofmap.index_map.size_local
-        dim = space.mesh.geometry.dim
-        x = space.tabulate_dof_coordinates()[:owned, :dim]
+        x = space.tabulate_dof_coordinates()[:owned, : space.mesh.geometry.dim]
         return x, where(x)
 
 
@@ -246,8 +244,7 @@ def boundaries(turn: np.ndarray, force: float | None) -> list[dict]:
     """A block on a side that slides, pressed askew from above by a platen, and sheared."""
     dim = len(turn)
     side, axis = np.eye(dim)[:2]
-    direction = (turn @ axis).tolist()
-    platen = {"direction": direction}
+    platen = {"direction": (turn @ axis).tolist()}
     if force is None:
         ramp = [["0 s", 0.0], ["2 s", 0.1]]
         platen |= {"force": 0, "displacement": ramp, "displacement_stages": ["s"]}
@@ -286,8 +283,7 @@ def test_an_oblique_platen_is_one_along_an_axis_in_a_turned_frame(dim, force, mo
 
 def test_newton_converges_quadratically_on_an_oblique_platen():
     one = Problem(turned(2), boundaries(turned(2), 0.6))
-    result = one.step(2.0)
-    residuals = np.array(result.residuals)
+    residuals = np.array(one.step(2.0).residuals)
     late = np.nonzero((residuals < 1e-1) & (residuals > 1e-8))[0]
     assert len(late) >= 2
     for at in late[:-1]:

@@ -139,8 +139,7 @@ FACTORS = [  # by hand; of WLF the glass is at 20 degC
 
 @pytest.mark.parametrize(("shift", "factor", "far"), FACTORS)
 def test_a_temperature_shifts_the_relaxation_times(shift, factor, far):
-    data = case_with(**PRONY, shift=shift)
-    case = read(data)
+    case = read(case_with(**PRONY, shift=shift))
     times = [branch.time for branch in case.bodies["aluminium"].material_of().branches]
     assert times == pytest.approx([0.01 * factor, factor], rel=1e-8)
     notes = [n for n in notes_on_branches(case.bodies, case.stage) if ".shift: " in n]

@@ -258,8 +258,7 @@ def test_given_keys_are_those_of_the_file(case_file):
 
 
 def test_of_a_resolved_case_all_keys_are_given(case_file):
-    text = resolved_toml(load_case(case_file(FILM)))
-    case = Case.model_validate(tomllib.loads(text))
+    case = Case.model_validate(tomllib.loads(resolved_toml(load_case(case_file(FILM)))))
     assert "contact.0.friction.eta_b" in given_keys(case)
 
 

@@ -22,8 +22,7 @@ def rows(directory: Path) -> list[dict[str, str]]:
 
 
 def test_a_film_over_the_pressure_reads_back_and_runs(film, case_file, tribox, tmp_path):
-    text = film.replace('thickness = "30 nm"', TABLE)
-    path = case_file(text)
+    path = case_file(film.replace('thickness = "30 nm"', TABLE))
     case = load_case(path)
     layer = case.contact[0].film
     assert layer.thickness == ((0.0, 60e-9), (1e6, 20e-9)) and layer.thicknesses == (60e-9, 20e-9)

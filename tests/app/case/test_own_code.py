@@ -183,8 +183,7 @@ def test_a_mistake_in_a_material_is_one_line(name, tmp_path):
     old, new, said = SPOILT[name]
     (tmp_path / "gent.py").write_text(documented_material(old, new))
     with pytest.raises(OwnCodeError) as caught:
-        made = load_own_material(f"{tmp_path}/gent.py:Gent", GENT, 1e6, 5e10)
-        made.parameters()
+        load_own_material(f"{tmp_path}/gent.py:Gent", GENT, 1e6, 5e10).parameters()
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 

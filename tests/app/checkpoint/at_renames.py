@@ -83,8 +83,7 @@ def _after(case: Case, out: Path, reference: Path) -> str:
     before = sorted(path.name for path in out.iterdir())
     if in_a_child(lambda: run_case(case, out, quiet=True, resume=True)) != 0:
         return f"refused, with {before}"
-    wrong = unlike(reference, out)
-    return "; ".join(wrong) or f"{read(out).summary['status']}, same bytes"
+    return "; ".join(unlike(reference, out)) or f"{read(out).summary['status']}, same bytes"
 
 
 if __name__ == "__main__":

@@ -51,12 +51,18 @@ def position_of(directory: Path, number: int) -> dict[str, Any]:
     return state_of(directory, number)["simulation"]["state"]["position"]
 
 
-def as_killed(reference: Path, directory: Path, number: int) -> Path:
-    """A results directory with all files of another, but with no checkpoint after a number."""
+def as_killed(reference: Path, directory: Path, number: int, running: bool = False) -> Path:
+    """A results directory with all files of another, but with no checkpoint after a number.
+
+    ``running``: the summary says so, as of a run that was killed.
+    """
     shutil.copytree(reference, directory)
     for later in numbers(directory):
         if later > number:
             shutil.rmtree(directory / "checkpoints" / f"{later:06d}")
+    if running:
+        path = directory / "summary.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"status": "running"}))
     return directory
 
 

@@ -84,8 +84,7 @@ def on_two(comm: MPI.Comm, directory: Path) -> dict[str, dict[str, float]]:
         run(case, directory / "one")
     run(case, directory / "two", comm)
     if comm.rank == 0:
-        again = as_killed(directory / "two", directory / "back", 4)
-        run(case, again, resume=True)
+        run(case, as_killed(directory / "two", directory / "back", 4), resume=True)
     comm.barrier()
     if comm.rank == 0:
         as_killed(directory / "one", directory / "on", 4)

@@ -126,8 +126,7 @@ FEW_FILES = {"output.fields_every": 0, "output.checkpoint_every": 4, "stage.1.st
 def test_a_run_that_is_killed_at_any_rename_goes_on_with_the_same_bytes(tmp_path):
     """Into a new directory and into one with other results, with a copied law among the files."""
     path = tmp_path / "case.toml"
-    data = changed(with_law(CASE), FEW_FILES)
-    path.write_text(toml_text(data), encoding="utf-8")
+    path.write_text(toml_text(changed(with_law(CASE), FEW_FILES)), encoding="utf-8")
     (tmp_path / "my_law.py").write_text(documented_law(), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "tests.app.checkpoint.at_renames", str(path), str(tmp_path / "out")],

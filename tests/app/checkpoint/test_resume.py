@@ -1,7 +1,6 @@
 """`run --resume` and `--extend` as their users meet them: what they say, refuse and leave alone."""
 
 import errno
-import json
 import os
 import shutil
 import signal
@@ -83,10 +82,7 @@ def assert_alike(finished, tmp_path_factory) -> Callable[..., None]:
 @pytest.fixture
 def killed(finished: Path, tmp_path: Path) -> Path:
     """The results as they were when the run was killed after the fourth step."""
-    directory = as_killed(finished, tmp_path / "out", 4)
-    summary = json.loads((directory / "summary.json").read_text())
-    (directory / "summary.json").write_text(json.dumps(summary | {"status": "running"}))
-    return directory
+    return as_killed(finished, tmp_path / "out", 4, running=True)
 
 
 def test_it_says_from_where_it_goes_on(assert_alike, tribox, case_file, killed, finished):

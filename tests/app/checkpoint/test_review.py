@@ -8,21 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mpi4py import MPI
 
-from tests.app.checkpoint.going_on import unlike
+from tests.app.checkpoint.going_on import as_killed, run, unlike
 from tests.app.conftest import BLOCK
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.checkpoint.checkpointer import _sum
 from tribox.app.checkpoint.same_case import changes
 from tribox.app.errors import InputError, Interrupted
-from tribox.app.results.directory import checkpoint_numbers
 from tribox.app.results.inputs import write_case
 from tribox.app.run.ranks import RunOptions
-from tribox.app.run.run import Interruption, run_case
+from tribox.app.run.run import Interruption
 from tribox.app.run.sweep_runs import _to_run, collate
-from tribox.app.simulation.simulation import Simulation
 
 COARSE = {
     "geometry": {
@@ -42,21 +39,6 @@ OUTPUT = {"figures": False, "fields_every": 0, "checkpoint_every": 1, "checkpoin
 def case_of(text: str = BLOCK, **tables: Any) -> Case:
     output = OUTPUT | tables.pop("output", {})
     return Case.model_validate(tomllib.loads(text) | COARSE | tables | {"output": output})
-
-
-def run(case: Case, directory: Path, **how: Any) -> Simulation:
-    return run_case(case, directory, quiet=True, comm=MPI.COMM_SELF, **how)
-
-
-def as_killed(done: Path, directory: Path, number: int) -> Path:
-    """A copy of a directory, as if the run had been killed after a checkpoint."""
-    shutil.copytree(done, directory)
-    for one in checkpoint_numbers(directory):
-        if one > number:
-            shutil.rmtree(directory / "checkpoints" / f"{one:06d}")
-    path = directory / "summary.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"status": "running"}))
-    return directory
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +70,7 @@ def rewritten(path: Path, state: Any) -> None:
 
 
 def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_path):
-    out = as_killed(done, tmp_path / "out", 2)
+    out = as_killed(done, tmp_path / "out", 2, running=True)
     for number in (1, 2):
         damage_manifest(out / "checkpoints" / f"{number:06d}", "{}")
     rows = (out / "history.csv").read_text()
@@ -106,7 +88,7 @@ def test_a_run_whose_checkpoints_are_all_damaged_is_not_begun_anew(done, tmp_pat
     ids=["no runner", "no state"],
 )
 def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
-    out = as_killed(done, tmp_path / "out", 1)
+    out = as_killed(done, tmp_path / "out", 1, running=True)
     path = out / "checkpoints" / "000001"
     tree = json.loads((path / "state.json").read_text())
     change(tree)
@@ -127,7 +109,7 @@ def test_a_checkpoint_of_another_make_is_one_line(done, tmp_path, change, said):
     ids=["columns", "no rows", "one row less", "empty"],
 )
 def test_a_table_with_other_columns_or_missing_rows_is_refused(done, tmp_path, table, change):
-    out = as_killed(done, tmp_path / "out", 5)
+    out = as_killed(done, tmp_path / "out", 5, running=True)
     path = out / table
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=table):
@@ -135,10 +117,9 @@ def test_a_table_with_other_columns_or_missing_rows_is_refused(done, tmp_path, t
 
 
 def test_a_row_that_was_cut_off_in_the_middle_is_dropped(done, tmp_path):
-    out = as_killed(done, tmp_path / "out", 2)
+    out = as_killed(done, tmp_path / "out", 2, running=True)
     path = out / "history.csv"
-    kept = path.read_text().splitlines(keepends=True)[:3]
-    path.write_text("".join(kept) + "2,1.")
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]) + "2,1.")
     run(case_of(), out, resume=True)
     assert path.read_text() == (done / "history.csv").read_text()
 
@@ -146,7 +127,7 @@ def test_a_row_that_was_cut_off_in_the_middle_is_dropped(done, tmp_path):
 def test_probes_are_cut_back_before_the_run_goes_on(tmp_path, monkeypatch):
     probe = [{"name": "upper", "body": "elastomer"}]
     run(case_of(probe=probe), tmp_path / "whole")
-    out = as_killed(tmp_path / "whole", tmp_path / "out", 2)
+    out = as_killed(tmp_path / "whole", tmp_path / "out", 2, running=True)
     (out / "probes.csv").touch()
 
     def stop(*_):
@@ -188,7 +169,7 @@ def test_what_a_run_reads_is_not_cleared_where_it_cannot_go_on(tribox, case_file
 
 def test_a_summary_is_right_as_soon_as_the_run_goes_on(done, tmp_path, monkeypatch):
     """Also where the run was killed while it wrote one."""
-    out = as_killed(done, tmp_path / "out", 3)
+    out = as_killed(done, tmp_path / "out", 3, running=True)
     (out / "summary.json").write_text('{"status": "done"}')
     (out / "summary.json.part").write_text("{")
     found = {}
@@ -283,7 +264,7 @@ WAY = [["1 s", "0 mm"], ["2 s", "0.15 mm"]]
 def test_tables_over_time_may_go_on_past_the_end(done, tmp_path):
     whole = case_of(stage=LONGER, boundary=moved([*WAY, ["3 s", "0.1 mm"]]))
     run(whole, tmp_path / "whole")
-    out = as_killed(done, tmp_path / "out", 6)
+    out = as_killed(done, tmp_path / "out", 6, running=True)
     run(whole, out, extend=True)
     assert unlike(tmp_path / "whole", out) == []
 

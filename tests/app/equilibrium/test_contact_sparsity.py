@@ -45,8 +45,7 @@ def test_matrix_holds_the_tangent_along_rays(monkeypatch, shape, fine):
 def on_a_long_way(scene):
     problem = problem_of(scene)
     down = -0.08
-    start = scene.vector([*[0.0] * (scene.dim - 1), down], 0.03, 0.2)
-    A = problem.new_matrix(start)
+    A = problem.new_matrix(scene.vector([*[0.0] * (scene.dim - 1), down], 0.03, 0.2))
     for step in (0.01, 0.03, 0.1, 0.2, 0.15, 0.0):
         x = scene.vector([step, *[-0.5 * step] * (scene.dim - 2), down], 0.03, 0.2)
         problem.assemble_tangent(x, A)

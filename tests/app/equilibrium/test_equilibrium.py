@@ -131,8 +131,7 @@ def ripple(seed):
 
 def state(pair, setting, shift, phase, angle, seed):
     """Unknowns of both bodies bent together, the upper one shifted in the turned frame."""
-    turn = rotation(angle)
-    common, small = wave(setting.bend, phase, turn), ripple(seed)
+    common, small = wave(setting.bend, phase, rotation(angle)), ripple(seed)
     # The shift is along the turned surface, then the common wave acts at the shifted place.
     there = np.array(shift)
     return pair.displaced(
@@ -152,8 +151,7 @@ def prepared(pair, setting, **parts):
 
 
 def unbalanced(problem, x, step=DEFAULT_STEP):
-    f = problem.new_vector()
-    problem.residual(None, x, f, step)
+    problem.residual(None, x, problem.new_vector(), step)
     return problem.unbalanced.copy()
 
 
@@ -192,8 +190,7 @@ class Slopes:
 
 def differences(problem, x, step=DEFAULT_STEP, count=4, h=1e-6):
     """Central differences of the out-of-balance forces in random directions."""
-    rng = np.random.default_rng(7)
-    directions = rng.normal(size=(count, x.getSize()))
+    directions = np.random.default_rng(7).normal(size=(count, x.getSize()))
     values = np.empty_like(directions)
     moved = x.duplicate()
     for direction, value in zip(directions, values, strict=True):
@@ -209,8 +206,7 @@ def differences(problem, x, step=DEFAULT_STEP, count=4, h=1e-6):
 def test_whole_tangent_against_finite_differences(pair, name):
     setting, regime = SETTINGS[name]
     problem, x, A = prepared(pair, setting)
-    slopes = differences(problem, x, setting.step)
-    error = slopes.error(problem, x, A, setting.step)
+    error = differences(problem, x, setting.step).error(problem, x, A, setting.step)
     (trial,) = problem.trials
     regimes = trial.response.regime
     assert np.count_nonzero(regimes == regime) >= 5, np.bincount(regimes)
@@ -326,8 +322,7 @@ def body(
     mesh.geometry.x[:, 0] = width * mesh.geometry.x[:, 0] + inner
     dim = len(counts)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,))))
-    count = mesh.topology.index_map(dim).size_local
-    cells = np.arange(count, dtype=np.int32)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     return u, Solid("body", u, cells, NeoHookean(1.0, 5.0), "q1", section=section)
 
 

@@ -111,11 +111,9 @@ def test_a_ring_breathes():
     radius, size, density = 10.0, 0.2, 2.0
     low, high = [radius - 0.5 * size, 0.0], [radius + 0.5 * size, size]
     mesh = grid("quadrilateral", (2, 2), high, low)
-    space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-    u = dolfinx.fem.Function(space)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
     solid = Solid("ring", u, np.arange(4, dtype=np.int32), SOFT, "q1-sri", density, "axisymmetric")
-    velocity = np.tile([1e-4, 0.0], 9)
-    stepper = ExplicitStepper(Equilibrium(u, [solid], []), velocity=velocity)
+    stepper = ExplicitStepper(Equilibrium(u, [solid], []), velocity=np.tile([1e-4, 0.0], 9))
     volume = 2.0 * np.pi * radius * size**2
     assert stepper.dynamics.mass[::2].sum() == pytest.approx(density * volume, rel=1e-12)
     energy = stepper.kinetic_energy()
@@ -140,8 +138,7 @@ def test_the_area_of_a_ring_grows_with_its_radius():
     pair = explicit_contact(scene.term)
     u = NodalVector(scene.space)
     u.owned[:] = (0.1 * scene.where[: len(u.owned) // 2, :2] * [1.0, 0.0]).reshape(-1)
-    trial = pair.evaluate(u, 1.0)
-    np.testing.assert_allclose(trial.area_ratio, 1.1**2, rtol=1e-12)
+    np.testing.assert_allclose(pair.evaluate(u, 1.0).area_ratio, 1.1**2, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,7 @@ def pressed(pair, law, penalty, film=0.0, pressure="averaged"):
 
 
 def stepper(problem, x, seed=0, size=1e-7, **options):
-    rng = np.random.default_rng(seed)
-    shaken = size * rng.standard_normal(len(x))
+    shaken = size * np.random.default_rng(seed).standard_normal(len(x))
     shaken[problem.constrained_dofs()] = 0.0
     return ExplicitStepper(
         problem, ExplicitOptions(check_every=NEVER, **options), displacement=x, velocity=shaken
@@ -81,8 +80,7 @@ def test_penalty_contact(pair, penalty, kind):
     problem, x = pressed(pair, law, penalty, pressure=kind)
     one = stepper(problem, x)
     stiffness, mass = dense(problem, one, x)
-    highest = np.linalg.eigvals(stiffness / mass[:, None]).real.max()
-    exact = 2.0 / np.sqrt(highest)
+    exact = 2.0 / np.sqrt(np.linalg.eigvals(stiffness / mass[:, None]).real.max())
     found = one.estimate()
     assert (found.penalty < 0.7 * found.elements) == (penalty > 100.0)
     # Points that are open now count as closed, and the estimate is on the safe side.

@@ -213,8 +213,7 @@ def test_rest_stops_all_but_the_supports():
 def two_in_flight(law, film=0.0, pressure="averaged", **options):
     """Two free blocks that press on each other and slide apart; nothing else acts on them."""
     bench = Bench((1.0, 0.5, (5, 2)), (1.4, 0.5, (6, 2)))
-    term = bench.contact(law, 40.0, film, pressure=pressure)
-    problem = bench.problem([term])
+    problem = bench.problem([bench.contact(law, 40.0, film, pressure=pressure)])
     velocity = np.zeros(problem.owned)
     velocity[bench.body("elastomer")] = [0.2, -0.15]
     velocity[bench.body("aluminium")] = [-0.1, 0.15]

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from tests.solved import solved
+from tests.two_blocks import press, pressed, two_blocks
 from tribox.app.simulation.simulation import Simulation
 
 FRICTIONLESS = {"law": "frictionless"}
@@ -39,39 +40,22 @@ def bars(other: bool, cells: int = CELLS, **contact) -> Simulation:
     """A bar thrown along its length on a rigid wall, or on another bar at rest."""
     width = 2.0 * LENGTH / cells
     sides = ["elastomer_left", "elastomer_right"]
-    lower = {"width": 2 * width, "height": width, "elements": [2, 1]}
-    wall = [
-        {"surface": name, "displacement": {"x": 0, "y": 0}}
-        for name in ("bottom", "aluminium_contact")
-    ]
+    lower = (2 * width, width, [2, 1])
     if other:  # as long in time
-        lower = {"width": width, "height": LENGTH * 4 / 3, "elements": [2, cells]}
+        lower = (width, LENGTH * 4 / 3, [2, cells])
         sides += ["aluminium_left", "aluminium_right"]
-    return simulate(
-        {
-            "geometry": {
-                "kind": "two-blocks",
-                "upper": {"width": width, "height": LENGTH, "elements": [2, cells]},
-                "lower": lower,
-            },
-            "bodies": {
-                "elastomer": {**BAR, "velocity": {"y": -SPEED}},
-                "aluminium": OTHER if other else BAR,
-            },
-            "contact": [
-                {
-                    "slave": "elastomer_contact",
-                    "master": "aluminium_contact",
-                    "friction": FRICTIONLESS,
-                    **contact,
-                }
-            ],
-            "boundary": [{"surface": name, "displacement": {"x": 0}} for name in sides]
-            + ([] if other else wall),
-            "stage": [{"name": "impact", "duration": 2.2 * CROSSING, "steps": 220}],
-            "solver": {"kind": "explicit"},
-        }
+    wall = {"surface": "aluminium_contact", "displacement": {"x": 0, "y": 0}}
+    data = two_blocks(
+        ((width, LENGTH, [2, cells]), lower),
+        ({**BAR, "velocity": {"y": -SPEED}}, OTHER if other else BAR),
+        {"friction": FRICTIONLESS, **contact},
+        [*({"surface": name, "displacement": {"x": 0}} for name in sides), *[wall] * (not other)],
+        [{"name": "impact", "duration": 2.2 * CROSSING, "steps": 220}],
+        solver={"kind": "explicit"},
     )
+    if other:
+        del data["boundary"][0]  # free to move on
+    return simulate(data)
 
 
 @pytest.mark.parametrize(("other", "pressure"), [(False, "averaged"), (True, "pointwise")])
@@ -135,54 +119,19 @@ class Slide:
 
 
 def slide(friction: dict, duration: float) -> Slide:
-    run = simulate(
-        {
-            "geometry": {
-                "kind": "two-blocks",
-                "upper": {"width": 2e-3, "height": HEIGHT, "elements": [2, 1]},
-                "lower": {"width": 4e-3, "height": 1e-3, "elements": [5, 1]},
-            },
-            "bodies": {
-                "elastomer": {
-                    "material": "neo-hookean",
-                    "E": 70e9,
-                    "nu": 0.0,
-                    "density": DENSITY,
-                    "velocity": {"x": START},
-                },
-                "aluminium": {"material": "hencky", "E": 70e9, "nu": 0.33, "density": 2700},
-            },
-            "contact": [
-                {
-                    "slave": "elastomer_contact",
-                    "master": "aluminium_contact",
-                    "penalty": 3e12,
-                    "film": {"thickness": FILM},
-                    "friction": friction,
-                }
-            ],
-            "boundary": [
-                {"surface": "bottom", "displacement": {"x": 0, "y": 0}},
-                {
-                    "surface": "top",
-                    "platen": {"direction": "y", "pressure": [[0, 0], [1.0, PRESSURE]]},
-                    # Holds the block while it is pressed; 1e-4 of the friction later.
-                    "spring": {"direction": "x", "stiffness": 10.0, "end": 0.0},
-                },
-            ],
-            "stage": [
-                {
-                    "name": "press",
-                    "duration": 1.0,
-                    "steps": 2,
-                    "rate_dependent": False,
-                    "solver": "implicit",
-                },
-                {"name": "slide", "duration": duration, "steps": 60},
-            ],
-            "solver": {"kind": "explicit"},
-        }
+    steel = {"material": "neo-hookean", "E": 70e9, "nu": 0.0, "density": DENSITY}
+    metal = {"material": "hencky", "E": 70e9, "nu": 0.33, "density": 2700}
+    # Holds the block while it is pressed; 1e-4 of the friction later.
+    spring = {"direction": "x", "stiffness": 10.0, "end": 0.0}
+    data = two_blocks(
+        ((2e-3, HEIGHT, [2, 1]), (4e-3, 1e-3, [5, 1])),
+        (steel | {"velocity": {"x": START}}, metal),
+        {"penalty": 3e12, "film": {"thickness": FILM}, "friction": friction},
+        [pressed(PRESSURE, spring=spring)],
+        [press(solver="implicit"), {"name": "slide", "duration": duration, "steps": 60}],
+        solver={"kind": "explicit"},
     )
+    run = simulate(data)
     slid = np.array([row.stage == "slide" for row in run.rows])
     names = ("time", "displacement_x", "velocity_x")
     time, place, speed = (motion(run, "elastomer", name)[slid] for name in names)
@@ -241,69 +190,24 @@ def sliding(regime: str, kind: str, velocity: float = 0.2, **solver) -> Simulati
     """The sliding test on a small mesh: pressed with 3 MPa, then driven for 8 um."""
     film, alpha, threshold = REGIMES[regime]
     slip, rows = 1e-6, 8
-    return simulate(
-        {
-            "geometry": {
-                "kind": "two-blocks",
-                "thickness": "1 mm",
-                "upper": {"width": "0.5 mm", "height": "0.02 mm", "elements": [8, 1]},
-                "lower": {"width": "0.8 mm", "height": "0.1 mm", "elements": [9, 1]},
-            },
-            "bodies": {
-                "elastomer": {
-                    "material": "mooney-rivlin",
-                    "C10": "0.738 MPa",
-                    "C01": "0.184 MPa",
-                    "K": "0.3 GPa",
-                    "density": 1100,
-                },
-                "aluminium": {"material": "hencky", "E": "7 GPa", "nu": 0.33, "density": 2700},
-            },
-            "contact": [
-                {
-                    "slave": "elastomer_contact",
-                    "master": "aluminium_contact",
-                    "penalty_factor": 1.0,
-                    "film": {"thickness": film},
-                    "friction": {
-                        "law": "friction-map",
-                        "mu_s": 0.1,
-                        "K_T": "1e12 Pa/m",
-                        "eta_b": "0.02 Pa*s",
-                        "D_max": "250 nm",
-                        "alpha": alpha,
-                        "V_star": threshold,
-                        "V_star_at": film,
-                    },
-                }
-            ],
-            "boundary": [
-                {"surface": "bottom", "displacement": {"x": 0, "y": 0}},
-                {
-                    "surface": "top",
-                    "displacement": {"x": "driven"},
-                    "platen": {"direction": "y", "pressure": [[0, 0], [1.0, 3e6]]},
-                },
-            ],
-            "stage": [
-                {
-                    "name": "press",
-                    "duration": 1.0,
-                    "steps": 4,
-                    "rate_dependent": False,
-                    "solver": "implicit",
-                },
-                {
-                    "name": "slide",
-                    "velocity": velocity,
-                    "duration": rows * slip / velocity,
-                    "steps": rows,
-                    "ramp": 2.0 * slip / velocity,
-                },
-            ],
-            "solver": {"kind": kind, **solver},
-        }
+    rubber = {"material": "mooney-rivlin", "C10": "0.738 MPa", "C01": "0.184 MPa"}
+    metal = {"material": "hencky", "E": "7 GPa", "nu": 0.33, "density": 2700}
+    friction = {"law": "friction-map", "mu_s": 0.1, "K_T": "1e12 Pa/m", "eta_b": "0.02 Pa*s"}
+    friction |= {"D_max": "250 nm", "alpha": alpha, "V_star": threshold, "V_star_at": film}
+    slide = {"name": "slide", "velocity": velocity, "duration": rows * slip / velocity}
+    data = two_blocks(
+        ((0.5e-3, 0.02e-3, [8, 1]), (0.8e-3, 0.1e-3, [9, 1])),
+        (rubber | {"K": "0.3 GPa", "density": 1100}, metal),
+        {"penalty_factor": 1.0, "film": {"thickness": film}, "friction": friction},
+        [pressed(3e6, displacement={"x": "driven"})],
+        [
+            press(solver="implicit", steps=4),
+            slide | {"steps": rows, "ramp": 2.0 * slip / velocity},
+        ],
+        {"thickness": "1 mm"},
+        solver={"kind": kind, **solver},
     )
+    return simulate(data)
 
 
 @pytest.mark.parametrize("regime", REGIMES)

@@ -96,8 +96,7 @@ def test_a_ring_is_cut_opposite_to_what_is_pressed(middle):
 
 def test_pieces_follow_one_another_with_a_gap_between_them():
     place = np.array([[3.0, 0.0], [4.0, 0.0], [0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    facets = np.array([[1, 0], [3, 2], [3, 4]])
-    line = slave_line(place, facets, np.zeros(5, dtype=bool))
+    line = slave_line(place, np.array([[1, 0], [3, 2], [3, 4]]), np.zeros(5, dtype=bool))
     assert line.vertices.tolist() == [2, 3, 4, 0, 1]
     assert line.arc.tolist() == [0.0, 1.0, 2.0, 2.0, 3.0]
     arc, values = line.broken(10.0 * place[:, 0])

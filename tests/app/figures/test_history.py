@@ -29,8 +29,7 @@ def lines_of(axes) -> dict[str, np.ndarray]:
 
 
 def test_forces_and_ratio_of_each_pair_and_of_all(strip):
-    figure = forces_figure(strip)
-    normal, friction, ratio = figure.axes
+    normal, friction, ratio = forces_figure(strip).axes
     for number, name in enumerate(PAIRS):
         own = np.array([normal_force(s, number) for s in STEPS])
         rubbed = np.array([friction_force(s, number) for s in STEPS])
@@ -57,8 +56,7 @@ def test_energies_are_stacked(strip):
 
 
 def test_force_over_displacement_of_what_moves(strip):
-    figure = force_displacement_figure(strip)
-    along, down = figure.axes
+    along, down = force_displacement_figure(strip).axes
     assert [axes.get_title() for axes in (along, down)] == ["punch_top", "punch_top"]
     assert (along.get_xlabel(), along.get_ylabel()) == ("displacement u_x (µm)", "force R_x (mN)")
     press, slide = along.lines
@@ -107,8 +105,7 @@ def write_film(directory: Path, film: str, press: float = 1.0, thickness: str = 
 
 
 def test_velocities_are_drawn_over_the_path_and_decades_on_a_log_scale(film, tmp_path):
-    results = write_film(tmp_path / "out", film)
-    normal, friction, ratio = forces_figure(results).axes
+    normal, friction, ratio = forces_figure(write_film(tmp_path / "out", film)).axes
     assert ratio.get_xlabel() == "path of the driven surface since the end of press (µm)"
     assert friction.get_yscale() == ratio.get_yscale() == "log" and normal.get_yscale() == "linear"
     assert friction.lines[0].get_xdata()[3:] == pytest.approx(4.0 * np.arange(1, 9))

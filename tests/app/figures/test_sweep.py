@@ -40,8 +40,7 @@ def write_sweep(directory, film):
     rows, parts = [], {}
     for thickness in ("30 nm", "10 nm"):
         label = f"thickness={thickness.replace(' ', '')}"
-        part = write_film(directory / label, film, thickness=thickness)
-        ends = part.load_steps
+        ends = write_film(directory / label, film, thickness=thickness).load_steps
         rows += [r | {"label": label} for r in ends.to_dict("records")]
         parts[label] = {"status": "done"}
     text = (directory / "thickness=30nm" / "case.toml").read_text()
@@ -52,8 +51,7 @@ def write_sweep(directory, film):
 
 
 def test_a_line_for_each_stage_and_velocity(film, tmp_path):
-    results = write_sweep(tmp_path / "out", film)
-    figure = sweep_figure(results)
+    figure = sweep_figure(write_sweep(tmp_path / "out", film))
     normal, friction, ratio = figure.axes
     joined = [line for line in friction.lines if line.get_marker() != "x"]
     assert [line.get_label() for line in joined] == [

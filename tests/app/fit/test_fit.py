@@ -109,8 +109,7 @@ def test_the_film_is_recovered_within_the_stated_intervals():
 
 
 def test_exact_data_give_exact_parameters():
-    truth = law(beta=0.3, mu_s=0.17)
-    data = measured(truth, sliding(), 0.0, 0)
+    data = measured(law(beta=0.3, mu_s=0.17), sliding(), 0.0, 0)
     result = fitted(data, law(beta=1.0), "mu_s", "beta", "eta_b")
     found = [e.value for e in result.estimates]
     assert found == pytest.approx([0.17, 0.3, 0.5], rel=1e-6)
@@ -327,8 +326,7 @@ def test_exact_stribeck_data_give_exact_parameters_also_over_slip(viscous):
     assert data.traction[:16] == pytest.approx(exact[:16], rel=1e-9)
     assert data.traction[16:] == pytest.approx(2e12 * data.slip[16:] + viscous * 1e-5, rel=1e-9)
     names = [name for name in (*own, "K_T") if name != "viscous" or viscous]
-    base = StribeckParameters(mu_s=0.1, mu_d=0.1, V_s=1.0, K_T=1e12)
-    result = fitted(data, base, *names)
+    result = fitted(data, StribeckParameters(mu_s=0.1, mu_d=0.1, V_s=1.0, K_T=1e12), *names)
     assert result.warnings == ()
     for e in result.estimates:
         assert e.value == pytest.approx(getattr(truth, e.coordinate.key), rel=1e-5)

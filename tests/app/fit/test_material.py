@@ -140,8 +140,7 @@ def tension_branch(time, strain, tau: float) -> np.ndarray:
     start = [0.0]
     out = [strain[0] - 0.5 * start[0]]
     for a, b in itertools.pairwise(time):
-        found = solve_ivp(rate, (a, b), start, "LSODA", rtol=1e-10, atol=1e-12)
-        start = found.y[:, -1]
+        start = solve_ivp(rate, (a, b), start, "LSODA", rtol=1e-10, atol=1e-12).y[:, -1]
         out.append(np.interp(b, time, strain) - 0.5 * start[0])
     e = np.array(out)
     return np.exp(2.0 * e) - np.exp(-e)

@@ -104,8 +104,7 @@ def test_of_a_table_only_the_rows_that_are_open_are_comments(monkeypatch):
 
 def test_a_missing_weakening_says_what_the_case_takes():
     setup = fit_setup(SYNTHETIC, "mu_s,mu_d,A_d,B", ["alpha=0.8"], [])
-    early = np.flatnonzero(setup.data.slip < 1e-6)
-    data = _picked(setup.data, early)
+    data = _picked(setup.data, np.flatnonzero(setup.data.slip < 1e-6))
     # Slips below A_d show no weakening at all.
     data = TribometerData(
         data.thickness, data.velocity, data.pressure, friction(setup.base, data),

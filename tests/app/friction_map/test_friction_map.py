@@ -66,8 +66,7 @@ def built_in():
 
 def test_steady_sliding_takes_the_weakening_into_account():
     p = np.full(3, 3e6)
-    D = np.array([0.0, 30e-9, 250e-9])
-    steady = slide_at_speeds(law(), np.array([1e-5]), p, D)
+    steady = slide_at_speeds(law(), np.array([1e-5]), p, np.array([0.0, 30e-9, 250e-9]))
     assert steady.steady.all()
     assert steady.mu[0, :2] == pytest.approx(0.10, rel=1e-3)
     expected = [0.1 * 3e6, (1 - 0.9967) * 0.1 * 3e6 + 0.9967 * 0.8 * 1e-5 / 30e-9, 320e-7 / 1e-6]

@@ -84,8 +84,7 @@ def forces_left(solver, found, rhs):
 @pytest.mark.parametrize("softer", [2000.0, 100.0])
 def test_the_increments_are_those_of_the_whole(pair, by, softer):
     """To the share of the forces that is asked for, or less; exactly where they are prescribed."""
-    stiff = NeoHookean(softer * 1.5, softer * 4.0)
-    problem, x = sunk(pair(), stiff)
+    problem, x = sunk(pair(), NeoHookean(softer * 1.5, softer * 4.0))
     solver = assembled(problem, x)
     rhs, found, errors = forces(problem), problem.new_vector(), []
     wanted = exact(solver.matrix, rhs)
@@ -111,8 +110,7 @@ def test_a_stiff_body_that_is_moved_takes_the_other_along(pair, by):
     problem, x = sunk(pair(), upper=METAL, lower=SOFT)
     solver = assembled(problem, x)
     rhs, increment = problem.new_vector(), problem.new_vector()
-    top = problem.prescribed[1].dofs
-    increment.array[top] = -0.01
+    increment.array[problem.prescribed[1].dofs] = -0.01
     assert solver.solve_from(x, rhs, increment)
     assert isinstance(solver.way._bodies, by) and solver.way._whole is None
     wanted = exact(solver.matrix, rhs)

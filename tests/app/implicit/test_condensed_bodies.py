@@ -36,8 +36,7 @@ def solves(solver, rhs=None, share=1e-9):
     solver.way.aim(share)
     solver.ksp.solve(rhs, found)
     assert solver.ksp.getConvergedReason() > 0
-    held = solver.problem.constrained_dofs()
-    size = 1.01 * np.linalg.norm(np.delete(rhs.array_r, held))
+    size = 1.01 * np.linalg.norm(np.delete(rhs.array_r, solver.problem.constrained_dofs()))
     left, on_others = forces_left(solver, found, rhs)
     assert left <= share * size and on_others <= min(share, CLOSE) * size
     return found

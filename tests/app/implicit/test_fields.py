@@ -208,8 +208,7 @@ class Scene:
             self.u, solids, [self.term], [*self.top, *held], tools=tools, blocks=[field, spare]
         )
         assert self.problem.fields == [field]
-        options = ImplicitOptions(tolerance=1e-11)
-        self.stepper = ImplicitStepper(self.problem, options)
+        self.stepper = ImplicitStepper(self.problem, ImplicitOptions(tolerance=1e-11))
         self.field = field
 
     def _held(self, surface, axis):

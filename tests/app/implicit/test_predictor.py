@@ -94,8 +94,7 @@ def test_the_path_is_continued_through_uneven_steps():
         {"name": f"press {i}", "duration": f"{length} s", "steps": 1}
         for i, length in enumerate((0.1, 0.1, 0.2, 0.05, 0.3, 0.25))
     ]
-    sim = built(copy.deepcopy(data))
-    results = run(sim)
+    results = run(built(copy.deepcopy(data)))
     # Increments repeated without regard to their lengths would start from a third of the force.
     assert all(result.residuals[0] < 2e-2 for result in results[3:]), [
         result.residuals[0] for result in results

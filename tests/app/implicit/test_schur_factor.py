@@ -105,8 +105,7 @@ def sparse(rng, shape, columns=None, rows=None):
         if kept is not None:
             values[(slice(None),) * axis + (~kept,)] = 0.0
     room = (values != 0.0) | (rng.random(shape) < 0.3)
-    at = np.nonzero(room)
-    return scipy.sparse.csr_matrix((values[room], at), shape=shape)
+    return scipy.sparse.csr_matrix((values[room], np.nonzero(room)), shape=shape)
 
 
 class System:

@@ -143,8 +143,7 @@ def test_a_changed_drawing_is_meshed_again(tribox, tmp_path):
     drawing, before = home / "pad.geo", (home / "pad.msh").read_bytes()
     refused = tribox("mesh", "pad.geo")
     assert refused.returncode == 2 and "pad.msh: exists already" in refused.stderr
-    text = drawing.read_text()
-    drawing.write_text(text.replace("size = 0.5e-3", "size = 1e-3"))
+    drawing.write_text(drawing.read_text().replace("size = 0.5e-3", "size = 1e-3"))
     done = tribox("mesh", "pad.geo", "--out", "coarse.msh")
     assert done.returncode == 0, done.stderr
     told = re.fullmatch(r"wrote coarse.msh \(cells: pad (\d+), plate (\d+)\)\n", done.stdout)

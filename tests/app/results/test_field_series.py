@@ -54,10 +54,8 @@ def halves(u: dolfinx.fem.Function, section: str) -> list[Solid]:
 
 def written(path: Path, cell: str, degree: int, section: str, of_place):
     """The first file of a unit square or cube."""
-    mesh = grid(cell, (2, 2, 2) if section == "3D" else (2, 2))
-    u = displacement(mesh, degree, of_place)
-    series = FieldSeries(u, halves(u, section), path)
-    series.write(4, 0.25)
+    u = displacement(grid(cell, (2, 2, 2) if section == "3D" else (2, 2)), degree, of_place)
+    FieldSeries(u, halves(u, section), path).write(4, 0.25)
     file = path / "fields" / "000004.vtu"
     return pyvista.read(file), meshio.read(file)
 

@@ -88,8 +88,7 @@ def test_contact_pressure_at_the_nodes_of_the_slave(shape: str) -> None:
     slope = np.array([3.0, -2.0, 5.0])[: surface.dim]
     at_vertices = 1.0 + surface.vertices.position @ slope
     # Where both have a node the larger counts.
-    field = ContactPressureField(u, [surface, surface])
-    found = field.at([at_vertices, 0.5 * at_vertices])
+    found = ContactPressureField(u, [surface, surface]).at([at_vertices, 0.5 * at_vertices])
     nodes = np.unique(surface.slave.nodes)
     place = surface.space.tabulate_dof_coordinates()[:, : surface.dim]
     on = np.isin(np.arange(len(place)), nodes)
@@ -115,8 +114,7 @@ def test_compression_between_smooth_plates(tmp_path, cell, section, degree, form
     dim = 3 if section == "3D" else 2
     mesh = grid(cell, (2,) * dim)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,))))
-    count = mesh.topology.index_map(dim).size_local
-    cells = np.arange(count, dtype=np.int32)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     material = ElastoPlastic(G, K, Linear(Y, H))
     solid = make_solid("billet", u, cells, material, formulation, section=section)
     series = FieldSeries(u, [solid], tmp_path)

@@ -131,8 +131,7 @@ def model_of(text, comm=MPI.COMM_SELF, **tables):
 def followed(text, directory, comm=MPI.COMM_SELF, **tables):
     """A finished run, and its tables of probes by name; those on the first rank."""
     simulation = Simulation(model_of(text, comm, **tables))
-    recorder = ProbeRecorder(simulation.model, directory)
-    simulation.run(recorder)
+    simulation.run(ProbeRecorder(simulation.model, directory))
     found = {}
     if comm.rank == 0:
         found = {n: read_table(directory / f"{n}.csv") for n in TABLES}
@@ -195,8 +194,7 @@ def test_points_in_a_homogeneous_state(like, exact):
     }
     for row in rows:
         for name, value in expected.items():
-            stress = re.search("stress|cauchy|pressure", name)
-            scale = PRESSURE if stress else 1.0
+            scale = PRESSURE if re.search("stress|cauchy|pressure", name) else 1.0
             assert row[name] == pytest.approx(value, abs=1e-7 * scale), name
         assert row["displacement_x"] == pytest.approx((x - 1.0) * row["reference_x"], abs=1e-12)
     assert rows[1]["displacement_y"] == pytest.approx((y - 1.0) * 0.2e-3, rel=1e-7)
@@ -351,8 +349,7 @@ def test_every_section_and_element(text, changes, point):
         data["boundary"][1]["displacement"].pop("x")
         data["boundary"][1]["displacement"]["x"] = 0
     model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-    stretch = np.array([1.1, 0.8, 1.2])[: model.problem.dim]
-    homogeneous(model, np.diag(stretch - 1.0))
+    homogeneous(model, np.diag(np.array([1.1, 0.8, 1.2])[: model.problem.dim] - 1.0))
     across = {"plane-strain": 1.0, "axisymmetric": 1.1, "3D": 1.2}[model.section]
     all_three = np.array([1.1, 0.8, across])
     E, nu = (5e6, 0.49) if text is BOXES else (5e6, 0.45)

@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import fsolve
 
+from tests.two_blocks import two_blocks
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.simulation.run_state import Observer
@@ -14,7 +15,6 @@ from tribox.app.simulation.simulation import Simulation
 
 E, NU, WIDTH, HEIGHT, THICKNESS = 5e6, 0.4, 1e-3, 0.5e-3, 2e-3
 G, LAMBDA = E / (2.0 * (1.0 + NU)), E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU))
-STILL = {"surface": "bottom", "displacement": {"x": 0, "y": 0}}
 HELD = {"surface": "top", "displacement": {"y": 0}}
 SIDE = {"surface": "elastomer_left", "symmetry": True}
 BOTTOM = "elastomer_contact"
@@ -23,22 +23,15 @@ BOTTOM = "elastomer_contact"
 def case(boundaries: list[dict], stages: list[dict] | None = None, **parts: Any) -> Case:
     """The upper of two blocks, far from the other, under these boundaries."""
     body = {"material": "neo-hookean", "E": E, "nu": NU, "density": 2000.0, "formulation": "q1"}
-    data = {
-        "geometry": {
-            "kind": "two-blocks",
-            "thickness": THICKNESS,
-            "gap": 5e-3,
-            "upper": {"width": WIDTH, "height": HEIGHT, "elements": [4, 3]},
-            "lower": {"width": 2e-3, "height": 0.5e-3, "elements": [2, 1]},
-        },
-        "bodies": {"elastomer": body, "aluminium": body},
-        "contact": [
-            {"slave": BOTTOM, "master": "aluminium_contact", "friction": {"law": "frictionless"}}
-        ],
-        "boundary": [STILL, *boundaries],
-        "stage": stages or [{"name": "load", "duration": 1.0, "steps": 1}],
-        "solver": {"tolerance": 1e-11},
-    }
+    data = two_blocks(
+        ((WIDTH, HEIGHT, [4, 3]), (2e-3, 0.5e-3, [2, 1])),
+        (body, body),
+        {"friction": {"law": "frictionless"}},
+        boundaries,
+        stages or [{"name": "load", "duration": 1.0, "steps": 1}],
+        {"thickness": THICKNESS, "gap": 5e-3},
+        solver={"tolerance": 1e-11},
+    )
     return Case.model_validate(data | parts)
 
 
@@ -179,8 +172,7 @@ def test_a_velocity_that_appears_goes_on_from_where_the_surface_is():
         "velocity": {"y": [[0, 1e-4], [1, 1e-4], [1.5, 0]]},
         "stages": ["hold"],
     }
-    simulation = run([HELD, SIDE, load, hold], THREE)
-    height = of_surface(simulation, BOTTOM, "displacement_y")
+    height = of_surface(run([HELD, SIDE, load, hold], THREE), BOTTOM, "displacement_y")
     _, along = stretches(1e6)
     start = HEIGHT * (1.0 - along)
     assert height[1] == pytest.approx(start, rel=1e-9)

@@ -430,8 +430,7 @@ def facets_of(comm, directory):
             surface["displacement"] |= {"z": 0} if depth and "y" in surface["displacement"] else {}
         simulation = run_data(data, comm)
         [term] = simulation.model.problem.contacts
-        x = simulation.stepper.x
-        sunk = SunkVertices.of(term).deepest(term.surface.gather(x), 0.0)
+        sunk = SunkVertices.of(term).deepest(term.surface.gather(simulation.stepper.x), 0.0)
         found.append([sunk.share, sunk.depth, *sunk.place])
     return found
 

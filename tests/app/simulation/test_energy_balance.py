@@ -25,8 +25,7 @@ def slid(text: str, refined: int) -> list[Row]:
     data = tomllib.loads(text)
     data["stage"][0]["steps"], data["stage"][1]["steps"] = 10 * refined, 15 * refined
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 1.5e-4]]
-    run = solved(data)
-    return run.rows
+    return solved(data).rows
 
 
 def test_error_falls_with_the_square_of_the_step_and_what_euler_adds_with_the_step(block):

@@ -306,8 +306,7 @@ def test_oil_that_a_master_may_have_taken_along_is_told(tmp_path):
 
 
 def test_a_flow_that_is_not_conserved_is_told():
-    case = case_of(data_of(steady=True))
-    model = build_model(case, MPI.COMM_SELF)
+    model = build_model(case_of(data_of(steady=True)), MPI.COMM_SELF)
     simulation = Simulation(model)
     simulation.run(Observer())
     watch, row = FilmWatch(model.problem), simulation.rows[-1]

@@ -76,8 +76,7 @@ def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
 def simulate(data: dict) -> tuple[Simulation, int]:
     """The case solved, and how often a step was cut."""
     cuts = Cuts()
-    run = solved(data, observer=cuts)
-    return run, cuts.count
+    return solved(data, observer=cuts), cuts.count
 
 
 @pytest.fixture
@@ -185,8 +184,7 @@ def both() -> tuple[Simulation, list[float]]:
             (platen,) = simulation.model.problem.platens
             seen.append(float(simulation.stepper.x.array_r[platen.dofs].mean()))
 
-    run = solved(switched(), observer=Watch())
-    return run, seen
+    return solved(switched(), observer=Watch()), seen
 
 
 def test_displacement_is_met_in_its_stage_and_force_in_the_next(both):

@@ -116,8 +116,7 @@ class Turntable:
 def turntable(pair: Callable, law: str, mu: float, penalty: float = 50.0) -> Turntable:
     """The blocks pressed on each other in two steps."""
     bodies = pair()
-    space = bodies.u.function_space
-    where = space.tabulate_dof_coordinates()[:, :2]
+    where = bodies.u.function_space.tabulate_dof_coordinates()[:, :2]
     grips = []
     for surface, upper in (("top", True), ("bottom", False)):
         for node in np.unique(bodies.held(surface, 0).dofs // 2):
@@ -298,8 +297,7 @@ def test_failed_attempts_leave_nothing_behind(monkeypatch, block, film, kind, wa
     cut = solved(data)
     monkeypatch.undo()
     assert sum(row.attempts - 1 for row in cut.rows) == 3 and len(cut.rows) > 9
-    direct = retake(data, cut.rows)
-    mine, theirs = remembered(cut), remembered(direct)
+    mine, theirs = remembered(cut), remembered(retake(data, cut.rows))
     for name, expected in theirs.items():
         finite = np.isfinite(expected)
         assert np.array_equal(np.isfinite(mine[name]), finite), name

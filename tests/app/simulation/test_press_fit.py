@@ -77,8 +77,7 @@ def drawn():
     ids=["offset", "swapped", "pointwise", "program", "drawn"],
 )
 def test_rings_press_as_lames_do(data):
-    simulation = run_in_memory(data)
-    row = simulation.state.rows[-1]
+    row = run_in_memory(data).state.rows[-1]
     assert row.normal_force == pytest.approx(lame() * AREA, rel=1e-3)
     # What shrinks does the work; ½ p δ A is what the rings store, whatever way led there.
     assert row.external_work == pytest.approx(0.5 * lame() * OVERLAP * AREA, rel=1e-3)

@@ -298,8 +298,7 @@ def test_the_cases_stick_slide_and_lift_off(results, case):
         assert area[-1] < 1e-9 * max(area)
     else:
         # Points stay closed, and nodes press, up to a facet beyond the last vertex that is closed.
-        last = max((results(case, 1) / "contact").glob("*.vtu"))
-        nodes = meshio.read(last).point_data
+        nodes = meshio.read(max((results(case, 1) / "contact").glob("*.vtu"))).point_data
         opened = nodes["area"] @ ~(nodes["gap"] < 0.0) / nodes["area"].sum()
         assert 0.3 < opened < 1.0
         assert max(row["viscous_fraction"] for row in rows) > 0.8
@@ -421,8 +420,7 @@ def press_loose(comm: MPI.Comm, directory: Path) -> tuple[float, float]:
     """Normal force, and how far the top has moved sideways."""
     case = Case.model_validate(tomllib.loads(LOOSE))
     simulation = run_case(case, directory / "loose", quiet=True)
-    problem = simulation.model.problem
-    way = np.abs(problem.u.x.array.reshape(-1, 2)[:, 0]).max(initial=0.0)
+    way = np.abs(simulation.model.problem.u.x.array.reshape(-1, 2)[:, 0]).max(initial=0.0)
     return simulation.rows[-1].normal_force, comm.allreduce(float(way), op=MPI.MAX)
 
 

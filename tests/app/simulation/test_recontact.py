@@ -24,8 +24,7 @@ ROOT = Path(__file__).resolve().parents[3]
 def simulate(data: dict) -> tuple[Simulation, int]:
     """The case solved with the default settings; and how often a step was cut."""
     cuts = Cuts()
-    run = solved(data, observer=cuts)
-    return run, cuts.count
+    return solved(data, observer=cuts), cuts.count
 
 
 # -- lift-off and re-contact ----------------------------------------------------------------------

@@ -5,6 +5,7 @@ import pytest
 
 from tests.forms.friction import test_friction_ode as ode
 from tests.solved import solved
+from tests.two_blocks import press, pressed, two_blocks
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Observer, RunState
@@ -23,67 +24,33 @@ COULOMB = {"friction": {"law": "coulomb", "mu": MU, "K_T": K_T}}
 
 def film(alpha: float, thickness: float = D) -> dict:
     """A film that carries the share ``alpha`` below ``D_max``, and all above it."""
-    friction = {
-        "law": "friction-map",
-        "mu_s": MU,
-        "K_T": K_T,
-        "eta_b": ETA,
-        "D_max": 250e-9,
-        "alpha": alpha,
-        "V_star": 1.0,
-        "V_star_at": 10e-9,
-        "film_onset_pressure": 0.0,
-    }
+    friction = {"law": "friction-map", "mu_s": MU, "K_T": K_T, "eta_b": ETA, "D_max": 250e-9}
+    friction |= {"alpha": alpha, "V_star": 1.0, "V_star_at": 10e-9, "film_onset_pressure": 0.0}
     return {"friction": friction, "film": {"thickness": thickness}}
 
 
 def cycled(contact: dict, E: float, height: float, elements: int = 8) -> list[Row]:
     """A block kept under pressure and driven there, back, and there again."""
     load_steps = [("there", STROKE), ("back", -2.0 * STROKE), ("again", 2.0 * STROKE)]
-    data = {
-        "geometry": {
-            "kind": "two-blocks",
-            "thickness": THICKNESS,
-            "upper": {"width": WIDTH, "height": height, "elements": [elements, 2]},
-            "lower": {"width": 2.0 * WIDTH, "height": height, "elements": [2 * elements - 1, 2]},
-        },
-        "bodies": {
-            "elastomer": {"material": "neo-hookean", "E": E, "nu": 0.3},
-            # Softer bodies are slaves; the pair is stiff against its contact where E says so.
-            "aluminium": {"material": "neo-hookean", "E": max(E, 1e12), "nu": 0.3},
-        },
-        "contact": [
-            {
-                "slave": "elastomer_contact",
-                "master": "aluminium_contact",
-                "penalty": 1e12,
-                **contact,
-            }
-        ],
-        "boundary": [
-            {"surface": "bottom", "displacement": {"x": 0.0, "y": 0.0}},
-            {
-                "surface": "top",
-                "displacement": {"x": "driven"},
-                "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, PRESSURE]]},
-            },
-        ],
-        "stage": [
-            {"name": "press", "duration": 1.0, "steps": 2, "rate_dependent": False},
-            *(
-                {
-                    "name": name,
-                    "duration": abs(path) / SPEED,
-                    "velocity": float(np.copysign(SPEED, path)),
-                    "steps": round(abs(path) / PIECE),
-                }
-                for name, path in load_steps
-            ),
-        ],
-        "solver": {"tolerance": 1e-10},
-    }
-    run = solved(data)
-    return run.rows
+    sliding = [
+        {
+            **{"name": name, "duration": abs(path) / SPEED, "steps": round(abs(path) / PIECE)},
+            "velocity": float(np.copysign(SPEED, path)),
+        }
+        for name, path in load_steps
+    ]
+    soft = {"material": "neo-hookean", "E": E, "nu": 0.3}
+    data = two_blocks(
+        ((WIDTH, height, [elements, 2]), (2.0 * WIDTH, height, [2 * elements - 1, 2])),
+        # Softer bodies are slaves; the pair is stiff against its contact where E says so.
+        (soft, soft | {"E": max(E, 1e12)}),
+        {"penalty": 1e12, **contact},
+        [pressed(PRESSURE, displacement={"x": "driven"})],
+        [press(), *sliding],
+        {"thickness": THICKNESS},
+        solver={"tolerance": 1e-10},
+    )
+    return solved(data).rows
 
 
 def closed_form(rows: list[Row], alpha: float, conductance: float) -> np.ndarray:
@@ -107,8 +74,7 @@ def column(rows: list[Row], name: str) -> np.ndarray:
 
 def loop(rows: list[Row]) -> tuple[list[Row], float]:
     """The rows of the closed cycle, from the end of ``there`` to that of ``again``; ∮ T du."""
-    start = max(i for i, row in enumerate(rows) if row.stage == "there")
-    cycle = rows[start:]
+    cycle = rows[max(i for i, row in enumerate(rows) if row.stage == "there") :]
     force, place = column(cycle, "tangential_force"), column(cycle, "driven_displacement")
     assert place[0] == pytest.approx(place[-1], rel=1e-12)
     return cycle, float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(place)))
@@ -198,44 +164,21 @@ def slowed_block(steps: int, velocity: float, pressure: str) -> tuple[list[Row],
     friction = {"law": "friction-map", "mu_s": 0.2, "alpha": 0.5, "eta_b": 0.8, "D_max": 250e-9}
     friction |= {"V_star": ode.SWITCH, "V_star_at": ode.FILM, "transition_width": ode.WIDTH}
     friction |= {"K_T": 1e10, "film_onset_pressure": 0.0}
-    data = {
-        "geometry": {
-            "kind": "two-blocks",
-            "thickness": THICKNESS,
-            "offset": 4e-3,
-            "upper": {"width": 42.5e-3, "height": 2.3e-3, "elements": [6, 1]},
-            "lower": {"width": 50e-3, "height": 3e-3, "elements": [8, 1]},
-        },
-        "bodies": {
-            "elastomer": {"material": "neo-hookean", "E": 3e6, "nu": 0.49},
-            "aluminium": {"material": "neo-hookean", "E": 70e9, "nu": 0.33},
-        },
-        "contact": [
-            {
-                "slave": "elastomer_contact",
-                "master": "aluminium_contact",
-                "pressure": pressure,
-                "film": {"thickness": ode.FILM},
-                "friction": friction,
-            }
-        ],
-        "boundary": [
-            {"surface": "bottom", "displacement": {"x": 0.0, "y": 0.0}},
-            {
-                "surface": "top",
-                "displacement": {"x": "driven"},
-                "platen": {"direction": "y", "pressure": [[0.0, 0.0], [1.0, ode.PRESSURE]]},
-            },
-        ],
-        "stage": [
-            {"name": "press", "duration": 1.0, "steps": 2, "rate_dependent": False},
+    rubber = {"material": "neo-hookean", "E": 3e6, "nu": 0.49}
+    data = two_blocks(
+        ((42.5e-3, 2.3e-3, [6, 1]), (50e-3, 3e-3, [8, 1])),
+        (rubber, rubber | {"E": 70e9, "nu": 0.33}),
+        {"pressure": pressure, "film": {"thickness": ode.FILM}, "friction": friction},
+        [pressed(ode.PRESSURE, displacement={"x": "driven"})],
+        [
+            press(),
             {"name": "slide", "duration": 1.0, "steps": 2, "velocity": ode.SPEED},
             {"name": "rest", "duration": ode.LENGTH, "steps": steps, "velocity": velocity},
         ],
-    }
+        {"thickness": THICKNESS, "offset": 4e-3},
+    )
     cuts = Cuts()
-    run = solved(data, observer=cuts)
-    return run.rows, cuts.too_long
+    return solved(data, observer=cuts).rows, cuts.too_long
 
 
 @pytest.mark.parametrize(

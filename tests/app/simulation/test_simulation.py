@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.solved import Cuts, solved
+from tests.two_blocks import press, two_blocks
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.results.reading import read_table
@@ -96,8 +97,7 @@ def test_film_comes_into_play_with_the_first_stage_that_feels_rates(film):
     assert all(row.viscous_fraction == 0.0 for row in run.rows[:3])
     # Without rate effects the film's traction is missing, and with it its share of friction.
     data["stage"][1]["rate_dependent"] = False
-    dry = solved(data)
-    carried = run.rows[-1].tangential_force / dry.rows[-1].tangential_force
+    carried = run.rows[-1].tangential_force / solved(data).rows[-1].tangential_force
     assert carried != pytest.approx(1.0, rel=0.05)
 
 
@@ -152,8 +152,7 @@ def test_results_agree_with_the_history(block, tmp_path):
     data = plain(block)
     data["contact"][0]["quadrature_degree"] = 3
     out = tmp_path / "out"
-    case = Case.model_validate(data)
-    run = run_case(case, out, quiet=True, comm=MPI.COMM_SELF)
+    run = run_case(Case.model_validate(data), out, quiet=True, comm=MPI.COMM_SELF)
     rows = read_table(out / "history.csv")
     assert all(np.isnan(row.pop("velocity")) for row in rows)  # nothing is driven
     expected = [{key: asdict(r)[key] for key in rows[0]} for r in run.rows]
@@ -253,40 +252,19 @@ def in_units(kind: str, length: float, time: float, force: float) -> dict:
             "slip_step": 4e-6 * m,
             "max_steps": 12,
         }
-    return {
-        "geometry": {
-            "kind": "two-blocks",
-            "thickness": 1e-3 * m,
-            "upper": {"width": 1e-3 * m, "height": 2e-4 * m, "elements": [10, 4]},
-            "lower": {"width": 2e-3 * m, "height": 5e-4 * m, "elements": [15, 4]},
-        },
-        "bodies": {
-            "elastomer": {
-                "material": "mooney-rivlin",
-                "C10": 0.74e6 * stress,
-                "C01": 0.18e6 * stress,
-                "K": 20e6 * stress,
-            },
-            "aluminium": {"material": "hencky", "E": 70e9 * stress, "nu": 0.33},
-        },
-        "contact": [
-            {
-                "slave": "elastomer_contact",
-                "master": "aluminium_contact",
-                "friction": friction,
-                **({"film": {"thickness": 30e-9 * m}} if kind == "film" else {}),
-            }
-        ],
-        "boundary": [
-            {"surface": "bottom", "displacement": {"x": 0.0, "y": 0.0}},
-            {"surface": "top", **top},
-        ],
-        "stage": [
-            {"name": "press", "duration": 1.0 * s, "steps": 3, "rate_dependent": False},
-            slide,
-        ],
-        "solver": dict(TIGHT),
-    }
+    rubber = {"material": "mooney-rivlin", "C10": 0.74e6 * stress, "C01": 0.18e6 * stress}
+    return two_blocks(
+        ((1e-3 * m, 2e-4 * m, [10, 4]), (2e-3 * m, 5e-4 * m, [15, 4])),
+        (
+            rubber | {"K": 20e6 * stress},
+            {"material": "hencky", "E": 70e9 * stress, "nu": 0.33},
+        ),
+        {"friction": friction} | ({"film": {"thickness": 30e-9 * m}} if kind == "film" else {}),
+        [{"surface": "top", **top}],
+        [press(duration=1.0 * s, steps=3), slide],
+        {"thickness": 1e-3 * m},
+        solver=dict(TIGHT),
+    )
 
 
 # Powers of length, time and force in each column; those with a factor of 1 are left out.

@@ -99,8 +99,7 @@ def test_a_law_that_knows_only_a_slip_must_keep_its_force_over_that():
 def test_fresh_points_that_keep_coming_count_when_the_force_stays():
     # Rolling: friction has still to lose 5 % at the points that happen to be pressed, for ever.
     way = np.arange(1, 101) * 1e-6
-    force = np.minimum(STIFFNESS * way, 1.0)
-    rows = way, force, np.full_like(way, 0.05)
+    rows = way, np.minimum(STIFFNESS * way, 1.0), np.full_like(way, 0.05)
     assert steady_after(rows, Telling(np.inf)) is None
     found = steady_after(rows, Telling(4e-5))
     assert found is not None and found >= 4e-5

@@ -45,8 +45,7 @@ def test_it_is_said_once(tmp_path, end, steps, said):
     log = read_log(tmp_path / "out")
     lines = [line for line in log.splitlines() if "equivalent plastic strain" in line]
     assert len(lines) == bool(said) and all(word in lines[0] for word in said)
-    problem = simulation.model.problem
-    watch = FlowWatch(problem)
+    watch = FlowWatch(simulation.model.problem)
     watch.restore(watch.snapshot() | {"found": [["table aluminium", "known"]]})
     watch.step(simulation.rows[-1])
     assert list(watch.warnings())[:1] == ["known"]

@@ -68,8 +68,7 @@ def test_a_tube_in_few_steps_is_that_in_many():
     [("q1", (1, 2, 3), "3D"), ("q1-sri", (2, 4), "axisymmetric"), ("q2", (1, 1, 2), "3D")],
 )
 def test_a_bar_bears_most_where_considere_says(formulation, counts, section):
-    strains = np.array([0.04, 0.16, 0.19, 0.22])
-    bar = drawn_bar(SWIFT, counts, section, strains, formulation)
+    bar = drawn_bar(SWIFT, counts, section, np.array([0.04, 0.16, 0.19, 0.22]), formulation)
     stretch, stress = load_maximum(YOUNG, SWIFT)
     assert bar.maximum() == pytest.approx((stretch, stress), rel=5e-3)
     np.testing.assert_allclose(bar.stress, stress_at(bar.stretch, YOUNG, SWIFT), rtol=1e-7)

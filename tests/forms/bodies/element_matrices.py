@@ -1,7 +1,9 @@
-"""Element matrices of compiled loops, added up into a whole matrix."""
+"""Compiled loops over cells beside what DOLFINx assembles, in the plane and in space."""
 
+import dolfinx
 import numpy as np
 
+from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.point_cells import add_tangent
 
 
@@ -17,3 +19,46 @@ def summed(u, loops, excess=None):
     total = np.zeros((len(u.x.array),) * 2)
     np.add.at(total, (at[:, :, None], at[:, None, :]), values.reshape(*at.shape, at.shape[1]))
     return total
+
+
+def cells_of(u, solid):
+    cells = compiled_cells(u.function_space, solid)
+    assert isinstance(cells, CompiledCells)
+    return cells
+
+
+def dense(forms):
+    """The matrix (n, n) of bilinear forms."""
+    return sum(dolfinx.fem.assemble_matrix(form).to_scipy().toarray() for form in forms)
+
+
+def same_carried_pressures(u, solid, tolerance):
+    """Compare the tangents of pressures that are carried from another displacement."""
+    before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
+    solid.carried.carry(before)
+    wanted = dense([*(part.tangent for part in solid.forms), solid.carried.tangent])
+    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+    plain = summed(u, cells_of(u, solid).loops)
+    assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
+
+
+def no_number_in_an_inverted_cell(u, solid, corner):
+    """What loop and forms say where the last corner is moved by ``corner`` (i,), m.
+
+    Where the forms have a finite residual the loop has it too: iterates pass through there.
+    """
+    dim = len(corner)
+    last = dim * int(np.argmax(u.function_space.tabulate_dof_coordinates().sum(axis=1)))
+    u.x.array[last : last + dim] = corner
+    cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
+    assert not cells.add(u.x.array, mine, None)
+    assert cells.energy(u.x.array) == np.inf
+    for part in solid.forms:
+        dolfinx.fem.assemble_vector(theirs, part.residual)
+    largest = np.nanmax(np.abs(theirs))
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
+    finite = np.isfinite(dense([part.tangent for part in solid.forms])).all()
+    assert np.isfinite(summed(u, cells.loops)).all() == finite
+    u.x.array[last] = np.nan
+    assert not cells.add(u.x.array, mine, None)

@@ -47,8 +47,7 @@ def in_plane(tensors):
 
 def gradients(n, space, seed, size=0.1):
     """Deformation gradients (n, 3, 3) I + noise, with a rotation."""
-    rng = np.random.default_rng(seed)
-    noise = rng.uniform(-size, size, (n, 3, 3))
+    noise = np.random.default_rng(seed).uniform(-size, size, (n, 3, 3))
     return (np.eye(3) + noise) @ rotation(0.4) if space else in_plane(np.eye(3) + noise)
 
 

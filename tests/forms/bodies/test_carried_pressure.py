@@ -35,8 +35,7 @@ def test_the_pressure_is_that_of_the_linearised_volume(cell, name):
     u, solid = block(cell, MATERIALS[name], 2)
     x = u.function_space.tabulate_dof_coordinates()
     dim = u.function_space.mesh.geometry.dim
-    rng = np.random.default_rng(4)
-    before, now, test, trial = 0.2 * rng.normal(size=(4, dim, dim))
+    before, now, test, trial = 0.2 * np.random.default_rng(4).normal(size=(4, dim, dim))
 
     def field(gradient):
         return (x[:, :dim] @ gradient.T).reshape(-1)

@@ -96,8 +96,7 @@ def around_backstress(metal, F, P, state, space):
     for number, law in enumerate(metal.kinematic, start=1):
         inner = tensors(state[:, count * number : count * (number + 1)], pairs)
         B = E @ F @ np.linalg.inv(inner) @ turned @ E
-        size = np.cbrt(np.linalg.det(B))[:, None, None]
-        tau = tau - law.modulus / 3.0 * B / size
+        tau = tau - law.modulus / 3.0 * B / np.cbrt(np.linalg.det(B))[:, None, None]
     tau = tau - np.trace(tau, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
     return np.sqrt(1.5 * (tau**2).sum(axis=(1, 2)))
 
@@ -426,8 +425,7 @@ def tens(low, high):
 
 def tables(rises):
     """A table with rises of strain and stress in pairs."""
-    steps = np.cumsum([(0.0, 1.0), *rises], axis=0)
-    return Table(steps)
+    return Table(np.cumsum([(0.0, 1.0), *rises], axis=0))
 
 
 LAWS = st.one_of(

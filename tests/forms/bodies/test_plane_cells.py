@@ -1,32 +1,19 @@
 """The compiled tangent against the matrix that DOLFINx assembles, and what is no number."""
 
-import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
 import pytest
 
-from tests.forms.bodies.element_matrices import summed
+from tests.forms.bodies.element_matrices import (
+    cells_of,
+    dense,
+    no_number_in_an_inverted_cell,
+    same_carried_pressures,
+    summed,
+)
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, OTHERS, RINGS, body, stretched
-from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.solid import Solid
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
-
-
-def assembled(u, forms):
-    """The matrix (n, n) of bilinear forms."""
-    total = np.zeros((len(u.x.array),) * 2)
-    for form in forms:
-        A = dolfinx.fem.petsc.assemble_matrix(form)
-        A.assemble()
-        total += A[:, :]
-    return total
-
-
-def cells_of(u, solid):
-    cells = compiled_cells(u.function_space, solid)
-    assert isinstance(cells, CompiledCells)
-    return cells
 
 
 @pytest.mark.parametrize("size", [0.5, 0.1, 1e-4])
@@ -53,7 +40,7 @@ def test_tangent_of_points_alone(material, cell, formulation, section):
 def same_tangent(u, solid, size):
     """Compare the tangent of both ways."""
     stretched(u, size)
-    wanted = assembled(u, [part.tangent for part in solid.forms])
+    wanted = dense([part.tangent for part in solid.forms])
     found = summed(u, cells_of(u, solid).loops)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(wanted).max())
@@ -64,13 +51,7 @@ def same_tangent(u, solid, size):
 def test_carried_pressures(name, section):
     u, solid = body("quadrilateral", MATERIALS[name], "q1-sri", section=section)
     stretched(u, 0.1)
-    before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
-    solid.carried.carry(before)
-    wanted = assembled(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
-    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    plain = summed(u, cells_of(u, solid).loops)
-    assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
+    same_carried_pressures(u, solid, 1e-12)
 
 
 @pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
@@ -87,24 +68,10 @@ def test_what_is_no_number_in_an_inverted_ring(name):
 
 
 def no_number(name, formulation, depth, section):
-    """The centre is inverted too, or not.
-
-    Where the forms have a finite residual the loop has it too: iterates pass through there.
-    """
+    """The centre is inverted too, or not."""
     u, solid = body("quadrilateral", MATERIALS[name], formulation, distortion=0.0, section=section)
     stretched(u, 1e-3)
-    x = u.function_space.tabulate_dof_coordinates()[:, :2]
-    corner = int(np.argmax(x.sum(axis=1)))
-    u.x.array[2 * corner : 2 * corner + 2] = -depth * np.array([0.2, 0.7 / 3.0])
-    cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
-    assert not cells.add(u.x.array, mine, None)
-    assert cells.energy(u.x.array) == np.inf
-    for part in solid.forms:
-        dolfinx.fem.assemble_vector(theirs, part.residual)
-    largest = np.nanmax(np.abs(theirs))
-    np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
-    wanted, found = assembled(u, [part.tangent for part in solid.forms]), summed(u, cells.loops)
-    assert np.isfinite(found).all() == np.isfinite(wanted).all()
+    no_number_in_an_inverted_cell(u, solid, -depth * np.array([0.2, 0.7 / 3.0]))
 
 
 @pytest.mark.parametrize(("section", "cell", "formulation"), SECTIONS)

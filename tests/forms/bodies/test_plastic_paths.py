@@ -89,8 +89,7 @@ def integrated_shear(law, end, rate=None):
         else:
             over = np.sqrt(1.5) * np.linalg.norm(s) / law.stress(alpha) - 1.0
             flow = np.sqrt(1.5) * rate.reference_rate * max(over, 0.0) ** (1.0 / rate.exponent)
-        inverse = np.linalg.inv(F)
-        change = -2.0 * flow * inverse @ n @ F @ C
+        change = -2.0 * flow * np.linalg.inv(F) @ n @ F @ C
         return np.r_[change.ravel(), np.sqrt(2.0 / 3.0) * flow]
 
     def over_yield(amount):

@@ -63,8 +63,7 @@ def test_the_plane_is_a_part_of_space_and_what_is_inside_out_is_not_remembered()
 
 def test_a_closed_way_costs_what_was_dissipated():
     """Work of what softening adds, over a way there and back, against D: 1e-6 of it."""
-    elastic = ENERGIES[0]
-    points, whole = SofteningPoints(elastic, LAW, False), np.zeros(2)
+    points, whole = SofteningPoints(ENERGIES[0], LAW, False), np.zeros(2)
     state, before = points.start(1), None
     for t in np.linspace(0.0, np.pi, 4001):
         F = identity(False)[None] + np.sin(t) * np.array([[0.3, 0.4, 0.1, -0.1, 0.0]])
@@ -143,8 +142,7 @@ def pulled():
     data["boundary"][2]["displacement"] = {"y": [[t, x - 1.0] for t, x in enumerate(TURNS)]}
     data["stage"][0]["steps"] = 40
     done = run(case_of(data, fields_every=0))
-    times = np.array([row.time for row in done.rows])
-    return np.interp(times, range(5), TURNS), done
+    return np.interp(np.array([row.time for row in done.rows]), range(5), TURNS), done
 
 
 def test_a_bar_pulled_let_go_and_pulled_again_follows_the_closed_form(pulled):

@@ -5,9 +5,14 @@ import numpy as np
 import pytest
 import ufl
 
-from tests.forms.bodies.element_matrices import summed
+from tests.forms.bodies.element_matrices import (
+    cells_of,
+    dense,
+    no_number_in_an_inverted_cell,
+    same_carried_pressures,
+    summed,
+)
 from tests.grid import coordinate_element, grid
-from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.internal_force import GeneratedForce
 from tribox.forms.bodies.materials import (
     Hencky,
@@ -76,23 +81,12 @@ def deform(u, size, turned=False):
     u.x.array[:] = ((moved @ TURN.T if turned else moved) - where).reshape(-1)
 
 
-def cells_of(u, solid):
-    cells = compiled_cells(u.function_space, solid)
-    assert isinstance(cells, CompiledCells)
-    return cells
-
-
-def dense(u, forms):
-    """The matrix (n, n) of bilinear forms."""
-    return sum(dolfinx.fem.assemble_matrix(form).to_scipy().toarray() for form in forms)
-
-
 def compare(u, solid):
     """Forces, energy and tangent of the loop and of the forms."""
     cells, slow = cells_of(u, solid), GeneratedForce(solid, u)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert cells.add(u.x.array, mine, None) and slow.add(u.x.array, theirs, None)
-    stiffness = dense(u, [part.tangent for part in solid.forms])
+    stiffness = dense([part.tangent for part in solid.forms])
     # What rounds F is an error of the stress of the modulus times 1e-16.
     rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
     largest = np.abs(theirs - 1.0).max()
@@ -178,35 +172,13 @@ def test_the_energy_of_small_strains(name, formulation):
 def test_carried_pressures(name):
     u, solid = body("hexahedron", INCOMPRESSIBLE[name], "q1-sri")
     deform(u, 0.1)
-    before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
-    solid.carried.carry(before)
-    wanted = dense(u, [*(part.tangent for part in solid.forms), solid.carried.tangent])
-    found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
-    plain = summed(u, cells_of(u, solid).loops)
-    assert np.abs(found - plain).max() > 1e-4 * np.abs(plain).max()
+    same_carried_pressures(u, solid, 1e-14)
 
 
 @pytest.mark.parametrize(("name", "formulation"), HEXAHEDRA)
 @pytest.mark.parametrize("depth", [0.8, 4.0])
 def test_what_is_no_number_in_an_inverted_cell(name, formulation, depth):
-    """The centre is inverted too, or not.
-
-    Where the forms have a finite residual the loop has it too: iterates pass through there.
-    """
+    """The centre is inverted too, or not."""
     u, solid = body("hexahedron", MATERIALS[name], formulation, distortion=0.0)
     deform(u, 0.1)
-    where = u.function_space.tabulate_dof_coordinates()
-    corner = int(np.argmax(where.sum(axis=1)))
-    u.x.array[3 * corner : 3 * corner + 3] = -depth * np.array([1.0 / 3.0, 0.4, 0.8 / 3.0])
-    cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
-    assert not cells.add(u.x.array, mine, None)
-    assert cells.energy(u.x.array) == np.inf
-    for part in solid.forms:
-        dolfinx.fem.assemble_vector(theirs, part.residual)
-    largest = np.nanmax(np.abs(theirs))
-    np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
-    finite = np.isfinite(dense(u, [part.tangent for part in solid.forms])).all()
-    assert np.isfinite(summed(u, cells.loops)).all() == finite
-    u.x.array[3 * corner] = np.nan
-    assert not cells.add(u.x.array, mine, None)
+    no_number_in_an_inverted_cell(u, solid, -depth * np.array([1.0 / 3.0, 0.4, 0.8 / 3.0]))

@@ -218,8 +218,7 @@ def test_film_correction_in_numbers(pair, compiled):
     vec = blocks.displaced(lambda X: 0.0 * X + [0.01, -0.02], lambda X: 0.0 * X)
     u.owned[:] = vec.array_r
     trial = contact.evaluate(u, 0.1)
-    inverse = np.full(len(u.owned), 1.0 / 0.3)
-    contact.refresh_compliance(inverse, scratch)
+    contact.refresh_compliance(np.full(len(u.owned), 1.0 / 0.3), scratch)
     contact.hold_film()
     np.testing.assert_allclose(trial.traction, [[0.0, PENALTY * 0.02]] * 12, atol=1e-13)
     c = 5.0 / 0.5

@@ -115,8 +115,7 @@ def test_the_tangent_from_inside_is_that_of_differences(shape, state, pressure, 
     scene = Scene(shape, given.law, film=given.film, pressure=pressure)
     term = scene.term
     pick = [0, 2] if scene.dim == 2 else [0, 1, 2]
-    before = scene.vector(np.array(given.before)[pick], 0.03, 0.9)
-    trial = term.evaluate(before, 1.0)
+    trial = term.evaluate(scene.vector(np.array(given.before)[pick], 0.03, 0.9), 1.0)
     term.commit(trial)
     nodal = trial.nodal_pressure if pressure == "averaged" else trial.pressure
     pressures = np.maximum(nodal, 0.1 * nodal.max())

@@ -76,8 +76,7 @@ def slid(scene, down=-0.03, along=-0.04, close=0.002):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_tangent_is_that_of_differences(kind, shape):
     def corner(low):
-        line = np.array([[-1.0, -0.12], [0.55, 0.02], [2.0, -0.14]])
-        return Polyline(low + line)
+        return Polyline(low + np.array([[-1.0, -0.12], [0.55, 0.02], [2.0, -0.14]]))
 
     scene = Lubricated(shape=None if shape == "circle" else corner, **KINDS[kind])
     x = slid(scene)

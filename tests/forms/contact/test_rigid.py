@@ -78,12 +78,10 @@ class Scene:
         apart = np.linalg.norm(self.where[:, None] - shape.control_points, axis=2)
         self.tool = np.argmin(apart, axis=0)
         axis = None if self.dim == 2 else np.array([0.2, -1.0, 0.7])
-        centre = np.full(self.dim, 0.3)
-        self.motion = RigidMotion(centre, shape.control_points, 0.8, axis)
+        self.motion = RigidMotion(np.full(self.dim, 0.3), shape.control_points, 0.8, axis)
         master = RigidMaster(self.tool.astype(np.int64), shape)
         surface = ContactSurface(self.space, facets, master, 5)
-        law = coulomb(friction)
-        self.term = ContactTerm(surface, law, PENALTY, pressure=pressure)
+        self.term = ContactTerm(surface, coulomb(friction), PENALTY, pressure=pressure)
 
     def place(self, facet, xi):
         """Origin and axes of the block, the last along the normal."""
@@ -99,8 +97,7 @@ class Scene:
 
     def unknowns(self, depth, along, shift, theta, sway=0.01):
         """Displacements (n, i): the block pressed in, and all carried with the tool."""
-        local = self.local(self.where)
-        bend = sway * np.sin(9.0 * local[:, 0] + 0.3)
+        bend = sway * np.sin(9.0 * self.local(self.where)[:, 0] + 0.3)
         values = np.outer(bend - GAP - depth, self.frame[-1]) + along * self.frame[0]
         self.move_tool(values, shift, theta)
         values[np.setdiff1d(np.arange(len(values)), self.tool)] += shift
@@ -227,7 +224,6 @@ def test_a_block_that_moves_with_the_tool_does_not_slip(name):
     centre = scene.motion.centre + state[2]
     moved = scene.motion.centre + shift + (scene.where + values - centre) @ turn.T - scene.where
     after, later = scene.residual(moved).reshape(-1, scene.dim), scene.evaluate(moved)
-    scale = np.abs(before).max()
-    np.testing.assert_allclose(after, before @ turn.T, atol=1e-10 * scale)
+    np.testing.assert_allclose(after, before @ turn.T, atol=1e-10 * np.abs(before).max())
     np.testing.assert_allclose(later.kinematics.slip, 0.0, atol=1e-13)
     assert np.abs(trial.response.traction).max() > 0.01

@@ -41,8 +41,7 @@ def test_root_pressure_and_gap_give_the_exact_end(shape, place):
     """On the facet where the end is, pieces are covered up to it and a little further."""
     surface = touching(shape)[0].surface
     vertices, slave = surface.vertices, surface.slave
-    x = np.unique(np.round(vertices.position[:, 0], 12))
-    low, high = x[2:4]
+    low, high = np.unique(np.round(vertices.position[:, 0], 12))[2:4]
     size = high - low
     end = low + place * size
     distance = end - vertices.position[:, 0]

@@ -59,6 +59,19 @@ def test_tangent_against_differences(shape, state):
     assert scene.error(x) < 1e-9
 
 
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+def test_a_tangent_knows_the_facets_of_its_own_state(shape):
+    """The same points count in both states, over other facets of the master."""
+    scene, x = prepared(shape, STATES["stick"], master=6)
+    _, before = scene.residual(x)
+    scene.tangent(x)
+    y = scene.vector((0.13, -0.09) if scene.dim == 2 else (0.13, 0.01, -0.09), 0.04, 0.7)
+    _, after = scene.residual(y)
+    assert np.array_equal(before.coupled(), after.coupled())
+    assert (before.projection.facet != after.projection.facet).any()
+    assert scene.error(y) < 1e-9
+
+
 @pytest.mark.parametrize("shape", ["T3", "Q4", "hex8"])
 @pytest.mark.parametrize("state", STATES)
 def test_tangent_of_a_smooth_master(shape, state):
@@ -169,8 +182,7 @@ def test_rigid_motion_of_both_bodies_leaves_the_contact_alone(shape):
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(dim, dim)))[0]
     turn[0] *= np.linalg.det(turn)
     now = scene.where + x.array_r.reshape(-1, dim)
-    shift = [0.4, -0.3, 0.2][:dim]
-    moved.array[:] = (now @ turn.T + shift - scene.where).reshape(-1)
+    moved.array[:] = (now @ turn.T + [0.4, -0.3, 0.2][:dim] - scene.where).reshape(-1)
     trial = scene.term.evaluate(moved, 1.0)
     np.testing.assert_allclose(trial.kinematics.slip, 0.0, atol=1e-12)
     np.testing.assert_allclose(trial.traction, first.traction @ turn.T, rtol=0, atol=1e-10)

@@ -32,8 +32,7 @@ def rotation(dim):
     if dim == 2:
         return np.array([[c, -s], [s, c]])
     about_x = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    about_z = np.array([[s, -c, 0], [c, s, 0], [0, 0, 1]])
-    return about_x @ about_z
+    return about_x @ np.array([[s, -c, 0], [c, s, 0], [0, 0, 1]])
 
 
 @pytest.mark.parametrize("shape", SHAPES)

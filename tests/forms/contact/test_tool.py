@@ -48,8 +48,7 @@ class Scene:
             self.centre, axis = self.low + np.array([0.2, -0.4, 0.1]), np.array([0.3, 0.2, 1.0])
         if shape is not None:
             self.surface = shape(self.low)
-        points = self.surface.control_points
-        self.motion = RigidMotion(self.centre, points, 0.7, axis)
+        self.motion = RigidMotion(self.centre, self.surface.control_points, 0.7, axis)
         tool = self.surface, self.tool, self.motion
         pair = ContactSurface.for_tool(self.space, facets, *tool, 5)
         law = coulomb(mu, 25.0)

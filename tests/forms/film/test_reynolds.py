@@ -100,8 +100,7 @@ def test_a_cylinder_that_passes_carries_what_one_at_rest_does():
     for _ in range(int(10.0 * b / (speed * dt))):
         before, at = h, at - speed * dt
         h = np.minimum(least + (x - at) ** 2 / (2.0 * radius), 2e-4)
-        step = flooded(h, -speed / 2, dt=dt, before=before, volume=volume)
-        found = film.solve(step, w)
+        found = film.solve(flooded(h, -speed / 2, dt=dt, before=before, volume=volume), w)
         w, volume = found.unknown, found.volume
         loads.append(film.cells.area @ found.pressure)
     load = np.mean(loads[-len(loads) // 4 :]) * least / (0.1 * speed * radius)
@@ -281,8 +280,7 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
     step = replace(flooded(h, 0.5, **more), content=content)
     step = replace(step, speed=step.speed * (1.0 + 0.1 * np.sin(x[1:] / b)))
     newtonian = replace(film, rheology=FilmRheology(eta_b=0.1))
-    start = newtonian.solve(step, np.where(x < 0.0, 0.05, -0.1)).unknown
-    found = film.solve(step, start)
+    found = film.solve(step, newtonian.solve(step, np.where(x < 0.0, 0.05, -0.1)).unknown)
     slopes = film.slopes(step, found)
     rng = np.random.default_rng(3)
     by_film, by_speed = h * rng.normal(size=60), rng.normal(size=59)
@@ -307,16 +305,14 @@ def test_the_tangent_is_that_of_differences(rheology, moving):
 
 
 def test_a_film_that_cannot_balance_says_so():
-    x = np.linspace(0.0, 1.0, 5)
-    film = smooth_film(x, 1.0, 1.0)
+    film = smooth_film(np.linspace(0.0, 1.0, 5), 1.0, 1.0)
     step = flooded(np.full(5, np.nan), 0.5)
     with pytest.raises(FilmError, match="mass balance"):
         film.solve(step, np.zeros(5))
 
 
 def test_a_part_of_the_places_keeps_its_own_faces():
-    facets = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
-    places = FilmPlaces(facets, 5, 2)
+    places = FilmPlaces(np.array([[0, 1], [1, 2], [2, 3], [3, 4]]), 5, 2)
     part = places.part(np.array([False, True, True, False, True]))
     assert part.inside.tolist() == [False, True, False, False]
     cells = part.of(places.cells(np.array([1.0, 2.0, 1.0, 2.0]), np.full((4, 2), 0.5)))

@@ -78,8 +78,7 @@ def test_slip_weakening_takes_the_energy_of_its_closed_form():
     energies = []
     for steps in (400, 800):
         v, s = decelerate(law, end, steps, film=0.0, theta=0.5)
-        slid = np.maximum(s - 2e-5, 0.0)
-        weakened = np.minimum(s, 2e-5) + np.log1p(2e5 * slid) / 2e5
+        weakened = np.minimum(s, 2e-5) + np.log1p(2e5 * np.maximum(s - 2e-5, 0.0)) / 2e5
         work = P * AREA / MASS * (0.05 * s + 0.15 * weakened)
         assert v.min() > 0.0 and v[-1] < 0.5 * V0
         energies.append((0.5 * v**2 + work)[:: steps // 400])
@@ -118,8 +117,7 @@ def reference(law: FrictionMap, end: float) -> float:
     kink.terminal = True  # type: ignore[attr-defined]
     second = solve_ivp(slip, (t, end), [d, v], events=kink, **accurate)
     t, (d, v) = second.t_events[0][0], second.y_events[0][0]
-    third = solve_ivp(slip, (t, end), [d + 1e-18, v], **accurate)
-    return float(third.y[1, -1])
+    return float(solve_ivp(slip, (t, end), [d + 1e-18, v], **accurate).y[1, -1])
 
 
 def test_backward_euler_converges_at_first_order_under_slip_weakening():

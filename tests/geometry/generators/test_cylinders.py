@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.geometry.generators.conftest import group_points
 from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
-from tribox.geometry.meshes.gmsh_model import gmsh_session, named_groups
+from tribox.geometry.meshes.gmsh_model import named_groups
 from tribox.geometry.meshes.mesh import generate
 
 R, W, H = 10e-3, 0.6e-3, 40e-6
@@ -18,21 +19,6 @@ SMALL = HalfCylinder(0.4 * R, W, 30e-6)
 BLOCK = FlatBlock(20e-3, 8e-3, 0.8e-3, 50e-6)
 ON_BLOCK = LineContact(CYLINDER, BLOCK, growth=1.4)
 TWO = LineContact(CYLINDER, SMALL, growth=1.4)
-
-
-@pytest.fixture
-def model():
-    with gmsh_session("test"):
-        yield gmsh.model
-
-
-def group_points(name, dim):
-    """Coordinates (n, 3) of the nodes of a named group of the current model, sorted by x then y."""
-    for d, tag in gmsh.model.getPhysicalGroups(dim):
-        if gmsh.model.getPhysicalName(d, tag) == name:
-            x = np.asarray(gmsh.model.mesh.getNodesForPhysicalGroup(dim, tag)[1]).reshape(-1, 3)
-            return x[np.lexsort((x[:, 1], x[:, 0]))]
-    raise KeyError(name)
 
 
 @pytest.mark.parametrize("shape", [ON_BLOCK, TWO])
@@ -72,8 +58,7 @@ def test_contact_zone_has_its_width_and_size_in_each_body(model):
 
 def test_cells_grow_from_the_contact_by_the_growth_asked_for(model):
     ON_BLOCK.build()
-    x = group_points("elastomer_right", 1)
-    lengths = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(group_points("elastomer_right", 1), axis=0), axis=1)
     assert lengths[0] <= H and lengths[0] > 0.5 * H
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.4, rtol=2e-2)  # chords of arcs
 

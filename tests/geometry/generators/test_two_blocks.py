@@ -7,6 +7,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from tests.geometry.generators.conftest import group_points
 from tribox.geometry.generators.two_blocks import Block, Box, TwoBlocks
 from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import gmsh_session, write_msh
@@ -14,21 +15,6 @@ from tribox.geometry.meshes.mesh import _generated
 
 UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
 LOWER = Block(2.0e-3, 0.4e-3, (7, 2))
-
-
-def group_points(name, dim):
-    """Coordinates (n, 3) of the nodes of a named group of the current model, sorted by x then y."""
-    for d, tag in gmsh.model.getPhysicalGroups(dim):
-        if gmsh.model.getPhysicalName(d, tag) == name:
-            x = np.asarray(gmsh.model.mesh.getNodesForPhysicalGroup(dim, tag)[1]).reshape(-1, 3)
-            return x[np.lexsort((x[:, 1], x[:, 0]))]
-    raise KeyError(name)
-
-
-@pytest.fixture
-def model():
-    with gmsh_session("test"):
-        yield gmsh.model
 
 
 def test_surfaces_lie_on_their_sides(model):

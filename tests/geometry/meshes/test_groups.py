@@ -23,8 +23,7 @@ class Cube:
         occ.synchronize()
         for _, curve in gmsh.model.getEntities(1):
             low = np.array(gmsh.model.getBoundingBox(1, curve)[:3])
-            high = np.array(gmsh.model.getBoundingBox(1, curve)[3:])
-            axis = int(np.argmax(high - low))
+            axis = int(np.argmax(np.array(gmsh.model.getBoundingBox(1, curve)[3:]) - low))
             gmsh.model.mesh.setTransfiniteCurve(curve, (3, 4, 5)[axis])
             if axis == 2 and np.allclose(low[:2], [1, 1], atol=1e-3):
                 edge = curve
@@ -56,8 +55,7 @@ def facts(comm: MPI.Comm, directory: Path) -> dict[str, Any]:
             shares = group.shares(space)
             rows = np.column_stack([space.tabulate_dof_coordinates()[nodes], shares[nodes]])
             everything = np.round(np.concatenate(comm.allgather(rows)), 12) + 0.0
-            order = np.lexsort(everything[:, :3].T)
-            found[f"{name} {degree}"] = everything[order].tolist()
+            found[f"{name} {degree}"] = everything[np.lexsort(everything[:, :3].T)].tolist()
             found[f"rest {name} {degree}"] = comm.allreduce(float(np.delete(shares, nodes).sum()))
     return found
 

@@ -14,16 +14,14 @@ def distorted(cell):
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     mesh = grid(cell, (2,) * dim)
     x = mesh.geometry.x
-    inner = np.all(np.abs(x[:, :dim] - 0.5) < 0.1, axis=1)
-    x[inner, :dim] += [0.12, -0.07, 0.05][:dim]
+    x[np.all(np.abs(x[:, :dim] - 0.5) < 0.1, axis=1), :dim] += [0.12, -0.07, 0.05][:dim]
     return mesh, np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_point_is_where_its_shape_functions_say(cell):
     mesh, cells = distorted(cell)
-    dim = mesh.geometry.dim
-    points = np.random.default_rng(3).uniform(0.0, 1.0, (40, dim))
+    points = np.random.default_rng(3).uniform(0.0, 1.0, (40, mesh.geometry.dim))
     found = places_in(mesh, cells, points)
     assert np.array_equal(found.point, np.arange(40))  # each in one cell alone
     table = shape_functions(cell, 1, 0, found.xi)[0]

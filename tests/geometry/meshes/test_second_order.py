@@ -102,8 +102,7 @@ def test_points_are_found_in_curved_cells(written, cell):
     mesh, dim = named.mesh, named.mesh.geometry.dim
     angle = np.linspace(0.0, 6.0, 25)
     points = 0.985 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle + 0.4], axis=1)[:, :dim]
-    cells = named.cells("round body")
-    found = places_in(mesh, cells, points)
+    found = places_in(mesh, named.cells("round body"), points)
     assert set(found.point) == set(range(25))  # with straight edges some lie outside
     table = shape_functions(cell, 2, 0, found.xi)[0]
     back = np.einsum("ka,kai->ki", table, nodes_of(mesh, found.cell))

@@ -54,8 +54,7 @@ def test_excess_over_the_domain(shape):
 def test_bound_on_the_sum_of_the_functions(shape):
     grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 41)] * shape.directions), axis=-1)
     xi = grid.reshape(-1, shape.directions)
-    inside = xi[shape.excess(xi) <= 0.0]
-    largest = np.abs(shape.values(inside)).sum(axis=1).max()
+    largest = np.abs(shape.values(xi[shape.excess(xi) <= 0.0])).sum(axis=1).max()
     assert largest <= shape.lebesgue + 1e-14
     assert largest >= 0.99 * shape.lebesgue
 
@@ -112,8 +111,7 @@ def chain(count, closed=False):
 
 def test_the_way_is_measured_along_the_surface():
     nodes, facets = chain(7)
-    is_open = np.isin(np.arange(8), [0, 7])
-    end = EndDistance.measured(CHAIN, facets, nodes, is_open, 2.5)
+    end = EndDistance.measured(CHAIN, facets, nodes, np.isin(np.arange(8), [0, 7]), 2.5)
     assert np.allclose(end.corners, np.minimum(facets, 7 - facets))
     share, slope = end.share(np.array([0, 1, 2, 6]), np.array([[0.0], [0.25], [0.6], [0.5]]))
     s = np.array([0.0, 0.5, 1.0, 0.2])

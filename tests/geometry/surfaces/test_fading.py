@@ -42,8 +42,7 @@ def test_of_a_single_facet_the_nearer_end_counts():
 
 def test_lengths_are_those_of_the_undeformed_master():
     """The share depends on ξ alone."""
-    line = polyline(NODES)
-    at = shares([0.2], 0.2, 2.0 * NODES, line)
+    at = shares([0.2], 0.2, 2.0 * NODES, polyline(NODES))
     np.testing.assert_allclose(at.share, [0.5], rtol=1e-12)
 
 

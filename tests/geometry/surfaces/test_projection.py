@@ -88,8 +88,7 @@ def test_short_facets_of_a_wall_do_not_hide_a_long_floor():
 
 def test_outside_a_ridge_the_vertex_is_the_closest_point():
     nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
-    point = np.array([[0.03, 0.04]])
-    at = project(polyline(nodes), point, nodes)
+    at = project(polyline(nodes), np.array([[0.03, 0.04]]), nodes)
     assert at.clamped.all() and at.on_surface.all()
     np.testing.assert_allclose(at.foot, [[0.0, 0.0]], atol=1e-16)
     np.testing.assert_allclose(at.normal, [[0.6, 0.8]], rtol=1e-14)

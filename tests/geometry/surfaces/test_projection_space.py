@@ -79,8 +79,7 @@ def test_deformed_and_turned(sheet, kind):
 def test_side_of_the_surface(sheet, kind):
     """Above a surface without overhang the gap is positive, below it negative, also at kinks."""
     surface, nodes = surface_of(sheet, kind, (7, 5))
-    rng = np.random.default_rng(3)
-    xi = rng.uniform(0.15, 0.85, (400, nodes.shape[1] - 1))
+    xi = np.random.default_rng(3).uniform(0.15, 0.85, (400, nodes.shape[1] - 1))
     foot = np.column_stack([xi, np.zeros(400)])
     for side in (1.0, -1.0):
         at = surface.project(foot + 0.17 * side * np.eye(foot.shape[1])[-1], nodes)
@@ -232,8 +231,7 @@ def test_facets_of_very_different_size_and_shape(sheet, kind):
     rng = np.random.default_rng(6)
     points = np.column_stack([1000.0 ** -rng.random(120), rng.random(120), np.zeros(120)])
     points[:, 2] = 0.01 * rng.normal(size=120)
-    at = surface.project(points, nodes)
-    found = np.linalg.norm(points - at.foot, axis=1)
+    found = np.linalg.norm(points - surface.project(points, nodes).foot, axis=1)
     np.testing.assert_allclose(found, every_facet(surface, points, nodes), rtol=1e-10, atol=1e-15)
 
 

@@ -230,8 +230,7 @@ def test_rays_that_meet_nothing_have_no_part_in_it():
     found = ENDS.along_rays(piece, xi, met, np.full(len(xi), 0.3), normals)
     np.testing.assert_array_equal(found.share[~met], 1.0)
     assert not found.slope[~met].any() and not found.turn[~met].any()
-    whole = shares(piece, xi, normals)
-    np.testing.assert_array_equal(found.share[met], whole.share[met])
+    np.testing.assert_array_equal(found.share[met], shares(piece, xi, normals).share[met])
 
 
 @pytest.mark.parametrize("cosine", [0.05, 0.25, 0.45])
@@ -268,8 +267,7 @@ def test_derivatives_are_those_of_the_control_points(motion, theta):
 
     steps = h * np.eye(2 * dim)
     slopes = [(placed(flat + d) - placed(flat - d)) / (2.0 * h) for d in steps]
-    tangent = motion.tangent(theta)
-    np.testing.assert_allclose(tangent, np.stack(slopes, axis=2), atol=1e-8)
+    np.testing.assert_allclose(motion.tangent(theta), np.stack(slopes, axis=2), atol=1e-8)
     turned = h * np.eye(2 * dim)[dim]
     sides = [
         motion.tangent(motion.read((flat + s * turned).reshape(2, dim))[1]) for s in (1.0, -1.0)

@@ -96,8 +96,7 @@ def test_rays_and_ends_are_carried_along():
 
 def test_nodes_of_no_facet_do_not_matter():
     nodes, facets = hill()
-    more = np.concatenate([np.full((3, 3), 9.0), nodes])
-    rigid = MeshSurface(more, facets + 3)
+    rigid = MeshSurface(np.concatenate([np.full((3, 3), 9.0), nodes]), facets + 3)
     np.testing.assert_array_equal(rigid.control_points, MeshSurface(nodes, facets).control_points)
     assert rigid.outline(rigid.extent).cells.shape == (32, 3)
     np.testing.assert_allclose(rigid.extent[:, :2], [[-1.0, -1.0], [1.0, 1.0]])

@@ -155,8 +155,7 @@ def test_many_pieces_give_the_same_as_facets():
     ours, theirs = project(line, points), mesh.project(points, wave)
     np.testing.assert_array_equal(ours.facet, theirs.facet)
     np.testing.assert_allclose(ours.gap, theirs.gap, atol=1e-14)
-    rays = along(np.tile([0.05, 1.0], (count, 1)))
-    met = project(line, points, rays=rays)
+    met = project(line, points, rays=along(np.tile([0.05, 1.0], (count, 1))))
     on, inner = met.on_surface, np.abs(points[:, 0]) < 0.98
     assert on[inner].all() and not on.all()
     there = met.foot + met.gap[:, None] * met.normal
