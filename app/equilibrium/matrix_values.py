@@ -144,7 +144,7 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
 
 
 def _at_columns(A: PETSc.Mat, numbers: Ints, columns: Ints) -> Ints:
-    """Those at ``columns`` of the numbers that ranks give their own columns of ``A``; collective."""
+    """Those at ``columns`` of the numbers that ranks give their columns of ``A``; collective."""
     everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
     everywhere.array[:] = numbers
     wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
