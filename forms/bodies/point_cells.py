@@ -95,6 +95,7 @@ class _Work(ctypes.Structure):
                 "nodes",
                 "parents",
                 "width",
+                "read",
                 "symmetric",
             )
         ),
@@ -236,7 +237,7 @@ class PointCells:
         if kernel is not None:
             work.update, work.material = kernel.function, ctypes.addressof(kernel.material)
             work.width = arrays["state"].shape[1] if "state" in arrays else 0
-            work.symmetric = kernel.symmetric
+            work.symmetric, work.read = kernel.symmetric, kernel.read or work.width
         return work
 
     def evaluate(self, kernel: Kernel, u: Floats, state: Floats, **out: Floats) -> bool:

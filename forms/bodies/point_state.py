@@ -61,11 +61,14 @@ class Kernel:
     function: int  # its address
     material: ctypes.Structure  # what it reads, and what is read from there
     symmetric: bool  # whether A is
+    read: int = 0  # how many columns of the state moduli need, the first ones; 0: all
 
     @classmethod
-    def of(cls, source: str, name: str, material: ctypes.Structure, symmetric: bool) -> Kernel:
+    def of(
+        cls, source: str, name: str, material: ctypes.Structure, symmetric: bool, read: int = 0
+    ) -> Kernel:
         """The function ``tribox_NAME`` of a C source, for parameters as it lays them out."""
-        return cls(address_of(source, name), material, symmetric)
+        return cls(address_of(source, name), material, symmetric, read)
 
     def update(self, F: Floats, state: Floats, tangent: bool) -> PointUpdate:
         """Update points by themselves, see :meth:`MaterialPoints.update`."""

@@ -165,4 +165,5 @@ class ViscousPoints(MaterialPoints):
         work.tables = np.stack([self._moduli, share, rest, ratio])
         rows = (row.ctypes.data for row in work.tables)
         work.modulus, work.share, work.rest, work.ratio = rows
-        return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True)
+        metrics = self.columns[DISSIPATED].start  # what comes before
+        return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True, read=metrics)

@@ -487,36 +487,47 @@ INLINE void tangent(int space, const Material *m, const Axes *at, const Flow *f,
 {
     const int n = space ? 6 : 4;
     vec M[3][6], S[6], *c = tangent_of(space, moduli);
+#pragma GCC unroll 9
     for (int k = 0; k < n; ++k) {
         const int i = PAIRS[k][0], j = PAIRS[k][1];
+#pragma GCC unroll 9
         for (int a = 0; a < 3; ++a)
             M[a][k] = at->n[a][i] * at->n[a][j];
         moduli[k] = tau[0] * M[0][k] + tau[1] * M[1][k] + tau[2] * M[2][k];
+#pragma GCC unroll 9
         for (int l = 0; l < n; ++l)
             c[k * n + l] = all(0.0);
     }
+#pragma GCC unroll 9
     for (int a = 0; a < 3; ++a) {
         const int b = (a + 1) % 3;
         vec D[3], T[6];
+#pragma GCC unroll 9
         for (int d = 0; d < 3; ++d)
             D[d] = m->bulk + 2.0 * m->shear * (((a == d) - 1.0 / 3.0) * f->theta -
                                                f->theta_bar * f->n[a] * f->n[d]);
         D[a] -= 2.0 * tau[a];
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k)
             T[k] = D[0] * M[0][k] + D[1] * M[1][k] + D[2] * M[2][k];
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k)
+#pragma GCC unroll 9
             for (int l = k; l < n; ++l)
                 c[k * n + l] += M[a][k] * T[l];
         if (!space && a > 0) /* no shear across the plane */
             continue;
         vec g = m->shear * f->theta * log_ratio(at->w[a], at->w[b], at->logs[a] - at->logs[b]) -
                 0.5 * (tau[a] + tau[b]);
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k) {
             const int i = PAIRS[k][0], j = PAIRS[k][1];
             S[k] = at->n[a][i] * at->n[b][j] + at->n[b][i] * at->n[a][j];
         }
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k) {
             vec by = g * S[k];
+#pragma GCC unroll 9
             for (int l = k; l < n; ++l)
                 c[k * n + l] += by * S[l];
         }
@@ -930,19 +941,26 @@ INLINE void add_branch(int space, const Ended *t, const double *backstress, cons
 INLINE void solve(int count, vec *W, vec *R)
 {
     vec inverse[6];
+#pragma GCC unroll 9
     for (int k = 0; k < count; ++k) {
         inverse[k] = 1.0 / W[k * count + k];
+#pragma GCC unroll 9
         for (int i = k + 1; i < count; ++i) {
             vec by = W[i * count + k] * inverse[k];
+#pragma GCC unroll 9
             for (int j = k + 1; j < count; ++j)
                 W[i * count + j] -= by * W[k * count + j];
+#pragma GCC unroll 9
             for (int j = 0; j < count; ++j)
                 R[i * count + j] -= by * R[k * count + j];
         }
     }
+#pragma GCC unroll 9
     for (int k = count - 1; k >= 0; --k)
+#pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
             vec sum = R[k * count + j];
+#pragma GCC unroll 9
             for (int i = k + 1; i < count; ++i)
                 sum -= W[k * count + i] * R[i * count + j];
             R[k * count + j] = sum * inverse[k];
@@ -1001,9 +1019,11 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     add_deviator(space, over, nu);
     add_deviator(space, of->rise, rise);
     vec q = all(0.0);
+#pragma GCC unroll 9
     for (int i = 0; i < count; ++i)
         q += 1.5 * nu[i] * nu[i];
     q = square_root(q);
+#pragma GCC unroll 9
     for (int i = 0; i < count; ++i)
         nu[i] *= 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
     end_stresses(m, alpha, t->step, &stress, &slope, &end);
@@ -1012,9 +1032,11 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
     trial_changes(space, axes, t->N, more, r);
     vec size = 2.449489742783178 * m->shear * t->step, across_it = size / (size + 0.8164965809277260 * stress);
     vec onward = 1.0 / (1.0 + slope * (1.0 / (1.5 * two))), further = onward - across_it;
+#pragma GCC unroll 9
     for (int i = 0; i < count; ++i) {
         vec row[6], along = all(0.0), sum[3] = {};
         const double part = 1.0 / two;
+#pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
             const int a = PAIRS[j][0], b = PAIRS[j][1];
             vec one = part * of->U[NUMBER[space][a][b]][i], other = part * of->U[NUMBER[space][b][a]][i];
@@ -1023,30 +1045,39 @@ INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const 
             along += row[j] * nu[j];
         }
         along = further * along - (0.8164965809277260 * part) * (onward * rise[i]);
+#pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
             W[i * count + j] = (i == j ? all(1.0) : all(0.0)) - across_it * row[j] - along * nu[j];
             row[j] = (i == j) - (i < 3 && j < 3 ? 1.0 / 3.0 : 0.0) - row[j];
+#pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
                 sum[k] += row[j] * r[k][j];
         }
+#pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
             R[i * count + j] += row[j];
+#pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
                 R[i * count + j] += sum[k] * more[k][j];
         }
     }
     solve(count, W, R);
+#pragma GCC unroll 9
     for (int j = 0; j < count; ++j) {
         vec sum = all(0.0), part[6];
+#pragma GCC unroll 9
         for (int i = 0; i < count; ++i)
             sum += nu[i] * R[i * count + j];
+#pragma GCC unroll 9
         for (int i = 0; i < count; ++i) {
             part[i] = across_it * R[i * count + j] + further * nu[i] * sum;
             part[i] = (i == j ? all(1.0) : all(0.0)) - choose(flows, part[i], all(0.0));
+#pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
                 part[i] += r[k][i] * more[k][j];
         }
         vec mean = (part[0] + part[1] + part[2]) * (1.0 / 3.0);
+#pragma GCC unroll 9
         for (int i = 0; i < count; ++i)
             c[i * count + j] = two * (i < 3 ? part[i] - mean : part[i]) +
                                (i < 3 && j < 3 ? m->bulk : 0.0);
@@ -1062,9 +1093,11 @@ INLINE void by_place(int space, const Axes *at, const vec *tau, vec *c, vec *mod
 {
     const int n = space ? 6 : 4;
     vec M[6][6], along[6][6], *to = tangent_of(space, moduli);
+#pragma GCC unroll 9
     for (int i = 0; i < n; ++i) {
         const int a = PAIRS[i][0], b = PAIRS[i][1];
         c[(n + 1) * i] -= tau[a] + tau[b];
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k) {
             const int p = PAIRS[k][0], q = PAIRS[k][1];
             M[i][k] = all(0.0);
@@ -1075,20 +1108,25 @@ INLINE void by_place(int space, const Axes *at, const vec *tau, vec *c, vec *mod
                 M[i][k] = 0.7071067811865476 * (M[i][k] + at->n[b][p] * at->n[a][q]);
         }
     }
+#pragma GCC unroll 9
     for (int k = 0; k < n; ++k)
         moduli[k] = tau[0] * M[0][k] + tau[1] * M[1][k] + tau[2] * M[2][k];
-#pragma GCC unroll 6
+#pragma GCC unroll 9
     for (int i = 0; i < n; ++i)
+#pragma GCC unroll 9
         for (int k = 0; k < n; ++k) {
             along[i][k] = all(0.0);
+#pragma GCC unroll 9
             for (int j = 0; j < n; ++j)
                 if (CARRIED(space, j, k))
                     along[i][k] += c[n * i + j] * M[j][k];
         }
-#pragma GCC unroll 6
+#pragma GCC unroll 9
     for (int k = 0; k < n; ++k)
+#pragma GCC unroll 9
         for (int l = 0; l < n; ++l) {
             vec sum = all(0.0);
+#pragma GCC unroll 9
             for (int i = 0; i < n; ++i)
                 if (CARRIED(space, i, k))
                     sum += M[i][k] * along[i][l];

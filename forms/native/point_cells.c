@@ -183,13 +183,14 @@ EXPORT int64_t tribox_points(Update *update, const void *material, int64_t count
  * there are `energies` (ENERGIES) to add to, and read if not, see Update. Without it P (k, p) and
  * moduli A (k, n + n n) are read where forces and values are wanted. What of these is not null is added to:
  * `values` from start (cells, a, i, b) on, the columns of b in the row of (a, i); F (k, p) is written.
- * With `take` (cells) some cells alone have values, and a place in start. `symmetric`: whether the
- * moduli are. `excess` (cells of the body) is added to dW/dJ in moduli.
+ * With `take` (cells) some cells alone have values, and a place in start. `read`: how many columns of
+ * the state moduli need; `symmetric`: whether they are. `excess` (cells of the body) is added to
+ * dW/dJ in moduli.
  *
  * Of the same cells there may be more points: at the `same` places, whose moduli are added up, and at
  * others, `next`, whose forces and values are. */
 typedef struct Work {
-    int64_t blocks, lanes_of_last, points, nodes, parents, width, symmetric;
+    int64_t blocks, lanes_of_last, points, nodes, parents, width, read, symmetric;
     const double *shape, *table;
     const int32_t *node, *cell;
     const double *u;
@@ -421,7 +422,7 @@ INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int 
     if (width) {
         fetch_next(w, w->end, n, q);
         find_rows(w->state, width, number, row);
-        load(row, 0, width, state);
+        load(row, 0, A ? (int)w->read : width, state);
         find_rows(w->end, width, number, row);
     }
     if (w->end && !energy)

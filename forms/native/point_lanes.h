@@ -46,8 +46,8 @@ INLINE int counts(enum section section, int component)
 typedef vec tensor[3][3];
 #define COUPLED(space, a, b) ((space) || ((a) == 2) == ((b) == 2))
 #define EACH(space, a, b)                                                                          \
-    for (int a = 0; a < 3; ++a)                                                                    \
-        for (int b = 0; b < 3; ++b)                                                                \
+    _Pragma("GCC unroll 3") for (int a = 0; a < 3; ++a)                                            \
+        _Pragma("GCC unroll 3") for (int b = 0; b < 3; ++b)                                        \
             if (COUPLED(space, a, b))
 
 INLINE void cross(const vec *a, const vec *b, vec *c)
@@ -97,8 +97,8 @@ INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
 
 /* Upper half of a symmetric tensor, and the lower one from it. */
 #define UPPER(space, a, b)                                                                         \
-    for (int a = 0; a < 3; ++a)                                                                    \
-        for (int b = a; b < 3; ++b)                                                                \
+    _Pragma("GCC unroll 3") for (int a = 0; a < 3; ++a)                                            \
+        _Pragma("GCC unroll 3") for (int b = a; b < 3; ++b)                                        \
             if (COUPLED(space, a, b))
 
 INLINE void mirror(int space, tensor a)

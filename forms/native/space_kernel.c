@@ -327,12 +327,15 @@ INLINE ivec by_place(const Law *law, const vec *F, vec *moduli)
     const int distorts = law->part != VOLUME, whole = distorts && law->material != NEO_HOOKEAN;
     vec n[3][3], b[6], B[6], *c = tangent_of(1, moduli), I1, I2 = all(0.0);
     Slopes s = {};
+#pragma GCC unroll 9
     for (int i = 0; i < (whole ? 3 : 1); ++i)
         cross(F + 3 * ((i + 1) % 3), F + 3 * ((i + 2) % 3), n[i]);
     const vec J = dot(F, n[0]);
+#pragma GCC unroll 9
     for (int k = 0; k < 6; ++k)
         b[k] = dot(F + 3 * PAIRS[k][0], F + 3 * PAIRS[k][1]);
     I1 = b[0] + b[1] + b[2];
+#pragma GCC unroll 9
     for (int i = 0; i < 3 && whole; ++i)
         I2 += dot(n[i], n[i]);
     slopes(law->material, law->part, law->c, J, I1, I2, 1, &s);
@@ -341,30 +344,36 @@ INLINE ivec by_place(const Law *law, const vec *F, vec *moduli)
         s.JJ = (vec)((ivec)s.JJ | ~(ivec)(J > 0.0));
     }
     const vec by_J = J * s.J, JJ = J * (J * s.JJ) + by_J;
+#pragma GCC unroll 9
     for (int k = 0; k < 6; ++k) {
         moduli[k] = k < 3 ? by_J : all(0.0);
         if (distorts)
             moduli[k] += 2.0 * s.I1 * b[k];
+#pragma GCC unroll 9
         for (int l = k; l < 6; ++l)
             c[6 * k + l] = l < 3 ? JJ : all(0.0);
         c[7 * k] -= k < 3 ? 2.0 * by_J : by_J;
     }
     if (!whole)
         return (ivec)(J > 0.0);
+#pragma GCC unroll 9
     for (int k = 0; k < 6; ++k) {
         const int i = PAIRS[k][0], j = PAIRS[k][1];
         B[k] = I1 * b[k];
+#pragma GCC unroll 9
         for (int m = 0; m < 3; ++m)
             B[k] -= b[NUMBER[i][m]] * b[NUMBER[m][j]];
         moduli[k] += 2.0 * s.I2 * B[k];
     }
     const vec J1 = 2.0 * J * s.J1, J2 = 2.0 * J * s.J2, two = 2.0 * s.I2;
+#pragma GCC unroll 9
     for (int k = 0; k < 6; ++k) {
         const int i = PAIRS[k][0], j = PAIRS[k][1];
         vec one = k < 3 ? J1 : all(0.0), other = k < 3 ? J2 : all(0.0);
         vec along = J1 * b[k] + J2 * B[k];
         one += 4.0 * ((s.I11 + s.I2) * b[k] + s.I12 * B[k]);
         other += 4.0 * (s.I12 * b[k] + s.I22 * B[k]);
+#pragma GCC unroll 9
         for (int l = k; l < 6; ++l) {
             const int m = PAIRS[l][0], o = PAIRS[l][1];
             vec sum = one * b[l] + other * B[l];

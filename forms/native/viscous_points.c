@@ -137,11 +137,13 @@ INLINE void add_branch(enum section section, double G, double t, double s, vec J
     UPPER(space, i, k)
     {
         vec sum = all(0.0);
+#pragma GCC unroll 9
         for (int l = 0; l < 3; ++l)
             if (COUPLED(space, k, l))
                 sum += half[i][l] * H[k][l];
         W[i][k] = s * sum;
     }
+#pragma GCC unroll 9
     for (int i = 0; i < 3; ++i)
         W[i][i] += t * j;
     mirror(space, W);
@@ -155,6 +157,7 @@ INLINE void add_branch(enum section section, double G, double t, double s, vec J
     UPPER(space, i, k)
     {
         vec square = all(0.0);
+#pragma GCC unroll 9
         for (int l = 0; l < 3; ++l)
             if (COUPLED(space, k, l) && COUPLED(space, i, l))
                 square += S[i][l] * S[l][k];
@@ -164,11 +167,13 @@ INLINE void add_branch(enum section section, double G, double t, double s, vec J
         S_sum[i][k] += S[i][k];
     }
     *both += e * ((2.0 / 27.0) * p * p - (2.0 / 9.0) * r);
+#pragma GCC unroll 9
     for (int a = 0; a < n; ++a) {
         const int i = PAIRS[a][0], k = PAIRS[a][1];
         if (!counts(section, a))
             continue;
         const vec by = twice * S[i][k];
+#pragma GCC unroll 9
         for (int b = a; b < n; ++b) {
             const int l = PAIRS[b][0], o = PAIRS[b][1];
             if (!counts(section, b))
@@ -191,6 +196,7 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
     vec *c = tangent_of(space, moduli), p = all(0.0), both = p, ok = p;
     tensor S, Z;
     EACH(space, i, k) S[i][k] = Z[i][k] = all(0.0);
+#pragma GCC unroll 9
     for (int k = 0; k < n * n; ++k)
         c[k] = all(0.0);
 #pragma GCC unroll 1
@@ -198,6 +204,7 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
         add_branch(section, w->modulus[b], w->share[b], w->rest[b], J * J, at->j, at->H, state + n * b, S, Z, &p,
                    &both, c);
     both += (2.0 / 9.0) * p;
+#pragma GCC unroll 9
     for (int a = 0; a < n; ++a) {
         const int i = PAIRS[a][0], k = PAIRS[a][1];
         moduli[a] = a < 3 ? S[i][k] - (1.0 / 3.0) * p : S[i][k];
@@ -205,7 +212,9 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
         Z[i][k] -= (2.0 / 3.0) * S[i][k];
         c[(n + 1) * a] += (a < 3 ? 2.0 / 3.0 : 1.0 / 3.0) * p;
     }
+#pragma GCC unroll 9
     for (int a = 0; a < 3; ++a)
+#pragma GCC unroll 9
         for (int b = a; b < n; ++b)
             c[n * a + b] += b < 3 ? Z[a][a] + Z[b][b] + both : Z[PAIRS[b][0]][PAIRS[b][1]];
     return at->good & is_finite(ok);
