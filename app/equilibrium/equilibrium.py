@@ -565,7 +565,7 @@ class Equilibrium:
         """
         self.assemble_tangent(x, A, step, before)
         with self.timer("assembly"):
-            self.constraints.constrain_matrix(A, self.tangent.pattern_changes)
+            self.constraints.constrain_matrix(A)
 
 
 # -- What each load gives by itself: for tables of forces, and for explicit steps ------------------
