@@ -16,7 +16,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.matrix_values import IdentityRows, is_direct
 from tribox.app.equilibrium.pattern import Pattern
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
 from tribox.app.equilibrium.unknowns import Platen, Prescribed, Unknowns, component_dofs
@@ -50,7 +49,6 @@ class Constraints:
         self._known: tuple[Controls, Ints] = ((), np.empty(0, dtype=np.int32))
         self._leaders: dict[tuple[int, ...], Longs] = {}  # by the platens' identities
         self._rows: tuple[Controls, SlantedRows | None] = ((), None)
-        self._identity: tuple[tuple[int, Controls], IdentityRows] | None = None
 
     @property
     def parts(self) -> list[Prescribed | Platen]:
@@ -167,20 +165,9 @@ class Constraints:
         dofs = self.condensed(self.unknowns.of_nodes(nodes.astype(np.int64))).reshape(-1)
         return PETSc.LGMap().create(dofs.astype(PETSc.IntType), bsize=1, comm=self.unknowns.comm)
 
-    def constrain_matrix(self, A: PETSc.Mat, pattern: int) -> None:
-        """Replace rows and columns of prescribed unknowns by the identity; collective.
-
-        Args:
-            A: the matrix.
-            pattern: number of the one that it has.
-        """
-        if not is_direct(A):
-            A.zeroRowsColumns(self.dofs + self.unknowns.first, 1.0)
-            return
-        key = pattern, self.controls
-        if self._identity is None or self._identity[0] != key:
-            self._identity = key, IdentityRows(A, self.dofs)
-        self._identity[1].put(A)
+    def constrain_matrix(self, A: PETSc.Mat) -> None:
+        """Replace rows and columns of prescribed unknowns by the identity; collective."""
+        A.zeroRowsColumns(self.dofs + self.unknowns.first, 1.0)
 
     def add_following_rows(self, A: PETSc.Mat, platens: Sequence[Platen] | None = None) -> None:
         """Add rows u_i − u_leader = 0 of the unknowns that follow a platen, and its spring.

@@ -19,7 +19,6 @@ from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 SOURCE = "cell_places.c"
-PIECE = 1 << 20  # entries that are looked at at a time
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
 _PATTERN = ctypes.c_void_p, *3 * [ctypes.c_int32], *4 * [ctypes.c_void_p]
 _SIGNATURES = {
@@ -143,76 +142,6 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
         raise PETSc.Error("a product failed")
 
 
-def _at_columns(A: PETSc.Mat, numbers: Ints, columns: Ints) -> Ints:
-    """Those at ``columns`` of the numbers that ranks give their columns of ``A``; collective."""
-    everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
-    everywhere.array[:] = numbers
-    wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
-    scatter = PETSc.Scatter().create(everywhere, wanted, here, None)
-    scatter.scatter(everywhere, here)
-    found: Ints = here.array.astype(np.int32)
-    for one in (scatter, wanted, everywhere, here):
-        one.destroy()
-    return found
-
-
-class IdentityRows:
-    """Rows and columns that become those of the identity, by the places of their values.
-
-    PETSc goes through all of the matrix for them each time.
-    """
-
-    def __init__(self, A: PETSc.Mat, rows: Ints) -> None:
-        """Look for owned local ``rows`` (r,), ascending, in a matrix that is direct; collective."""
-        held = np.zeros(A.getLocalSize()[0], np.int32)
-        held[rows] = 1
-        own = own_block(A).handle
-        with _pattern_of_part(own) as (ends, columns):
-            at = _entries_of(ends, rows)
-            self._diagonal = at[columns[at] == np.repeat(rows, np.diff(ends)[rows])]
-        if len(self._diagonal) != len(rows):
-            raise PETSc.Error("the matrix has no place for all of its diagonal")
-        self._places = [_in_rows_and_columns(own, rows, held)]
-        if A.comm.size > 1:
-            other, numbers = columns_of_others(A)
-            self._places.append(_in_rows_and_columns(other, rows, _at_columns(A, held, numbers)))
-
-    def put(self, A: PETSc.Mat) -> None:
-        """Put the identity into a matrix of the same pattern; collective.
-
-        Raises:
-            ValueError: it has another one.
-        """
-        known = sum(count for _, count in self._places)
-        if (there := int(A.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"])) != known:
-            raise ValueError(f"{there} values in a matrix, places for {known}")
-        wholes = [own_block(A).handle, *([columns_of_others(A)[0]] if A.comm.size > 1 else [])]
-        for whole, (places, count) in zip(wholes, self._places, strict=True):
-            with _values_of_part(whole, count) as values:
-                values[places] = 0.0
-                if whole == wholes[0]:
-                    values[self._diagonal] = 1.0
-        A.stateIncrease()
-
-
-def _entries_of(ends: Ints, rows: Ints) -> Ints:
-    """Places of all entries of rows that have these ends."""
-    lengths = np.diff(ends)[rows]
-    begin = np.repeat(ends[rows] - np.append(0, np.cumsum(lengths))[:-1], lengths)
-    places: Ints = (begin + np.arange(len(begin))).astype(np.int32)
-    return places
-
-
-def _in_rows_and_columns(part: int, rows: Ints, held: Ints) -> tuple[Ints, int]:
-    """Places of entries in ``rows`` and in columns that are ``held``; number of all entries."""
-    with _pattern_of_part(part) as (ends, columns):
-        found = [_entries_of(ends, rows)]
-        for start in range(0, len(columns), PIECE):
-            inside = np.nonzero(held[columns[start : start + PIECE]])[0]
-            found.append((inside + start).astype(np.int32))
-        return np.concatenate(found), len(columns)
-
-
 class PlacesOfPart:
     """Where the values of a part of a matrix, some of its rows and columns, lie in it.
 
@@ -261,8 +190,14 @@ class PlacesOfPart:
         if A.comm.size == 1:
             return
         (whole, columns), (mine, numbers) = columns_of_others(A), columns_of_others(part)
-        global_ = np.where(number < 0, -1, number + part.getOwnershipRangeColumn()[0])
-        yield whole, mine, _at_columns(A, global_, columns), numbers
+        everywhere, here = A.createVecRight(), PETSc.Vec().createSeq(len(columns))
+        everywhere.array[:] = np.where(number < 0, -1, number + part.getOwnershipRangeColumn()[0])
+        wanted = PETSc.IS().createGeneral(columns, comm=MPI.COMM_SELF)
+        scatter = PETSc.Scatter().create(everywhere, wanted, here, None)
+        scatter.scatter(everywhere, here)
+        yield whole, mine, here.array.astype(np.int32), numbers
+        for one in (scatter, wanted, everywhere, here):
+            one.destroy()
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
         """Put the values of ``A`` into ``part``."""

@@ -105,23 +105,13 @@ class Pattern:
                 for count, limit in zip(counts, most, strict=True)
             )
         )
+        each = np.ones((dim, dim), dtype=bool)
         for start in range(0, owned, PIECE):
-            part = ends[start : start + PIECE + 1]
-            rows = np.arange(start, start + len(part) - 1) + self.first
-            columns = self.blocks.indices[part[0] : part[-1]]
-            A.setValuesBlockedIJV(
-                (part - part[0]).astype(PETSc.IntType),
-                columns.astype(PETSc.IntType),
-                np.zeros(len(columns) * dim**2),
-                rowmap=rows.astype(PETSc.IntType),
-            )
+            part = scipy.sparse.kron(self.blocks[start : start + PIECE], each, "bsr").tocsr()
+            rows = np.arange(part.shape[0]) + (self.first + start) * dim
+            _put_zeros(A, rows, part)
         rows = np.nonzero(more)[0]
-        A.setValuesIJV(
-            np.append(0, np.cumsum(more[rows])).astype(PETSc.IntType),
-            self.entries.indices.astype(PETSc.IntType),
-            np.zeros(len(self.entries.indices)),
-            rowmap=(rows + self.first * dim).astype(PETSc.IntType),
-        )
+        _put_zeros(A, rows + self.first * dim, self.entries[rows])
         A.assemble()
 
 
@@ -130,6 +120,16 @@ def cell_matrix(space: dolfinx.fem.FunctionSpace, cells: Ints | None = None) -> 
     pattern = Pattern(space)
     pattern.add_cells(cells)
     return pattern.matrix()
+
+
+def _put_zeros(A: PETSc.Mat, rows: Longs, entries: scipy.sparse.csr_matrix) -> None:
+    """Put zeros into global ``rows`` (r,) of a matrix, wherever there are entries (r, n)."""
+    A.setValuesIJV(
+        entries.indptr.astype(PETSc.IntType),
+        entries.indices.astype(PETSc.IntType),
+        np.zeros(len(entries.indices)),
+        rowmap=rows.astype(PETSc.IntType),
+    )
 
 
 def _table(row: Longs, column: Longs, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
