@@ -78,14 +78,8 @@ class GeneratedGeometry(Model):
     sizes_by: ClassVar[str] = "contact_size or growth"
     bodies: ClassVar[tuple[str, ...]] = ("elastomer", "aluminium")
     surfaces: ClassVar[tuple[str, ...]] = (
-        "elastomer_contact",
-        "aluminium_contact",
-        "top",
-        "bottom",
-        "elastomer_left",
-        "elastomer_right",
-        "aluminium_left",
-        "aluminium_right",
+        *("elastomer_contact", "aluminium_contact", "top", "bottom"),
+        *("elastomer_left", "elastomer_right", "aluminium_left", "aluminium_right"),
     )
 
     max_cells: MaxCells = MOST_CELLS

@@ -211,31 +211,13 @@ def slide_at_speeds(
 
 
 MAP_COLUMNS = (
-    "thickness [m]",
-    "pressure [Pa]",
-    "velocity [m/s]",
-    "traction [Pa]",
-    "effective_viscosity [Pa*s]",
-    "friction_coefficient [-]",
-    "bulk_fluid_stress [Pa]",
-    "closed_form_traction [Pa]",
-    "alpha [-]",
-    "mu [-]",
-    "regime",
-    "steady",
+    *("thickness [m]", "pressure [Pa]", "velocity [m/s]", "traction [Pa]"),
+    *("effective_viscosity [Pa*s]", "friction_coefficient [-]", "bulk_fluid_stress [Pa]"),
+    *("closed_form_traction [Pa]", "alpha [-]", "mu [-]", "regime", "steady"),
 )
 TRACK_COLUMNS = (
-    "thickness [m]",
-    "phase",
-    "time [s]",
-    "slip [m]",
-    "velocity [m/s]",
-    "traction [Pa]",
-    "alpha [-]",
-    "mu [-]",
-    "slip_path [m]",
-    "regime",
-    "dissipated [J/m^2]",
+    *("thickness [m]", "phase", "time [s]", "slip [m]", "velocity [m/s]", "traction [Pa]"),
+    *("alpha [-]", "mu [-]", "slip_path [m]", "regime", "dissipated [J/m^2]"),
 )
 
 

@@ -59,17 +59,8 @@ _OVER_DECADES = ("velocity", "effective_viscosity", "slip_speed")  # with their 
 MANY = 1e4  # largest over smallest
 MANY_ROWS = 12  # from which a table of details is folded
 _ALWAYS = (
-    "label",
-    "pair",
-    "surface",
-    "body",
-    "tool",
-    "probe",
-    "bend_angle",
-    "time",
-    "normal_force",
-    "force_x",
-    "force_y",
+    *("label", "pair", "surface", "body", "tool", "probe", "bend_angle", "time", "normal_force"),
+    *("force_x", "force_y"),
 )
 
 

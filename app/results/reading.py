@@ -43,15 +43,9 @@ CUT_OFF = "is cut off or not"
 # Columns that every table has, and those that some have beside them; a sweep's has its own.
 STEP_COLUMNS = ("step", "time", "stage")
 NAME_COLUMNS = {
-    "contacts": ("pair",),
-    "surfaces": ("surface",),
-    "bodies": ("body",),
-    "tools": ("tool",),
-    "probes": ("probe",),
-    "body_probes": ("probe",),
-    "contact_probes": ("probe",),
-    "shape_probes": ("probe",),
-    "surface_probes": ("probe",),
+    **{"contacts": ("pair",), "surfaces": ("surface",), "bodies": ("body",), "tools": ("tool",)},
+    **dict.fromkeys(("probes", "body_probes", "contact_probes"), ("probe",)),
+    **dict.fromkeys(("shape_probes", "surface_probes"), ("probe",)),
 }
 SWEEP_COLUMNS = ("label", "steady")
 SUMMARY_KINDS: dict[str, type] = {"load_steps": list, "parts": dict, "bodies": list}

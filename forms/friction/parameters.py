@@ -148,14 +148,8 @@ class FrictionMapParameters(FilmRheology):
 
 
 _PAPER: dict[str, Any] = {
-    "eta_b": 0.8,
-    "D_min": 0.0,
-    "D_max": 250e-9,
-    "gamma": 4.0e-25,
-    "transition_width": 0.0,
-    "flow_rule": "literal",
-    "reentry": "literal",
-    "switch": "implicit",
+    **{"eta_b": 0.8, "D_min": 0.0, "D_max": 250e-9, "gamma": 4.0e-25, "transition_width": 0.0},
+    **{"flow_rule": "literal", "reentry": "literal", "switch": "implicit"},
 }
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
@@ -172,14 +166,9 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         # to the user: the printed gamma puts it below anything that can be resolved.
         "friction-map": MappingProxyType(
             {
-                "eta_b": 0.8,
-                "D_min": 0.0,
-                "D_max": 250e-9,
+                **{"eta_b": 0.8, "D_min": 0.0, "D_max": 250e-9, "transition_width": 0.03},
                 "alpha": ((10e-9, 0.039), (30e-9, 0.9967), (180e-9, 0.9999)),
-                "transition_width": 0.03,
-                "flow_rule": "weighted",
-                "reentry": "consistent",
-                "switch": "implicit",
+                **{"flow_rule": "weighted", "reentry": "consistent", "switch": "implicit"},
             }
         ),
     }

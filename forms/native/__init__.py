@@ -9,20 +9,9 @@ from pathlib import Path
 from tribox.geometry.native.compiler import compiled
 
 SOURCES = (
-    "plane_kernel.c",
-    "space_kernel.c",
-    "elastic_points.c",
-    "plane_contact.c",
-    "space_contact.c",
-    "space_pair.c",
-    "plane_pair.c",
-    "central_slip.c",
-    "plastic_points.c",
-    "viscous_points.c",
-    "point_cells.c",
-    "cell_places.c",
-    "block_sweeps.c",
-    "film_balance.c",
+    *("plane_kernel.c", "space_kernel.c", "elastic_points.c", "plane_contact.c", "space_contact.c"),
+    *("space_pair.c", "plane_pair.c", "central_slip.c", "plastic_points.c", "viscous_points.c"),
+    *("point_cells.c", "cell_places.c", "block_sweeps.c", "film_balance.c"),
 )
 
 

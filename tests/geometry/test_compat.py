@@ -10,22 +10,9 @@ ROOT = Path(__file__).parents[2]
 ALONE = ROOT / "geometry" / "compat.py"
 # Names that DOLFINx renamed, or whose arguments or results it changed, between 0.9 and 0.11.
 VERSIONED = {
-    "EntityMap",
-    "cmap",
-    "cmaps",
-    "compute_integration_domains",
-    "create_mesh",
-    "create_submesh",
-    "create_vector",
-    "dofmaps",
-    "entities_to_geometry",
-    "entity_maps",
-    "get_options",
-    "gmshio",
-    "interpolation_points",
-    "pack_coefficients",
-    "pack_constants",
-    "sub_topology_to_topology",
+    *("EntityMap", "cmap", "cmaps", "compute_integration_domains", "create_mesh", "create_submesh"),
+    *("create_vector", "dofmaps", "entities_to_geometry", "entity_maps", "get_options", "gmshio"),
+    *("interpolation_points", "pack_coefficients", "pack_constants", "sub_topology_to_topology"),
 }
 # Attributes that begin with an underscore and are not this project's own.
 FOREIGN = {"_cpp_object", "_cpp", "_ufl_domain", "_geometry", "_topology", "_mesh", "_V"}

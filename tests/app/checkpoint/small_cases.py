@@ -270,16 +270,25 @@ _OBLIQUE = [
     {"surface": "elastomer_left", "foundation": {"tangential": "1e9 Pa/m", "normal": "1e9 Pa/m"}},
 ]  # fmt: skip
 
+_FAR = {
+    "x": [["1 s", "0 mm"], ["2 s", "0.2 mm"]],
+    "y": [["0 s", "0 mm"], ["1 s", "-0.05 mm"]],
+}
+_BY_BOTH = {
+    **{"direction": "y", "force": [["0 s", 0], ["1 s", "1 N"]]},
+    **{"displacement": [["1 s", "0.02 mm"], ["2 s", "0.03 mm"]], "displacement_stages": ["slide"]},
+}
+_WHILE_IT_FLIES = [
+    BOTTOM,
+    {"surface": "elastomer_left", "velocity": {"x": 0}, "stages": ["hold"]},
+    {"surface": "elastomer_right", "traction": {"y": "1 kPa"}, "foundation": {"normal": 1e9},
+     "stages": ["hold", "off"]},
+]  # fmt: skip
+
 IMPLICIT: dict[str, Maker] = {
     "coulomb": block(probe=PROBES),
     "cut": block(
-        {
-            "surface": "top",
-            "displacement": {
-                "x": [["1 s", "0 mm"], ["2 s", "0.2 mm"]],
-                "y": [["0 s", "0 mm"], ["1 s", "-0.05 mm"]],
-            },
-        },
+        {"surface": "top", "displacement": _FAR},
         {"surface": "elastomer_right", "pressure": "5 kPa", "stages": ["slide"]},
         stage=[STAGES[0], STAGES[1] | {"steps": 2}],
         solver={"max_iterations": 2},
@@ -287,17 +296,7 @@ IMPLICIT: dict[str, Maker] = {
     "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
     "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),
     "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),
-    "platen by both": block(
-        {
-            **_TOP,
-            "platen": {
-                "direction": "y",
-                "force": [["0 s", 0], ["1 s", "1 N"]],
-                "displacement": [["1 s", "0.02 mm"], ["2 s", "0.03 mm"]],
-                "displacement_stages": ["slide"],
-            },
-        }
-    ),
+    "platen by both": block({**_TOP, "platen": _BY_BOTH}),
     "pressure": block({**_TOP, "pressure": [["0 s", 0], ["1 s", "0.5 MPa"]]}),
     "spring": block(
         {"surface": "top", "displacement": {"y": [["0 s", 0], ["1 s", "-0.03 mm"]]}},
@@ -336,20 +335,9 @@ EXPLICIT: dict[str, Maker] = {
     "until steady": plain(SLID, {**_THIN, "stage.1": _RAMPED}),
     "boundaries by stage": plain(
         THROWN,
-        {
-            **COARSE,
-            **{"gravity": {"y": -1e6, "stages": ["fly"]}},
-            "boundary": [
-                BOTTOM,
-                {"surface": "elastomer_left", "velocity": {"x": 0}, "stages": ["hold"]},
-                {
-                    "surface": "elastomer_right",
-                    **{"traction": {"y": "1 kPa"}, "foundation": {"normal": 1e9}},
-                    "stages": ["hold", "off"],
-                },
-            ],
-            "stage": [{"name": n, "duration": "5 us", "steps": 2} for n in ("fly", "hold", "off")],
-        },
+        COARSE
+        | {"gravity": {"y": -1e6, "stages": ["fly"]}, "boundary": _WHILE_IT_FLIES}
+        | {"stage": [{"name": n, "duration": "5 us", "steps": 2} for n in ("fly", "hold", "off")]},
     ),
     "own law": lambda directory: (
         changed(THROWN, _FLUNG) | {"contact": own_law(directory)["contact"]}

@@ -29,16 +29,10 @@ STRUCK = {
 PRONY = [[0.3, "0.2 s"], [0.2, "2 s"]]
 MULLINS = {"r": 1.5, "m": "20 kPa", "beta": 0.1}
 BACK = [["2 MPa", 20], ["1 MPa", 0]]
+RUBBER = {"bodies.elastomer.prony": PRONY, "bodies.elastomer.mullins": MULLINS}
+CREEP = [STAGES[0] | {"rate_dependent": False}, STAGES[1]]
 CASES: dict[str, dict[str, Any]] = {
-    "creep": changed(
-        BLOCK,
-        COARSE
-        | {
-            "stage": [STAGES[0] | {"rate_dependent": False}, STAGES[1]],
-            "bodies.elastomer.prony": PRONY,
-            "bodies.elastomer.mullins": MULLINS,
-        },
-    ),
+    "creep": changed(BLOCK, COARSE | RUBBER | {"stage": CREEP}),
     "implicit": soft_block(probe=PROBES, bodies__aluminium__kinematic=BACK),
     "cut": soft_block(rated=True, solver={"max_iterations": 3}),
     "explicit": soft_block(

@@ -45,59 +45,45 @@ STRIBECK = StribeckLaw(
     StribeckParameters(mu_s=0.3, mu_d=0.2, V_s=0.1, delta=1.5, viscous=2.0, K_T=60.0)
 )
 SLIDE = (0.16, -0.08)
-SETTINGS = {
-    "stick": (Setting(coulomb(50.0)), Regime.STICK),
-    "slip": (Setting(coulomb(0.2), now=SLIDE), Regime.SLIP),
-    "no friction": (Setting(FrictionlessLaw(), now=SLIDE), Regime.SLIP),
-    "stick of the map": (Setting(film_map(mu_s=50.0, mu_d=40.0), FILM), Regime.STICK),
-    "dry slip of the map": (Setting(film_map(), 0.0, now=SLIDE), Regime.SLIP),
-    "mixed": (Setting(film_map(), FILM, now=SLIDE), Regime.MIXED),
-    "mixed, literal flow rule": (
-        Setting(film_map(flow_rule="literal"), FILM, now=SLIDE),
-        Regime.MIXED,
-    ),
-    "mixed in the transition": (
-        Setting(film_map(V_star=0.11, transition_width=0.6), FILM, now=SLIDE),
-        Regime.MIXED,
-    ),
-    "viscous by speed": (Setting(film_map(V_star=1e-3), FILM, now=SLIDE), Regime.VISCOUS),
-    "viscous by thickness": (Setting(film_map(), 1.5, now=SLIDE), Regime.VISCOUS),
-    "whole film at once": (
-        Setting(film_map(film_onset_pressure=0.0), FILM, now=SLIDE),
-        Regime.MIXED,
-    ),
-    "film over the pressure": (
-        Setting(film_map(), FilmTable(((0.0, 0.8), (20.0, 0.3))), now=SLIDE),
-        Regime.MIXED,
-    ),
-    "film with a rheology": (
-        Setting(
-            film_map(tau_0=0.5, zeta=0.1, critical_rate=0.2, thinning_exponent=0.5, barus=0.1),
-            FILM,
-            now=SLIDE,
-        ),
-        Regime.MIXED,
-    ),
-    "stribeck": (Setting(STRIBECK, now=SLIDE), Regime.SLIP),
-    "rates off": (Setting(film_map(), FILM, rate_dependent=False), Regime.MIXED),
-    "onset": (Setting(coulomb(0.9)), Regime.STICK),
-    "onset, sliding part": (Setting(coulomb(0.9)), Regime.SLIP),
-    "groove": (
-        Setting(coulomb(0.2), now=SLIDE, degree=20, bend=0.3, before=(0.0, -0.1)),
-        Regime.SLIP,
-    ),
-    "closing": (Setting(coulomb(50.0), before=(0.0, 0.02), now=(0.06, -0.05)), Regime.STICK),
-    "partly open": (Setting(coulomb(0.3), now=(0.12, -0.003), degree=9), Regime.SLIP),
-    "open part": (Setting(film_map(), FILM, now=(0.12, -0.003), degree=9), Regime.OPEN),
-    "open": (Setting(coulomb(0.2), now=(0.0, 0.3)), Regime.OPEN),
+THIN = film_map(tau_0=0.5, zeta=0.1, critical_rate=0.2, thinning_exponent=0.5, barus=0.1)
+BY_REGIME = {
+    Regime.STICK: {
+        "stick": Setting(coulomb(50.0)),
+        "stick of the map": Setting(film_map(mu_s=50.0, mu_d=40.0), FILM),
+        "onset": Setting(coulomb(0.9)),
+        "closing": Setting(coulomb(50.0), before=(0.0, 0.02), now=(0.06, -0.05)),
+    },
+    Regime.SLIP: {
+        "slip": Setting(coulomb(0.2), now=SLIDE),
+        "no friction": Setting(FrictionlessLaw(), now=SLIDE),
+        "dry slip of the map": Setting(film_map(), 0.0, now=SLIDE),
+        "stribeck": Setting(STRIBECK, now=SLIDE),
+        "onset, sliding part": Setting(coulomb(0.9)),
+        "groove": Setting(coulomb(0.2), now=SLIDE, degree=20, bend=0.3, before=(0.0, -0.1)),
+        "partly open": Setting(coulomb(0.3), now=(0.12, -0.003), degree=9),
+    },
+    Regime.MIXED: {
+        "mixed": Setting(film_map(), FILM, now=SLIDE),
+        "mixed, literal flow rule": Setting(film_map(flow_rule="literal"), FILM, now=SLIDE),
+        "in the transition": Setting(film_map(V_star=0.11, transition_width=0.6), FILM, now=SLIDE),
+        "whole film at once": Setting(film_map(film_onset_pressure=0.0), FILM, now=SLIDE),
+        "over pressure": Setting(film_map(), FilmTable(((0.0, 0.8), (20.0, 0.3))), now=SLIDE),
+        "film with a rheology": Setting(THIN, FILM, now=SLIDE),
+        "rates off": Setting(film_map(), FILM, rate_dependent=False),
+    },
+    Regime.VISCOUS: {
+        "viscous by speed": Setting(film_map(V_star=1e-3), FILM, now=SLIDE),
+        "viscous by thickness": Setting(film_map(), 1.5, now=SLIDE),
+    },
+    Regime.OPEN: {
+        "open part": Setting(film_map(), FILM, now=(0.12, -0.003), degree=9),
+        "open": Setting(coulomb(0.2), now=(0.0, 0.3)),
+    },
 }
-
-
+SETTINGS = {name: (one, kind) for kind, of in BY_REGIME.items() for name, one in of.items()}
 for name in ("stick", "slip", "mixed", "groove", "closing", "partly open", "open part"):
-    SETTINGS[f"{name}, pointwise"] = (
-        replace(SETTINGS[name][0], pressure="pointwise"),
-        SETTINGS[name][1],
-    )
+    setting, kind = SETTINGS[name]
+    SETTINGS[f"{name}, pointwise"] = replace(setting, pressure="pointwise"), kind
 
 
 def wave(bend, phase, turn):

@@ -32,24 +32,11 @@ from tribox.forms.friction.law import Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
 CASES = Path(__file__).parents[3] / "cases"
-FILES = {
-    "friction_map.csv",
-    "load_map.csv",
-    "slip_weakening.csv",
-    "start_stop.csv",
-    "velocity_jump.csv",
-    "summary.json",
-    "figures",
-}
-FIGURES = {
-    "friction_map_thickness.png",
-    "friction_map_load.png",
-    "effective_viscosity.png",
-    "stribeck.png",
-    "slip_weakening.png",
-    "start_stop.png",
-    "velocity_jump.png",
-}
+OVER_SLIP = ("slip_weakening", "start_stop", "velocity_jump")
+TABLES = ("friction_map", "load_map", *OVER_SLIP)
+FILES = {*(f"{name}.csv" for name in TABLES), "summary.json", "figures"}
+PICTURES = ("friction_map_thickness", "friction_map_load", "effective_viscosity", "stribeck")
+FIGURES = {f"{name}.png" for name in (*PICTURES, *OVER_SLIP)}
 
 
 def law(**changes):

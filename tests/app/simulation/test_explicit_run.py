@@ -110,13 +110,8 @@ def test_energies_balance_in_impact_with_friction(thrown):
 def test_velocities_end_when_the_mean_force_is_steady():
     data = tomllib.loads(SLID)
     data["stage"][1] = {
-        "name": "slide",
-        "velocities": [0.3, 0.6],
-        "slip_step": 1e-6,
-        "ramp": 8e-6,
-        "min_steps": 2,
-        "max_steps": 30,
-        "steady_tolerance": 0.1,
+        **{"name": "slide", "velocities": [0.3, 0.6], "slip_step": 1e-6, "ramp": 8e-6},
+        **{"min_steps": 2, "max_steps": 30, "steady_tolerance": 0.1},
     }
     load_steps = []
 

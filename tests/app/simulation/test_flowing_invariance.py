@@ -42,28 +42,15 @@ def pressed(path: Path, angle: float = 0.0, metre: float = 1.0, pascal: float = 
 
     down, along = moved(0.0, -DEPTH), moved(DRAG, -DEPTH)
     hardening = VOCE | {key: VOCE[key] / pascal for key in ("yield_stress", "saturation_stress")}
+    metal = {"material": "elastoplastic", "E": 70e9 / pascal, "nu": 0.33, "hardening": hardening}
+    path_of = {
+        key: [["0 s", 0.0], ["1 s", down[k]], ["2 s", along[k]]] for k, key in enumerate("xy")
+    }
+    punch = {"shape": "circle", "centre": moved(1.9e-3, HEIGHT + RADIUS), "radius": RADIUS / metre}
     return {
         "geometry": {"mesh": str(turned_mesh(path, angle, metre)), "thickness": 2e-3 / metre},
-        "bodies": {
-            "block": {
-                "material": "elastoplastic",
-                "E": 70e9 / pascal,
-                "nu": 0.33,
-                "hardening": hardening,
-                "density": 2700.0 * metre**2 / pascal,
-            }
-        },
-        "tools": {
-            "punch": {
-                "shape": "circle",
-                "centre": moved(1.9e-3, HEIGHT + RADIUS),
-                "radius": RADIUS / metre,
-                "displacement": {
-                    key: [["0 s", 0.0], ["1 s", down[k]], ["2 s", along[k]]]
-                    for k, key in enumerate("xy")
-                },
-            }
-        },
+        "bodies": {"block": metal | {"density": 2700.0 * metre**2 / pascal}},
+        "tools": {"punch": punch | {"displacement": path_of}},
         "contact": [{"slave": "top", "master": "punch", "friction": {"law": "coulomb", "mu": 0.1}}],
         "boundary": [{"surface": "bottom", "displacement": {"x": 0, "y": 0}}],
         "stage": [dict(stage) for stage in STAGES],

@@ -56,18 +56,12 @@ def pressed(shape: str, nu: float, steps: int, top: dict | None = None) -> dict:
             for axis in "xz":
                 here = {"surface": f"{body}_symmetry_{axis}", "displacement": {axis: 0}}
                 boundaries.append(here)
+    pair = {"slave": "elastomer_contact", "master": "aluminium_contact", "penalty_factor": 3}
     return {
         "title": shape,
         "geometry": geometry,
         "bodies": {"elastomer": elastomer, "aluminium": elastomer | {"E": 5e9, "nu": 0.3}},
-        "contact": [
-            {
-                "slave": "elastomer_contact",
-                "master": "aluminium_contact",
-                "friction": {"law": "frictionless"},
-                "penalty_factor": 3,
-            }
-        ],
+        "contact": [pair | {"friction": {"law": "frictionless"}}],
         "boundary": boundaries,
         "stage": [{"name": "press", "duration": 1.0, "steps": steps}],
     }

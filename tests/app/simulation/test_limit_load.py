@@ -21,17 +21,12 @@ def bar(load: float, **body: object) -> dict:
     """A bar in plane strain, pulled by a platen under a stress that grows to ``load`` (Pa)."""
     metal = {"material": "elastoplastic", "E": 70e9, "nu": 0.33, "hardening": SWIFT}
     blocks = {"bar": {"x": [0, 1e-2], "y": [0, HEIGHT], "elements": [5, 1]}}
+    platen = {"direction": "x", "pressure": [[0, 0], [2, -2.0 * load]]}
+    sides = [{"surface": f"bar_{side}", "symmetry": True} for side in ("left", "bottom")]
     return {
         "geometry": {"kind": "blocks", "blocks": blocks},
         "bodies": {"bar": body or metal},
-        "boundary": [
-            {"surface": "bar_left", "symmetry": True},
-            {"surface": "bar_bottom", "symmetry": True},
-            {
-                "surface": "bar_right",
-                "platen": {"direction": "x", "pressure": [[0, 0], [2, -2.0 * load]]},
-            },
-        ],
+        "boundary": [*sides, {"surface": "bar_right", "platen": platen}],
         "stage": [{"name": "pull", "duration": 1, "steps": 10}],
     }
 

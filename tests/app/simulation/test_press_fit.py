@@ -151,25 +151,14 @@ def ring_mesh(path, around=144, layers=3):
 def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):
     r"""A shaft in the plane turns in a ring that is held outside: :math:`M = \mu p\, 2\pi R^2`."""
     modulus, nu, larger = 10e6, 0.3, 50e-6
+    shaft = {"shape": "circle", "centre": [0, 0], "radius": BORE}
+    shaft["rotation"] = {"angle": [[1.0, 0.0], [2.0, 0.02]]}
+    pair = {"slave": "bore", "master": "shaft", "interference": larger}
     data = {
         "geometry": {"mesh": str(ring_mesh(tmp_path / "ring.msh")), "thickness": HIGH},
         "bodies": {"ring": {"material": "neo-hookean", "E": modulus, "nu": nu}},
-        "tools": {
-            "shaft": {
-                "shape": "circle",
-                "centre": [0, 0],
-                "radius": BORE,
-                "rotation": {"angle": [[1.0, 0.0], [2.0, 0.02]]},
-            }
-        },
-        "contact": [
-            {
-                "slave": "bore",
-                "master": "shaft",
-                "interference": larger,
-                "friction": {"law": "coulomb", "mu": MU},
-            }
-        ],
+        "tools": {"shaft": shaft},
+        "contact": [pair | {"friction": {"law": "coulomb", "mu": MU}}],
         "boundary": [{"surface": "outside", "displacement": {"x": 0, "y": 0}}],
         "stage": [
             {"name": "fit", "duration": 1.0, "steps": 2},

@@ -146,16 +146,9 @@ bodies.base = { material = "neo-hookean", E = "3 MPa", nu = 0.3 }
 [geometry]
 kind = "blocks"
 """
-FILM = {
-    "friction": {
-        "preset": "friction-map",
-        "mu_s": 0.1,
-        "K_T": "1e11 Pa/m",
-        "V_star": "0.1 mm/s",
-        "V_star_at": "30 nm",
-    },
-    "film": {"thickness": "180 nm"},
-}
+MAP = {"preset": "friction-map", "mu_s": 0.1, "K_T": "1e11 Pa/m"}
+MAP |= {"V_star": "0.1 mm/s", "V_star_at": "30 nm"}
+FILM = {"friction": MAP, "film": {"thickness": "180 nm"}}
 
 
 def pressed_in(comm, directory, half, contact):

@@ -111,17 +111,14 @@ def test_a_tool_that_lets_go_takes_its_forces_off_evenly(tmp_path, motion, relea
 
 def test_what_still_holds_a_node_bears_its_force_when_another_surface_lets_go():
     """A confined block; bottom and top hold all that the side has held, and go on to."""
-    fast = {"x": 0, "y": 0}
+    block = {"x": [0, 2], "y": [0, 1], "elements": [2, 1]}
     data = {
-        "geometry": {
-            "kind": "blocks",
-            "blocks": {"block": {"x": [0, 2], "y": [0, 1], "elements": [2, 1]}},
-        },
+        "geometry": {"kind": "blocks", "blocks": {"block": block}},
         "bodies": {"block": {"material": "neo-hookean", "E": 10, "nu": 0.3}},
         "contact": [],
         "boundary": [
             {"surface": "block_right", "displacement": {"x": 0}},
-            {"surface": "block_bottom", "displacement": fast},
+            {"surface": "block_bottom", "displacement": {"x": 0, "y": 0}},
             {"surface": "block_top", "displacement": {"x": 0, "y": [[0, 0], [1, -0.1]]}},
         ],
         "stage": [
@@ -138,33 +135,25 @@ def test_what_still_holds_a_node_bears_its_force_when_another_surface_lets_go():
 
 def test_two_bodies_that_let_go_of_each_other_spring_back_both():
     """A pair of facets: its forces are at the nodes of both surfaces."""
-    glued = {"displacement": {"x": 0}}
+    blocks = {
+        "low": {"x": [0, 4], "y": [0, 1], "elements": [4, 2]},
+        "high": {"x": [1, 3], "y": [1, 2], "elements": [3, 2]},
+    }
+    platen = {"platen": {"direction": "y", "force": [[0, 0], [1, 1]]}, "displacement": {"x": 0}}
     data = {
-        "geometry": {
-            "kind": "blocks",
-            "blocks": {
-                "low": {"x": [0, 4], "y": [0, 1], "elements": [4, 2]},
-                "high": {"x": [1, 3], "y": [1, 2], "elements": [3, 2]},
-            },
-        },
-        "bodies": {n: {"material": "neo-hookean", "E": 10, "nu": 0.3} for n in ("low", "high")},
+        "geometry": {"kind": "blocks", "blocks": blocks},
+        "bodies": {n: {"material": "neo-hookean", "E": 10, "nu": 0.3} for n in blocks},
         "contact": [{"slave": "high_bottom", "master": "low_top", "friction": DRY}],
         "boundary": [
             {"surface": "low_bottom", "displacement": {"x": 0, "y": 0}},
-            {
-                "surface": "high_top",
-                **glued,
-                "platen": {"direction": "y", "force": [[0, 0], [1, 1]]},
-            },
+            {"surface": "high_top", "stages": ["press"], **platen},
+            {"surface": "high_top", "stages": ["let go"], "displacement": {"x": 0, "y": 0}},
         ],
         "stage": [
             {"name": "press", "duration": 1, "steps": 1},
             {"name": "let go", "duration": 1, "steps": 2, "release": ["high_bottom-low_top"]},
         ],
     }
-    data["boundary"][1]["stages"] = ["press"]
-    data["boundary"].append({"surface": "high_top", "displacement": {"x": 0, "y": 0}})
-    data["boundary"][2]["stages"] = ["let go"]
     simulation = run_data(data)
     forces = [simulation.state.motion.of_surface(s, "force_y") for s in ("high_bottom", "low_top")]
     assert forces[0] == pytest.approx([0.0, 0.5, 0.0], abs=1e-7)
@@ -201,21 +190,13 @@ def test_a_strip_springs_back_from_tools_as_from_tools_that_leave_it(tmp_path):
 
 def test_a_strip_that_all_its_tools_let_go_of_floats_along_its_plane_of_symmetry():
     """The plane bears what the tools' forces have along its normal; nothing holds it else."""
+    strip = {"x": [0, 12], "y": [0, 1], "elements": [12, 2]}
+    punch = {"shape": "circle", "centre": [0, 4], "radius": 3}
+    punch["displacement"] = {"y": [[0, 0], [1, -1]]}
     data = {
-        "geometry": {
-            "kind": "blocks",
-            "blocks": {"strip": {"x": [0, 12], "y": [0, 1], "elements": [12, 2]}},
-        },
+        "geometry": {"kind": "blocks", "blocks": {"strip": strip}},
         "bodies": {"strip": {"material": "neo-hookean", "E": 10, "nu": 0.3}},
-        "tools": {
-            "punch": {
-                "shape": "circle",
-                "centre": [0, 4],
-                "radius": 3,
-                "displacement": {"y": [[0, 0], [1, -1]]},
-            },
-            "die": {"shape": "circle", "centre": [8, -2], "radius": 2},
-        },
+        "tools": {"punch": punch, "die": {"shape": "circle", "centre": [8, -2], "radius": 2}},
         "contact": [
             {"slave": "strip_top", "master": "punch", "friction": {"law": "frictionless"}},
             {"slave": "strip_bottom", "master": "die", "friction": {"law": "frictionless"}},

@@ -20,35 +20,15 @@ YIELD, DEEP, THICK = 100e6, 0.6e-3, 1e-3
 
 def case(cells, **tool):
     """Half of a block that a frictionless wedge of 45 degrees to either side goes into."""
+    hardening = {"law": "linear", "yield_stress": YIELD, "modulus": "1 MPa"}
+    metal = {"material": "elastoplastic", "E": "70 GPa", "nu": 0.33, "hardening": hardening}
+    spans = {"x": [0, "4 mm"], "y": ["-4 mm", 0], "elements": cells, "grading": [3, 1 / 3]}
+    wedge = {"shape": "polyline", "points": [["9 mm", "9 mm"], [0, 0], ["-9 mm", "9 mm"]]}
+    wedge["displacement"] = {"y": [[0.0, 0.0], [1.0, -DEEP]]}
     return {
-        "geometry": {
-            "kind": "blocks",
-            "thickness": THICK,
-            "blocks": {
-                "metal": {
-                    "x": [0, "4 mm"],
-                    "y": ["-4 mm", 0],
-                    "elements": cells,
-                    "grading": [3, 1 / 3],
-                }
-            },
-        },
-        "bodies": {
-            "metal": {
-                "material": "elastoplastic",
-                "E": "70 GPa",
-                "nu": 0.33,
-                "hardening": {"law": "linear", "yield_stress": YIELD, "modulus": "1 MPa"},
-            }
-        },
-        "tools": {
-            "wedge": {
-                "shape": "polyline",
-                "points": [["9 mm", "9 mm"], [0, 0], ["-9 mm", "9 mm"]],
-                "displacement": {"y": [[0.0, 0.0], [1.0, -DEEP]]},
-            }
-            | tool
-        },
+        "geometry": {"kind": "blocks", "thickness": THICK, "blocks": {"metal": spans}},
+        "bodies": {"metal": metal},
+        "tools": {"wedge": wedge | tool},
         "contact": [{"slave": "metal_top", "master": "wedge", "friction": {"law": "frictionless"}}],
         "boundary": [
             {"surface": "metal_left", "symmetry": True},

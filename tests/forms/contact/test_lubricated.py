@@ -32,18 +32,11 @@ MAP = FrictionMap(
 
 
 def film_model(**changes):
-    values = {
-        "rough": RoughGap(SIGMA),
-        "asperities": Exponential(1.0, SIGMA),
-        "rheology": FilmRheology(
-            eta_b=1e-2, barus=0.1, critical_rate=1.0, thinning_exponent=0.7, eta_inf=1e-4
-        ),
-        "share": "contact",
-        "oil": np.inf,
-        "reach": 0.3,
-        "steady": True,
-        "scale": 1.0,
-    }
+    oil = FilmRheology(
+        eta_b=1e-2, barus=0.1, critical_rate=1.0, thinning_exponent=0.7, eta_inf=1e-4
+    )
+    values = {"rough": RoughGap(SIGMA), "asperities": Exponential(1.0, SIGMA), "rheology": oil}
+    values |= {"share": "contact", "oil": np.inf, "reach": 0.3, "steady": True, "scale": 1.0}
     return FilmModel(**{**values, **changes})
 
 

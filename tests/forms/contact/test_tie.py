@@ -6,8 +6,11 @@ from petsc4py import PETSc
 
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Scene
 from tribox.forms.contact import tie
+from tribox.forms.contact.explicit_compiled import explicit_contact
+from tribox.forms.contact.stiffness import PairStiffness
 from tribox.forms.contact.tie import TieTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
+from tribox.geometry.surfaces.surface import NodalVector
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +80,12 @@ def test_forces_are_those_of_the_energy_and_balance(shape):
 @pytest.mark.parametrize("shape", ["T3", "Q4", "T6", "Q9"])
 def test_the_tangent_in_the_plane_is_exact(shape):
     boxes = scene(shape)
-    assert boxes.error(boxes.vector([0.03, -0.01], 0.05, 0.4, 0.02), steps=(1e-3, 1e-4)) < 1e-9
+    x = boxes.vector([0.03, -0.01], 0.05, 0.4, 0.02)
+    assert boxes.error(x, steps=(1e-3, 1e-4)) < 1e-9
+    # All nodes that it couples are known beforehand: the matrix has room for them.
+    row, column = np.nonzero(np.triu(boxes.tangent(x)) != 0.0)
+    coupled = {pair for pair in zip(row // 2, column // 2, strict=True) if pair[0] < pair[1]}
+    assert coupled and coupled <= set(map(tuple, boxes.term.coupled_pairs()))
 
 
 @pytest.mark.parametrize("shape", ["tet4", "hex8"])
@@ -89,6 +97,18 @@ def test_the_tangent_in_space_leaves_out_the_turning_of_a_gap(shape):
     assert boxes.error(small) < 0.005 < boxes.error(x)
     boxes.term._bulges = False
     assert boxes.error(x, steps=(1e-3, 1e-4)) < 1e-9
+
+
+@pytest.mark.parametrize("shape", ["T3", "Q4"])
+def test_the_stiffness_for_explicit_steps_is_that_of_the_undeformed_tie(shape):
+    boxes = scene(shape)
+    contact = explicit_contact(boxes.term)
+    u, w, out = (NodalVector(boxes.space) for _ in range(3))
+    contact.evaluate(u, 1.0)
+    w.owned[:] = np.random.default_rng(3).normal(size=boxes.size)
+    PairStiffness(contact).add(w, out)
+    wanted = boxes.tangent(unknowns(boxes, np.zeros(boxes.size))) @ w.owned
+    np.testing.assert_allclose(out.owned, wanted, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_a_tie_with_nothing_beside_it_is_refused(monkeypatch):

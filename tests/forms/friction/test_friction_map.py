@@ -39,19 +39,9 @@ class Step:
 
 
 def parameters(**changes: Any) -> FrictionMapParameters:
-    values: dict[str, Any] = {
-        "mu_s": 0.12,
-        "mu_d": 0.07,
-        "A_d": 2e-7,
-        "B": 5e5,
-        "K_T": K_T,
-        "eta_b": 0.8,
-        "D_min": 5e-9,
-        "D_max": 250e-9,
-        "beta": 0.3,
-        "V_star": V_STAR,
-        "V_star_at": 50e-9,
-    }
+    values: dict[str, Any] = {"mu_s": 0.12, "mu_d": 0.07, "A_d": 2e-7, "B": 5e5, "K_T": K_T}
+    values |= {"eta_b": 0.8, "D_min": 5e-9, "D_max": 250e-9, "beta": 0.3}
+    values |= {"V_star": V_STAR, "V_star_at": 50e-9}
     if "alpha" in changes:
         values.pop("beta")
     return FrictionMapParameters(**values | changes)

@@ -265,8 +265,9 @@ def test_branching_surfaces_are_refused():
         with pytest.raises(ValueError, match="branches"):
             FacetSurface(triangle, np.array(facets, dtype=np.int32), nodes)
     segment = facet_shape("interval", 1)
-    with pytest.raises(ValueError, match="branches: two of its facets start at one node"):
-        FacetSurface(segment, np.array([[0, 1], [0, 2]], dtype=np.int32), nodes[:, :2])
+    for word, facets in (("start", [[0, 1], [0, 2]]), ("end", [[1, 0], [2, 0]])):
+        with pytest.raises(ValueError, match=f"branches: two of its facets {word} at one node"):
+            FacetSurface(segment, np.array(facets, dtype=np.int32), nodes[:, :2])
 
 
 @pytest.mark.parametrize("kind", ALL, ids=ids)
