@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Constraint, Loads
-from tribox.app.build.mesh import bodies_sharing_nodes
+from tribox.app.build.mesh import bodies_sharing_nodes, bonded_groups
 from tribox.app.case.bodies import ElastoPlasticBody
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
@@ -30,6 +31,7 @@ from tribox.app.equilibrium.unknowns import Prescribed, box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import young_and_poisson
 from tribox.forms.bodies.solid import Solid
+from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.partition import metis_is_available
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -75,6 +77,9 @@ LINEAR = {
     ),
 }
 LOCKING = 25.0  # K/G of a body that flows, from which quadratic elements are said to lock
+SLENDER = 8.0  # length over thickness from which on a body in the plane is one that may bend
+HELD = 0.25  # share of what is around it that is held from which on it does not
+BENDING = 0.1  # share that the stiffness in bending is off by from which on it is told
 MANY = 0.5  # share of the cells that are allowed from which they are told
 LARGE = 1.0  # extent of a body, m, from which the unit of a mesh that was read is asked for
 
@@ -114,6 +119,80 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
                 f"body {solid.name}: linear {of_cell.plural} lock with K/G = {ratio:.3g} and are "
                 f"too stiff ({of_cell.measured}); use {of_cell.cure}"
             )
+
+
+class Slender(NamedTuple):
+    """A slender body in the plane; lengths in m."""
+
+    thickness: float
+    cell: float  # of the cells along its sides, root of the mean square
+    layers: float  # cells over the thickness
+
+
+def bending_bodies(case: Case, named: NamedMesh, problem: Equilibrium) -> Iterator[str]:
+    """A line on each slender body in the plane that linear cells bend too hard or too easily.
+
+    Collective. In pure bending a bilinear cell shears by the curvature times its length h, and the
+    stretch across each of n layers over the thickness t is constant: the stiffness is off by
+    (1 - nu)/2 (h/t)^2 + (c - 1)/n^2, c = 2 (1 - nu)/3 with a reduced volumetric part and
+    (1 - nu)^2/(1 - 2 nu) without. That of triangles is fitted to cantilevers, whose stiffness it
+    gives to 4 % of itself (nu = 0.3 and 0.49, two and four layers).
+    """
+    mesh, solids = named.mesh, problem.solids
+    if problem.dim > 2 or problem.space.element.basix_element.degree > 1:
+        return
+    held = [b.surface for b in case.boundary if (b.holds or b.foundation) and not b.symmetry]
+    held += [side for c in case.contact if c.tied for side in (c.slave, c.master)]
+    alone = {names[0] for names in bonded_groups(named) if len(names) == 1}
+    for solid in solids:
+        shape = _slender(named, solid, sorted({*held} & {*named.surfaces}))
+        if shape is None or solid.name not in alone:
+            continue
+        _, nu = young_and_poisson(solid.material.shear_modulus, solid.material.bulk_modulus)
+        long, deep = (shape.cell / shape.thickness) ** 2, 1.0 / shape.layers**2
+        if mesh.topology.cell_name() == "triangle":
+            off = 1.4 * (1.0 - nu) * long + 1.2 * deep
+        else:
+            layer = 2.0 * (1.0 - nu) / 3.0 if solid.reduced else (1.0 - nu) ** 2 / (1.0 - 2.0 * nu)
+            off = 0.5 * (1.0 - nu) * long + (layer - 1.0) * deep
+        if abs(off) > BENDING:
+            yield (
+                f"body {solid.name}: where it bends it is some {100.0 * abs(off):.2g} % too "
+                f"{'stiff' if off > 0.0 else 'soft'}: its linear cells are {shape.cell:.2g} m long,"
+                f" {shape.layers:.2g} over a thickness of {shape.thickness:.2g} m; use at least "
+                'four, no longer than a quarter of it, or formulation = "q2"'
+            )
+
+
+def _slender(named: NamedMesh, solid: Solid, held: Sequence[str]) -> Slender | None:
+    """The shape of a body that is free to bend; None of one that is not slender; collective."""
+    mesh, x = named.mesh, named.mesh.geometry.x
+    mesh.topology.create_connectivity(1, 2)
+    sides = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+    cells = mesh.topology.connectivity(1, 2)
+    mine = np.array([cells.links(side)[0] for side in sides], dtype=np.int32)
+    sides = sides[np.isin(mine, solid.cells)]
+    ends = x[entity_nodes(mesh, 1, sides)]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) if len(sides) else np.empty(0)
+    fixed = np.isin(sides, np.concatenate([np.empty(0, int), *map(named.facets, held)]))
+    corners = x[cell_nodes(mesh)[solid.cells]]
+    # Diagonals of a quadrilateral, whose corner 3 lies across from 0; two sides of a triangle.
+    one = corners[:, -1] - corners[:, 0]
+    other = corners[:, -2] - corners[:, 1 if corners.shape[1] == 4 else 0]
+    area = 0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+    count = len(area) * (1.0 if corners.shape[1] == 4 else 0.5)  # two triangles make a rectangle
+    parts = [length.sum(), len(sides), area.sum(), count, (length**3).sum(), length[fixed].sum()]
+    around, facets, whole, count, cubes, fast = mesh.comm.allreduce(np.array(parts))
+    long, thick = _sides(around, whole)
+    if long < SLENDER * thick or fast > HELD * around:
+        return None
+    return Slender(thick, float(np.sqrt(cubes / around)), _sides(facets, count)[1])
+
+
+def _sides(around: float, whole: float) -> tuple[float, float]:
+    """Long and short side of the rectangle of a circumference and an area."""
+    root = np.sqrt(max(around**2 / 16.0 - whole, 0.0))
+    return float(around / 4.0 + root), float(around / 4.0 - root)
 
 
 def many_cells(case: Case, named: NamedMesh) -> Iterator[str]:

@@ -18,6 +18,7 @@ from tribox.app.build.contacts import BuiltContact, ContactBuilder
 from tribox.app.build.load_programs import Onset, balancing, given
 from tribox.app.build.mesh import make_mesh, of_case
 from tribox.app.build.mesh_notes import (
+    bending_bodies,
     bonded_bodies,
     drifting,
     large_mesh,
@@ -299,6 +300,7 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on_materials(case.bodies, {s.name: s.material for s in problem.solids}),
         *named.notes,
         *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
+        *bending_bodies(case, named, problem),
         *large_mesh(case, named),
         *notes_on_slips(case, named),
         *many_cells(case, named),

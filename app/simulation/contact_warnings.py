@@ -568,11 +568,12 @@ def _of_facets(index: int, state: PairState) -> Iterator[str]:
 
 
 def _few_facets(index: int, state: PairState) -> str:
+    near = f", and how near the bodies are by {state.hidden:.2g} m" if state.hidden > 0.0 else ""
     return (
         f"contact.{index}: the contact is {state.facets:.2g} slave facets wide from its rim to its "
         f"middle ({state.half_width:.3g} m; those at its rim are {state.rim:.3g} m long): its "
-        f"area, and what a film carries, are uncertain by {_percent(state.uncertain)}; refine "
-        "the slave there"
+        f"area, and what a film carries, are uncertain by {_percent(state.uncertain)}{near}; "
+        "refine the slave there"
     )
 
 

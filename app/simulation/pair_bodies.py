@@ -178,7 +178,9 @@ class GivenForces:
         # +1 where the slave is in the set, -1 where the master is, 0 of both or none.
         sign = inside[..., 0].astype(float) - inside[..., 1]
         onto = self._sets @ supports + np.einsum("ks,ki->si", sign, forces)
-        axes = range(1 if terms[0].surface.axisymmetric else 0, dim)  # rings hold radial forces
+        if terms[0].surface.axisymmetric:  # rings answer to radial forces too: all but what loads
+            given = problem.load_forces() - _foundations(problem)
+            onto[:, 0] = -(self._sets @ self._by_group(given)[:, 0])
         out = []
         for index, force in enumerate(forces):
             of_set = sign[index] != 0.0
@@ -187,7 +189,7 @@ class GivenForces:
             least = ACROSS * max(float(np.linalg.norm(across[index])), ACROSS * normal[index])
             shares = [
                 float(np.abs(rest[:, axis]).min()) / max(abs(force[axis]), ACROSS * least)
-                for axis in axes
+                for axis in range(dim)
                 if of_set.any() and across[index, axis] > least
             ]
             out.append(float(min([1.0, *shares])))
@@ -195,7 +197,11 @@ class GivenForces:
 
     def _supports(self, approach: float) -> Floats:
         """Forces (g, i), N (N/m), that supports put on each group; collective."""
-        dim, held = self._problem.dim, _support_forces(self._problem, approach)
+        return self._by_group(_support_forces(self._problem, approach))
+
+    def _by_group(self, held: Floats) -> Floats:
+        """Sums (g, i), N (N/m), over each group of forces (n,) on owned unknowns; collective."""
+        dim = self._problem.dim
         local = np.zeros((len(self._nodes), dim))
         for row, nodes in zip(local, self._nodes, strict=True):
             for mine in nodes:
@@ -219,13 +225,19 @@ def _support_forces(problem: Equilibrium, approach: float) -> Floats:
         drawn = spring.end - problem.u.x.array[spring.dofs]
         part = approach / (approach + np.abs(drawn) + np.finfo(float).tiny)
         held[spring.dofs] += spring.stiffness * drawn * part / len(spring.all_dofs)
+    for rest in problem.rests():
+        held -= rest.force(problem.u.x.array[: problem.owned])
+    return held + _foundations(problem)
+
+
+def _foundations(problem: Equilibrium) -> Floats:
+    """Forces (n,), N, of elastic foundations on the owned unknowns; collective."""
+    forces = np.zeros(problem.owned)
     for load in problem.loads:
         if isinstance(load, Foundation) and load.acts:
             values = owned_values(problem.space, load.residual)
-            held[: len(values)] -= values
-    for rest in problem.rests():
-        held -= rest.force(problem.u.x.array[: problem.owned])
-    return held
+            forces[: len(values)] -= values
+    return forces
 
 
 # -- friction -------------------------------------------------------------------------------------

@@ -1,5 +1,8 @@
 """Meshes of a case that cannot be used, or hold more than was meant."""
 
+import re
+from copy import deepcopy
+
 import pytest
 from mpi4py import MPI
 
@@ -8,8 +11,11 @@ from tests.tool_cases import block_case, block_mesh, case_of, plane
 from tribox.app.build.mesh import make_mesh
 from tribox.app.build.mesh_notes import many_cells
 from tribox.app.build.model import build_model
+from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.errors import InputError
+from tribox.app.results import read
+from tribox.app.run.run import run_case
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.gmsh_model import write_msh
 
@@ -132,3 +138,52 @@ def test_steps_beyond_the_mesh_and_coefficients_that_nothing_has_are_told(tmp_pa
     assert told(0.3, **one, steps=3) == []
     [mu] = told([["0 s", 1], ["1 s", 15]], **one, steps=3)
     assert mu.startswith("contact.0.friction.mu = 15: rubber")
+
+
+# -- Notes on slender bodies that linear cells bend too hard or too easily ------------------------
+
+STRIP = {
+    "geometry": {"kind": "blocks", "blocks": {"strip": {"x": [0, 20e-3], "y": [0, 1e-3]}}},
+    "bodies": {"strip": {"material": "hencky", "E": 1e9}},
+    "boundary": [
+        {"surface": "strip_left", "displacement": {"x": 0, "y": 0}},
+        {"surface": "strip_right", "displacement": {"y": [[0, 0], [1, -2e-5]]}},
+    ],
+    "stage": [{"name": "bend", "duration": 1, "steps": 1}],
+    "output": {"fields_every": 0, "figures": False},
+}
+
+
+def bent(out, nu, elements, cell="quadrilateral", formulation=None):
+    """Force at the end of a cantilever, N, and what the notes say its stiffness is off by."""
+    data = deepcopy(STRIP)
+    data["geometry"] |= {"cell": cell}
+    data["geometry"]["blocks"]["strip"]["elements"] = elements
+    data["bodies"]["strip"] |= {"nu": nu} | ({"formulation": formulation} if formulation else {})
+    run = run_case(Case.model_validate(data), out, quiet=True, force=True)
+    force = read(out).surfaces.query("surface == 'strip_right'")["force_y"].iloc[-1]
+    said = [note for note in run.model.notes if "where it bends" in note]
+    signs = {"stiff": 0.01, "soft": -0.01}
+    found = [re.search(r"some ([\d.]+) % too (\w+)", note) for note in said]
+    return abs(force), [float(one[1]) * signs[one[2]] for one in found]
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.49])
+def test_how_much_too_stiff_or_soft_linear_cells_bend_is_said(tmp_path, nu):
+    true, none = bent(tmp_path, nu, [40, 2], formulation="q2")
+    assert none == []
+    coarse = [([20, 4], "quadrilateral"), ([80, 2], "quadrilateral"), ([40, 4], "triangle")]
+    for elements, cell in coarse:
+        force, [said] = bent(tmp_path, nu, elements, cell)
+        assert said == pytest.approx(force / true - 1.0, abs=0.04)
+    force, none = bent(tmp_path, nu, [80, 4])
+    assert none == [] and force == pytest.approx(true, rel=0.04)
+
+
+def test_a_strip_that_is_held_along_a_side_does_not_bend():
+    data = deepcopy(STRIP)
+    data["geometry"]["blocks"]["strip"]["elements"] = [20, 2]
+    data["bodies"]["strip"] |= {"nu": 0.3}
+    data["boundary"] = [data["boundary"][0] | {"surface": "strip_bottom"}]
+    model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+    assert not [note for note in model.notes if "where it bends" in note]

@@ -259,7 +259,21 @@ def by_weight(data):
     data["boundary"] = [{"surface": "corner", "displacement": {"y": 0}}]
 
 
-@pytest.mark.parametrize("loaded", [by_force, by_weight])
+def in_a_sleeve(data):
+    """A tube is blown into a stiff sleeve, with axial symmetry: both are held in hoops."""
+    rings = {"low": {"x": [10.5e-3, 11e-3]}, "high": {"x": [11e-3, 13e-3], "y": [0, 1e-3]}}
+    for name, place in rings.items():
+        data["geometry"]["blocks"][name] |= place
+    data["geometry"]["section"] = "axisymmetric"
+    data["bodies"]["high"]["E"] = "1 GPa"
+    data["contact"] = [data["contact"][1] | {"slave": "low_right", "master": "high_left"}]
+    ends = [f"{name}_{side}" for name in rings for side in ("bottom", "top")]
+    data["boundary"] = [{"surface": end, "displacement": {"y": 0}} for end in ends]
+    data["boundary"] += [{"surface": "low_left", "pressure": [[0, 0], [1, 1e5]]}]
+    del data["tools"], data["gravity"]
+
+
+@pytest.mark.parametrize("loaded", [by_force, by_weight, in_a_sleeve])
 def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
     force = []
     for factor in (5.0, 5000.0):
