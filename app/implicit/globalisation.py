@@ -191,6 +191,8 @@ class SoftContact:
         if reason > 0:
             more, reason = newton.solve(attempt.step, patient=True)
             iterations += more
+        if reason > 0:
+            newton.inside.softly = attempt.pressed
         return iterations, reason
 
 
@@ -211,9 +213,10 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
-    softer contacts are tried sooner unless a step was found from inside. Bodies that forces alone
-    bring together find each other sooner by springs, which would only hold back metal that tools
-    bend. Where a shorter step of metal has failed as the longer one did, it is relaxed.
+    softer contacts are tried sooner unless a step was found from inside. Elastic bodies that found
+    the last such step by softer contacts begin with them. Bodies that forces alone bring together
+    find each other sooner by springs, which would only hold back metal that tools bend. Where a
+    shorter step of metal has failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -232,6 +235,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return (*held, SoftContact(), inside)
     if rubs and is_moved(attempt) and attempt.newton.inside.opening is None:
         return (*held, SoftContact(), inside)
+    if attempt.pressed and attempt.newton.inside.softly and not flows:
+        return (SoftContact(), inside, *held)
     if attempt.pressed:
         return (inside, SoftContact(), *held, *relaxed)
     found = (inside, *held) if is_moved(attempt) else (*held, inside)

@@ -120,6 +120,7 @@ class FromInside:
                 # A first contact that was found by linear laws says nothing of the paths.
                 if attempt.pressed or not attempt.newton.problem.flows:
                     attempt.newton.inside.opening = number
+                attempt.newton.inside.softly = False
                 break
         return iterations, reason
 

@@ -101,6 +101,7 @@ class Inside:
 
     last: bool = False  # whether the last step was, as the next one may be
     opening: int | None = None  # the one that worked last; None before any
+    softly: bool = False  # whether softer contacts have found a step since
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import itertools
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from tribox.app.case.case import Case
 from tribox.app.checkpoint.layout import Layout
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit import stepper as stepper_module
-from tribox.app.implicit.globalisation import SOFT, PredictedStart
-from tribox.app.implicit.newton import ImplicitOptions
+from tribox.app.implicit.globalisation import SOFT, PredictedStart, SoftContact, phases_after
+from tribox.app.implicit.interior_point import FromInside
+from tribox.app.implicit.newton import ImplicitOptions, Inside
 from tribox.app.implicit.stepper import ImplicitStepper
 from tribox.app.simulation.failure_diagnosis import reason_of
 from tribox.app.simulation.run_state import Observer
@@ -246,3 +248,25 @@ def test_a_failed_attempt_says_only_of_what_floated_before_that_nothing_holds_it
     assert not tried.converged and stepper._weak.floating(stepper.newton.largest_force) == ["strip"]
     assert tried.floating == (("strip",) if floated else ())
     assert ("no contact holds body strip" in reason_of(tried)) is floated
+
+
+def test_what_found_the_last_hard_step_comes_first_in_the_next():
+    inside, newton = FromInside(), Inside()
+    problem = SimpleNamespace(
+        flows=False, comm=MPI.COMM_SELF, contacts=[], constrained_values=lambda x: x.array_r
+    )
+    attempt = SimpleNamespace(
+        has_contacts=True,
+        pressed=True,
+        failures=0,
+        step=SimpleNamespace(holding=None),
+        bodies=SimpleNamespace(directions=()),
+        predictor=SimpleNamespace(rubbing=lambda: False),
+        x=SimpleNamespace(array_r=np.zeros(2)),
+        newton=SimpleNamespace(
+            is_bounded=False, is_near=lambda: False, problem=problem, inside=newton
+        ),
+    )
+    assert phases_after(attempt, inside) == (inside, SoftContact())
+    newton.softly = True
+    assert phases_after(attempt, inside) == (SoftContact(), inside)
