@@ -19,7 +19,6 @@ from typing import Protocol
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Nodal, Snapshot, scattered
@@ -27,14 +26,8 @@ from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
-from tribox.forms.bodies.solid import Solid
-from tribox.geometry.meshes.places import (
-    centre,
-    clipped,
-    excess,
-    places_from_centre,
-    shape_functions,
-)
+from tribox.app.implicit.steady_flow import steady_flows
+from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
@@ -45,6 +38,8 @@ NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that 
 STATES = 4  # of a path to a limit: past a kink two slopes in a row are equal, or were before it
 FALLS = 0.9  # most that is left of a slope from one of the states to the next
 FURTHER = 2.0  # of the last attempt's length: the one before it was as long, and failed too
+PULLING = 0.2  # gap, in facets, up to which contacts pull where a start on a smooth path is judged
+SMOOTH = 0.7  # residual there that a curved path may leave, over that of a straight one
 WORTHWHILE = 0.5  # share of the residual that a correction must leave at most to be kept
 
 
@@ -102,6 +97,8 @@ class Predictor:
         elif ratio > 0.0 and len(self._path) > 1:
             self._continue(x, trial, ratio, step)
             if self._is_torn_off(trial, step, only_near):
+                if self._slides_on(trial, ratio, step):
+                    return 0
                 x.copy(trial)
                 self._carry(x, drive.constrained, trial, step)
                 return 1
@@ -121,6 +118,19 @@ class Predictor:
         rubs, force = self.rubbing(), max(self._force, self.problem.roundoff)
         astray = not (left <= ASTRAY * force or self.problem.flows or only_near)
         return astray or not (rubs or left <= FAR_OFF * self.problem.reference_force)
+
+    def _slides_on(self, trial: PETSc.Vec, ratio: float, step: StepMode) -> bool:
+        """Put a smooth path of bodies that slide into ``trial``; whether it is one; collective.
+
+        Along a curved master a straight path opens all contacts, and all but their pressures is
+        balanced: such a start leaves less than one that follows the curve but for a little. Which
+        of them is near is seen where the contacts pull as well.
+        """
+        if not self._any_rubs(self.problem.committed):
+            return False
+        pulling = step.with_penalty_scale(self.problem.contacts, 1.0, PULLING)
+        straight = self._extrapolate(trial, ratio, pulling, highest=1)
+        return self._extrapolate(trial, ratio, pulling) <= SMOOTH * straight
 
     def _continue(self, x: PETSc.Vec, trial: PETSc.Vec, ratio: float, step: StepMode) -> None:
         """Put the better of two starts into ``trial``, which holds the last converged state ``x``.
@@ -191,7 +201,11 @@ class Predictor:
 
     def rubbing(self) -> bool:
         """Whether friction resists at any point of the contacts evaluated last; collective."""
-        mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
+        return self._any_rubs(self.problem.trials)
+
+    def _any_rubs(self, trials: Sequence[ContactTrial]) -> bool:
+        """Whether it does at any of these evaluations; collective."""
+        mine = any(bool(trial.response.d_traction_d_slip.any()) for trial in trials)
         return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
 
     def is_driven(self, x: PETSc.Vec) -> bool:
@@ -300,14 +314,16 @@ class Predictor:
         (before, _), (last, _) = self._path[-2:]
         return last + ratio * (last - before)
 
-    def _extrapolate(self, trial: PETSc.Vec, ratio: float, step: StepMode) -> float:
+    def _extrapolate(
+        self, trial: PETSc.Vec, ratio: float, step: StepMode, highest: int = HIGHEST_ORDER
+    ) -> float:
         """Continue the path by the polynomial of least residual; returns its norm.
 
         A low order comes first: where it leaves less than the next, the path has a kink.
         """
         at = self._ahead(ratio)
         best, norm = trial.array_r.copy(), np.inf
-        for order in range(1, len(self._path)):
+        for order in range(1, min(len(self._path), highest + 1)):
             states = self._path[-order - 1 :]
             weights = lagrange_weights(np.array([s for s, _ in states]), at)
             trial.array[:] = sum(w * values for w, (_, values) in zip(weights, states, strict=True))
@@ -384,19 +400,12 @@ class Predictor:
         last = self._drive or replace(
             drive, constrained=0.0 * drive.constrained, loads=0.0 * drive.loads
         )
-        changed = float(not np.array_equal(last.dofs, drive.dofs))
-        if self._sum(np.array([changed]))[
-            0
-        ]:  # another support, or a platen's displacement is given
+        # Another support, or a platen's displacement is given.
+        changed = not np.array_equal(last.dofs, drive.dofs)
+        if self._sum(np.array([float(changed)]))[0]:
             return None
-        local = np.array(
-            [
-                drive.constrained @ last.constrained,
-                last.constrained @ last.constrained,
-                drive.constrained @ drive.constrained,
-            ]
-        )
-        cross, before, now = self._sum(local)
+        to, by = drive.constrained, last.constrained
+        cross, before, now = self._sum(np.array([to @ by, by @ by, to @ to]))
         weights = self._weights(drive)
         loads, last_loads = weights * drive.loads, weights * last.loads
         if before == 0.0 and now == 0.0:
@@ -504,92 +513,3 @@ class Phase(Protocol):
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """Solve from a start of its own; iterations and PETSc's converged reason; collective."""
         ...
-
-
-# -- Metal that flows through tools at rest, as in drawing -----------------------------------------
-#
-# What passes a tool at rest moves at each place as what was there a step ago, not as it did itself.
-# The increments of the last steps are therefore taken at the places, not at the nodes, and their
-# mean over two steps evens out that nodes pass an edge of the tool one by one. Axis letters: n
-# nodes of the body, p points, c cells, a nodes of a cell, k cells near a point.
-
-
-STEPS = 2  # of which the increments are averaged
-NEAR = 6  # cells, by their middles, among which a point's is looked for
-
-
-class SteadyFlow:
-    """A body's nodes, and how they move on if its flow is steady in space.
-
-    Attributes:
-        nodes: (n,) local numbers of its nodes.
-    """
-
-    def __init__(self, problem: Equilibrium, solid: Solid) -> None:
-        """Find the nodes of ``solid``, all of which this rank has."""
-        space, self._kind = problem.space, solid.cell
-        self._degree: int = space.element.basix_element.degree
-        rows = space.dofmap.list[solid.cells]
-        self.nodes, cells = np.unique(rows, return_inverse=True)
-        self._cells = cells.reshape(rows.shape)
-        self._places: Floats = space.tabulate_dof_coordinates()[self.nodes][:, : problem.dim]
-        self._count = np.bincount(self._cells.ravel())
-
-    def onwards(self, path: Sequence[tuple[float, Floats]], at: float) -> Floats:
-        """Displacements (n, i), m, at the parameter ``at`` of a path of states, the last first.
-
-        Args:
-            path: parameter and displacements (nodes, i), m, of two states at least.
-        """
-        steps = list(zip(path[1:], path[:-1], strict=True))[:STEPS]
-        last, here = path[0]
-        places = self._places + here[self.nodes]
-        moved = [
-            self.carried(
-                self._places + before[self.nodes],
-                (at - last) / (end - begin) * (after - before)[self.nodes],
-                places,
-            )
-            for (begin, before), (end, after) in steps
-        ]
-        return here[self.nodes] + sum(moved) / len(moved)
-
-    def carried(self, places: Floats, values: Floats, at: Floats) -> Floats:
-        """``values`` (n, i) of nodes at ``places`` (n, i), m, interpolated at points (p, i), m.
-
-        Of second order, also with first-order cells: half of what the slope at each node adds up to
-        is added to its value. Points outside get what the body has beside them.
-        """
-        x = places[self._cells]
-        table = shape_functions(self._kind, self._degree, 1, centre(self._kind))[:, 0]
-        edges = np.einsum("za,cai->ciz", table[1:], x)
-        inverse = np.linalg.inv(edges)
-        middle = np.einsum("a,cai->ci", table[0], x)
-        near = cKDTree(middle).query(at, k=min(NEAR, len(x)))[1].reshape(len(at), -1)
-        away = at[:, None] - middle[near]
-        xi = centre(self._kind) + np.einsum("pkzi,pki->pkz", inverse[near], away)
-        outside = excess(self._kind, xi.reshape(-1, xi.shape[-1])).reshape(near.shape)
-        cell = near[np.arange(len(at)), outside.argmin(axis=1)]
-        xi = places_from_centre(self._kind, self._degree, x[cell], at)
-        weights = shape_functions(self._kind, self._degree, 0, clipped(self._kind, xi))[0]
-        found = values[self._cells[cell]]
-        if self._degree == 1:
-            slopes = self._slopes(np.einsum("za,czi->cai", table[1:], inverse), values)
-            foot = np.einsum("pa,pai->pi", weights, x[cell])
-            from_node = foot[:, None] - x[cell]
-            found = found + 0.5 * np.einsum("paij,paj->pai", slopes[self._cells[cell]], from_node)
-        return np.einsum("pa,pai->pi", weights, found)
-
-    def _slopes(self, gradients: Floats, values: Floats) -> Floats:
-        """Slopes (n, i, j) at the nodes: means of those in the cells (c, a, j) around them."""
-        in_cells = np.einsum("caj,cai->cij", gradients, values[self._cells])
-        sums = np.zeros((len(self.nodes), *in_cells.shape[1:]))
-        np.add.at(sums, self._cells.ravel(), np.repeat(in_cells, self._cells.shape[1], axis=0))
-        return sums / self._count[:, None, None]
-
-
-def steady_flows(problem: Equilibrium) -> list[SteadyFlow]:
-    """Of the bodies that flow in the plane; none on several ranks, each of which knows a part."""
-    if problem.comm.size > 1 or problem.dim == 3:
-        return []
-    return [SteadyFlow(problem, solid) for solid in problem.solids if solid.flows]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.solved import built
-from tribox.app.implicit.predictor import Predictor, steady_flows
+from tribox.app.implicit.predictor import Predictor
+from tribox.app.implicit.steady_flow import steady_flows
 from tribox.app.simulation.run_state import Observer
 
 CASE = Path(__file__).parents[3] / "cases" / "forming" / "ironing.toml"
