@@ -213,15 +213,12 @@ class Constraints:
     def condensed_pairs(self, pairs: Longs, platens: Sequence[Platen]) -> Longs:
         """Row and column (e, 2) of all unknowns of global nodes (p, 2), platens' as their leaders.
 
-        Only those that are moved so.
+        Those of a node that no platen moves stay where they are, and need room as well.
         """
         leading, dim = self._leading(platens), self.unknowns.dim
         each = pairs[:, :, None] * dim + np.arange(dim)
         rows, columns = np.broadcast_arrays(each[:, 0, :, None], each[:, 1, None, :])
-        before = np.stack([rows, columns], axis=-1).reshape(-1, 2)
-        after = leading[before]
-        found: Longs = after[np.any(after != before, axis=1)]
-        return found
+        return leading[np.stack([rows, columns], axis=-1).reshape(-1, 2)]
 
     def room_of(self, pattern: Pattern, platens: Sequence[Platen]) -> Longs:
         """Row and column (e, 2) of entries that go to the leaders of platens, and of followers."""

@@ -7,14 +7,16 @@ import pytest
 from tests.contact_boxes import Scene, take_all_for_kinked
 from tests.laws import coulomb
 from tribox.app.equilibrium.equilibrium import Equilibrium
+from tribox.app.equilibrium.unknowns import Platen
 
 LAW = coulomb(0.3)
 SHAPES = ["Q4", "T6", "tet4", "hex8", "tet10"]
 
 
-def problem_of(scene):
+def problem_of(scene, platens=()):
     """The contact alone, without solids."""
-    return Equilibrium(dolfinx.fem.Function(scene.space), [], [scene.term])
+    u = dolfinx.fem.Function(scene.space)
+    return Equilibrium(u, [], [scene.term], platens=list(platens))
 
 
 def dense(A):
@@ -42,14 +44,36 @@ def test_matrix_holds_the_tangent_along_rays(monkeypatch, shape, fine):
     on_a_long_way(scene)
 
 
-def on_a_long_way(scene):
-    problem = problem_of(scene)
+@pytest.mark.parametrize("shape", ["Q4", "hex8"])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_matrix_holds_the_tangent_where_a_platen_ends_in_the_contact(shape, axis):
+    """Nodes that a platen moves along one axis are coupled by the contact along the others too."""
+    scene = Scene(shape, LAW, fine=True)
+    nodes = np.unique(scene.surface.slave.nodes)[:3]
+    on_a_long_way(scene, Platen((nodes * scene.dim + axis).astype(np.int32)))
+
+
+def condensed(matrix, leader, *followers):
+    """A full matrix in which unknowns follow a leader."""
+    unknowns = np.eye(len(matrix))
+    for follower in followers:
+        unknowns[follower, [follower, leader]] = 0.0, 1.0
+    out = unknowns.T @ matrix @ unknowns
+    for follower in followers:
+        out[follower, [follower, leader]] = 1.0, -1.0
+    return out
+
+
+def on_a_long_way(scene, platen=None):
+    problem = problem_of(scene, [] if platen is None else [platen])
     down = -0.08
     A = problem.new_matrix(scene.vector([*[0.0] * (scene.dim - 1), down], 0.03, 0.2))
     for step in (0.01, 0.03, 0.1, 0.2, 0.15, 0.0):
         x = scene.vector([step, *[-0.5 * step] * (scene.dim - 2), down], 0.03, 0.2)
         problem.assemble_tangent(x, A)
         exact = scene.tangent(x)
+        if platen is not None:
+            exact = condensed(exact, *platen.all_dofs)
         assert np.abs(exact).max() > 1e-2
         np.testing.assert_allclose(dense(A), exact, rtol=0, atol=1e-12)
         problem.commit()
