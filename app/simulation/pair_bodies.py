@@ -221,8 +221,8 @@ def _support_forces(problem: Equilibrium, approach: float) -> Floats:
     for platen in (p for p in slanted if p.acts and p.displacement is not None):
         held[platen.dofs] += np.outer(platen.along(problem.unbalanced), platen.normal).reshape(-1)
     held[dofs] = problem.unbalanced[dofs]
-    for platen in (p for p in problem.constraints.aligned if p.loaded):
-        held[platen.dofs] += _of_spring(problem, platen, approach)
+    for aligned in (p for p in problem.constraints.aligned if p.loaded):
+        held[aligned.dofs] += _of_spring(problem, aligned, approach)
     for rest in problem.rests():
         held -= rest.force(problem.u.x.array[: problem.owned])
     return held + _foundations(problem)
