@@ -9,7 +9,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.boundary_conditions import Constraint, Loads
+from tribox.app.build.boundary_conditions import ON_AXIS, Constraint, Loads
 from tribox.app.build.mesh import bodies_sharing_nodes, bonded_groups
 from tribox.app.case.bodies import ElastoPlasticBody
 from tribox.app.case.boundary import COMPONENTS
@@ -141,7 +141,7 @@ def bending_bodies(case: Case, named: NamedMesh, problem: Equilibrium) -> Iterat
     mesh, solids = named.mesh, problem.solids
     if problem.dim > 2 or problem.space.element.basix_element.degree > 1:
         return
-    held = [b.surface for b in case.boundary if (b.holds or b.foundation) and not b.symmetry]
+    held = [b.surface for b in case.boundary if b.holds or b.foundation]
     held += [side for c in case.contact if c.tied for side in (c.slave, c.master)]
     alone = {names[0] for names in bonded_groups(named) if len(names) == 1}
     for solid in solids:
@@ -157,7 +157,7 @@ def bending_bodies(case: Case, named: NamedMesh, problem: Equilibrium) -> Iterat
             off = 0.5 * (1.0 - nu) * long + (layer - 1.0) * deep
         if abs(off) > BENDING:
             yield (
-                f"body {solid.name}: where it bends it is some {100.0 * abs(off):.2g} % too "
+                f"body {solid.name}: where it bends it is some {100.0 * abs(off):.0f} % too "
                 f"{'stiff' if off > 0.0 else 'soft'}: its linear cells are {shape.cell:.2g} m long,"
                 f" {shape.layers:.2g} over a thickness of {shape.thickness:.2g} m; use at least "
                 'four, no longer than a quarter of it, or formulation = "q2"'
@@ -175,6 +175,8 @@ def _slender(named: NamedMesh, solid: Solid, held: Sequence[str]) -> Slender | N
     ends = x[entity_nodes(mesh, 1, sides)]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) if len(sides) else np.empty(0)
     fixed = np.isin(sides, np.concatenate([np.empty(0, int), *map(named.facets, held)]))
+    if solid.section == "axisymmetric":  # a rod on its axis does not bend
+        fixed |= np.abs(ends[..., 0]).max(axis=1, initial=0.0) <= ON_AXIS * length
     corners = x[cell_nodes(mesh)[solid.cells]]
     # Diagonals of a quadrilateral, whose corner 3 lies across from 0; two sides of a triangle.
     one = corners[:, -1] - corners[:, 0]

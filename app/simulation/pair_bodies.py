@@ -12,6 +12,7 @@ from mpi4py import MPI
 from tribox.app.build.contacts import penalty_modulus
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.supports import Loose, bodies_of, body_nodes, bonded_groups
+from tribox.app.equilibrium.unknowns import Platen
 from tribox.forms.bodies.loads import Foundation, owned_values
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import PointwisePressure, PressureKind
@@ -179,8 +180,7 @@ class GivenForces:
         sign = inside[..., 0].astype(float) - inside[..., 1]
         onto = self._sets @ supports + np.einsum("ks,ki->si", sign, forces)
         if terms[0].surface.axisymmetric:  # rings answer to radial forces too: all but what loads
-            given = problem.load_forces() - _foundations(problem)
-            onto[:, 0] = -(self._sets @ self._by_group(given)[:, 0])
+            onto[:, 0] = -(self._sets @ self._by_group(_given_forces(problem, approach))[:, 0])
         out = []
         for index, force in enumerate(forces):
             of_set = sign[index] != 0.0
@@ -221,13 +221,27 @@ def _support_forces(problem: Equilibrium, approach: float) -> Floats:
     for platen in (p for p in slanted if p.acts and p.displacement is not None):
         held[platen.dofs] += np.outer(platen.along(problem.unbalanced), platen.normal).reshape(-1)
     held[dofs] = problem.unbalanced[dofs]
-    for spring in (p for p in problem.constraints.aligned if p.loaded and p.stiffness > 0.0):
-        drawn = spring.end - problem.u.x.array[spring.dofs]
-        part = approach / (approach + np.abs(drawn) + np.finfo(float).tiny)
-        held[spring.dofs] += spring.stiffness * drawn * part / len(spring.all_dofs)
+    for aligned in (p for p in problem.constraints.aligned if p.loaded):
+        held[aligned.dofs] += _of_spring(problem, aligned, approach)
     for rest in problem.rests():
         held -= rest.force(problem.u.x.array[: problem.owned])
     return held + _foundations(problem)
+
+
+def _given_forces(problem: Equilibrium, approach: float) -> Floats:
+    """Forces (n,), N, of loads and platens that answer to nothing, as above; collective."""
+    given = problem.load_forces() - _foundations(problem)
+    for platen in (p for p in problem.constraints.aligned if p.loaded):
+        pull = platen.force + platen.stiffness * (platen.end - problem.u.x.array[platen.dofs])
+        given[platen.dofs] += pull / len(platen.all_dofs) - _of_spring(problem, platen, approach)
+    return given
+
+
+def _of_spring(problem: Equilibrium, platen: Platen, approach: float) -> Floats:
+    """The part (d,), N, of a platen's spring that answers, on its owned unknowns."""
+    drawn = platen.end - problem.u.x.array[platen.dofs]
+    part = approach / (approach + np.abs(drawn) + np.finfo(float).tiny)
+    return platen.stiffness * drawn * part / len(platen.all_dofs)
 
 
 def _foundations(problem: Equilibrium) -> Floats:

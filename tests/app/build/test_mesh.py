@@ -180,10 +180,22 @@ def test_how_much_too_stiff_or_soft_linear_cells_bend_is_said(tmp_path, nu):
     assert none == [] and force == pytest.approx(true, rel=0.04)
 
 
-def test_a_strip_that_is_held_along_a_side_does_not_bend():
+@pytest.mark.parametrize("how", ["held", "symmetric", "rod", "free"])
+def test_a_strip_that_is_held_along_a_side_does_not_bend(how):
+    """Nor half of one, along its plane of symmetry, nor a rod on its axis."""
     data = deepcopy(STRIP)
-    data["geometry"]["blocks"]["strip"]["elements"] = [20, 2]
+    data["geometry"]["blocks"]["strip"]["elements"] = [5, 1]
     data["bodies"]["strip"] |= {"nu": 0.3}
-    data["boundary"] = [data["boundary"][0] | {"surface": "strip_bottom"}]
+    clamp, pull = data["boundary"]
+    if how == "held":
+        data["boundary"] = [clamp | {"surface": "strip_bottom"}]
+    elif how == "symmetric":
+        side = {"surface": "strip_bottom", "symmetry": True}
+        data["boundary"] = [side, clamp | {"displacement": {"x": 0}}]
+    elif how == "rod":
+        data["geometry"] |= {"section": "axisymmetric"}
+        data["geometry"]["blocks"]["strip"] |= {"x": [0, 1e-3], "y": [0, 20e-3], "elements": [1, 5]}
+        data["boundary"] = [pull | {"surface": f"strip_{end}"} for end in ("bottom", "top")]
     model = build_model(Case.model_validate(data), MPI.COMM_SELF)
-    assert not [note for note in model.notes if "where it bends" in note]
+    said = [note for note in model.notes if "where it bends" in note]
+    assert [" 482 % too stiff" in note for note in said] == [True] * (how == "free")

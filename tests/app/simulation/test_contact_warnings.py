@@ -273,7 +273,14 @@ def in_a_sleeve(data):
     del data["tools"], data["gravity"]
 
 
-@pytest.mark.parametrize("loaded", [by_force, by_weight, in_a_sleeve])
+def by_a_mandrel(data):
+    """The tube is widened by a platen that keeps it round, under the same pressure."""
+    in_a_sleeve(data)
+    platen = {"direction": "x", "pressure": data["boundary"].pop()["pressure"]}
+    data["boundary"] += [{"surface": "low_left", "platen": platen}]
+
+
+@pytest.mark.parametrize("loaded", [by_force, by_weight, in_a_sleeve, by_a_mandrel])
 def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
     force = []
     for factor in (5.0, 5000.0):
