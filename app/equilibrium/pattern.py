@@ -99,12 +99,12 @@ class Pattern:
         more = np.diff(self.entries.indptr)
         counts = (np.repeat(dim * one, dim) + more for one in (inner, np.diff(ends) - inner))
         most = owned * dim, (size - owned) * dim
-        A.setPreallocationNNZ(
-            tuple(
-                np.minimum(count, limit).astype(PETSc.IntType)
-                for count, limit in zip(counts, most, strict=True)
-            )
+        room = tuple(
+            np.minimum(count, limit).astype(PETSc.IntType)
+            for count, limit in zip(counts, most, strict=True)
         )
+        # An empty array counts as none at all, and ranks that give none wait for the others.
+        A.setPreallocationNNZ(room if owned else (0, 0))
         each = np.ones((dim, dim), dtype=bool)
         for start in range(0, owned, PIECE):
             part = scipy.sparse.kron(self.blocks[start : start + PIECE], each, "bsr").tocsr()
