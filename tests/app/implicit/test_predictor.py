@@ -167,3 +167,27 @@ def test_friction_as_load_has_no_stiffness_and_only_in_its_mode():
     np.testing.assert_array_equal(same.array_r, force.array_r)
     problem.residual(None, x, same)
     assert stiffness() > 0.0
+
+
+@pytest.mark.parametrize(("states", "followed"), [([0, 1, 4, 9], True), ([0, 3, 6, 9], False)])
+def test_a_path_along_a_curve_is_followed_though_all_contacts_open(
+    whole, monkeypatch, states, followed
+):
+    """Contacts that pull tell how far off a start is; open ones bear next to nothing."""
+    stepper = whole[0].stepper
+    predictor, problem = copy.copy(stepper.predictor), stepper.problem
+    x, free = problem.new_vector(), problem.owned - 1
+    path = [np.append(np.zeros(free), state) for state in states]
+    predictor.restore({**predictor.snapshot(), "at": np.arange(4.0), "path": path, "drive": None})
+    monkeypatch.setattr(Predictor, "_proportion", lambda self, drive: 1.0)
+
+    def left(self, trial, step):
+        pulls = any(mode.adhesive_gap > 0.0 for mode in step.modes)
+        return float(abs(trial.array_r[free] - 16.0)) if pulls else 1e9
+
+    monkeypatch.setattr(Predictor, "_residual_norm", left)
+    trial, step = problem.new_vector(), StepMode.of_stage(1.0, problem.contacts)
+    took = predictor.predict(x, trial, step)
+    assert (took == 0) is followed
+    if followed:
+        assert trial.array_r[free] == pytest.approx(16.0)
