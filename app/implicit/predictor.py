@@ -11,7 +11,6 @@ tried where its steady flow takes it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
@@ -27,7 +26,7 @@ from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
 from tribox.app.implicit.steady_flow import steady_flows
-from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.law import Regime
 from tribox.geometry.surfaces.facets import Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
@@ -126,7 +125,7 @@ class Predictor:
         balanced: such a start leaves less than one that follows the curve but for a little. Which
         of them is near is seen where the contacts pull as well.
         """
-        if not self._any_rubs(self.problem.committed):
+        if not self._is_lifted():
             return False
         pulling = step.with_penalty_scale(self.problem.contacts, 1.0, PULLING)
         straight = self._extrapolate(trial, ratio, pulling, highest=1)
@@ -201,12 +200,20 @@ class Predictor:
 
     def rubbing(self) -> bool:
         """Whether friction resists at any point of the contacts evaluated last; collective."""
-        return self._any_rubs(self.problem.trials)
-
-    def _any_rubs(self, trials: Sequence[ContactTrial]) -> bool:
-        """Whether it does at any of these evaluations; collective."""
-        mine = any(bool(trial.response.d_traction_d_slip.any()) for trial in trials)
+        mine = any(bool(t.response.d_traction_d_slip.any()) for t in self.problem.trials)
         return bool(self.problem.comm.allreduce(mine, op=MPI.LOR))
+
+    def _is_lifted(self) -> bool:
+        """Whether nothing touches at the last evaluation, of what slid as a whole; collective.
+
+        While some stick, or the path presses as where rubber is squeezed, it follows no curve.
+        """
+        regimes = [trial.response.regime for trial in self.problem.committed]
+        slip = sum(int(np.count_nonzero(of > Regime.STICK)) for of in regimes)
+        stick = sum(int(np.count_nonzero(of == Regime.STICK)) for of in regimes)
+        touch = sum(int(np.count_nonzero(t.kinematics.closed)) for t in self.problem.trials)
+        slip, stick, touch = self.problem.comm.allreduce(np.array([slip, stick, touch]), op=MPI.SUM)
+        return bool(slip and not stick and not touch)
 
     def is_driven(self, x: PETSc.Vec) -> bool:
         """Whether displacements or loads change in the step from ``x``; collective."""

@@ -14,6 +14,7 @@ from tribox.app.case.stage import load_steps_of
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.implicit.predictor import Predictor, lagrange_weights
 from tribox.app.simulation.run_state import Observer
+from tribox.forms.friction.law import Regime
 
 
 def test_extrapolation_is_exact_for_a_cubic_on_uneven_parameters():
@@ -186,6 +187,15 @@ def test_a_path_along_a_curve_is_followed_though_all_contacts_open(
         return float(abs(trial.array_r[free] - 16.0)) if pulls else 1e9
 
     monkeypatch.setattr(Predictor, "_residual_norm", left)
+    # The path has left the contacts open, after steps in which all points slid.
+    assert all(np.all(t.response.regime == Regime.SLIP) for t in problem.committed)
+    closed = np.zeros_like(problem.committed[0].kinematics.closed)
+    monkeypatch.setattr(
+        problem,
+        "trials",
+        [replace(t, kinematics=replace(t.kinematics, closed=closed)) for t in problem.committed],
+    )
+    monkeypatch.setattr(Predictor, "rubbing", lambda self: False)
     trial, step = problem.new_vector(), StepMode.of_stage(1.0, problem.contacts)
     took = predictor.predict(x, trial, step)
     assert (took == 0) is followed
