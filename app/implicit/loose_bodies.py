@@ -137,7 +137,8 @@ def nodal_shares(problem: Equilibrium) -> Floats:
 # A body that springs back when its tools leave has no support and no load: every place is as good
 # as another, and the tangent is singular. It is held by springs from where it was at the last
 # converged state. Their force vanishes as the body comes to rest, and is at most ``SHARE`` of the
-# largest force of the run, or the step is refused: then a load drives the body away.
+# largest force of the run, or the step is refused: then a load drives the body away. A body that
+# tools only carry along, before anything has pressed, is held likewise.
 
 
 SHARE = 1e-6
@@ -154,12 +155,22 @@ class WeakHold:
     bodies: list[FreeBody] = field(init=False)  # that its supports leave free
     pairs: list[list[int]] = field(init=False)  # of each body, the contacts on it
     shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
+    firm: float = field(init=False)  # N, to compare with before anything has pressed; 0: nothing
 
     def __post_init__(self) -> None:
         """Find the bodies; collective."""
         self.bodies = free_bodies(self.problem)
         self.pairs = [self._pairs_on(body) for body in self.bodies]
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
+        self.firm = self._firm_force()
+
+    def _firm_force(self) -> float:
+        """E* times the area of the slave, of the pairs on these bodies the least, N; collective."""
+        on_bodies = sorted({pair for on in self.pairs for pair in on})
+        contacts = [self.problem.contacts[pair] for pair in on_bodies]
+        forces = [(term.modulus or 0.0) * term.surface.slave.weight.sum() for term in contacts]
+        total = self.problem.comm.allreduce(np.array(forces, dtype=float))
+        return float(min(total[total > 0.0], default=0.0))
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
         """Contacts of a body with something that it is not joined to; collective."""
@@ -200,6 +211,20 @@ class WeakHold:
             for body, pairs_on in zip(self.bodies, self.pairs, strict=True)
             if not any(force[pair] > SHARE * largest for pair in pairs_on)
         ]
+
+    def contact_force(self) -> float:
+        """Sum of the normal forces on these bodies at the last evaluation, N; collective."""
+        problem, on_bodies = self.problem, {pair for on in self.pairs for pair in on}
+        ends = [(problem.contacts[pair], problem.trials[pair]) for pair in on_bodies]
+        local = sum(float(term.surface.slave.weight @ trial.pressure) for term, trial in ends)
+        return float(problem.comm.allreduce(local))
+
+    def apart(self) -> tuple[str, ...]:
+        """The bodies that touch nothing at the last evaluation; collective."""
+        closed = [int(trial.kinematics.closed.any()) for trial in self.problem.trials]
+        touches = self.problem.comm.allreduce(np.array(closed, dtype=np.int64)) > 0
+        pairs = zip(self.bodies, self.pairs, strict=True)
+        return tuple(body.name for body, on in pairs if not touches[on].any())
 
     def idle_pairs(self, largest: float, trials: Sequence[ContactTrial]) -> frozenset[int]:
         """Contacts of the bodies that :meth:`floating` finds; collective."""

@@ -34,6 +34,7 @@ from tribox.app.implicit.newton import ImplicitOptions, Newton
 from tribox.app.implicit.predictor import Attempt, Predictor
 from tribox.forms.contact.state import ContactTrial
 
+UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
@@ -100,6 +101,7 @@ class ImplicitStepper:
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
         self._find_loose_bodies()
+        self._carried = False  # whether nothing pressed but weak springs in the last solution
         self._relaxed = False  # whether springs that give way found the last solution
         self._adrift: tuple[str, ...] = ()  # bodies that the load of the last attempt moves away
         self._pressed = False  # whether anything pressed at the last converged state
@@ -179,6 +181,9 @@ class ImplicitStepper:
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
+        self._carried = False
+        if not largest and weak.firm:
+            return self._unpressed(step)
         may_float = self._may_float(largest)
         if may_float and weak.is_let_go(largest):
             iterations, reason, share = self._sprung(step, largest, trials)
@@ -199,6 +204,39 @@ class ImplicitStepper:
             if not self._may_float(largest) or held or weak.is_loaded(largest):
                 return iterations, reason, 0.0
         more, reason, share = self._sprung(step, largest, trials)
+        return iterations + more, reason, share
+
+    def _unpressed(self, step: StepMode) -> tuple[int, int, float]:
+        """Solve a step of a run in which nothing has pressed yet, see :meth:`_solve`; collective.
+
+        A tool that moves a body through a clearance carries it along by no force, to a place that
+        is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
+        stiffness of its contacts, which is far above rounding. Where contacts press by more than
+        these springs do, as between two tools, the step is solved as it is.
+        """
+        problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
+        loaded, floating = weak.is_loaded(0.0), self._floating
+        if not problem.committed:
+            self.x.copy(self.trial)
+            newton.evaluate(step)
+            floating = weak.apart()
+        if loaded or not floating:
+            iterations, reason = self._tried(step, self._pressed)
+            if reason <= 0 or loaded:
+                return iterations, reason, 0.0
+            newton.evaluate(step)
+            if not weak.floating(problem.roundoff / SHARE):
+                return iterations, reason, 0.0
+        more, reason, share = self._sprung(step, weak.firm, problem.trials)
+        iterations += more
+        self._carried = weak.contact_force() <= UNAIDED * share * weak.firm
+        if reason <= 0 or self._carried:
+            return iterations, reason, share
+        if weak.floating(problem.reference_force):  # others press, and have a force to compare with
+            more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
+        else:
+            more, reason = self._tried(step, self._pressed)
+            self._trial_floating, share = (), 0.0
         return iterations + more, reason, share
 
     def _sprung(
@@ -260,7 +298,8 @@ class ImplicitStepper:
         self._from = [term.state for term in self.problem.contacts]
         self.trial.copy(self.x)
         self.problem.commit()
-        self.newton.accept()
+        if not self._carried:  # by springs that are no measure of the forces to come
+            self.newton.accept()
 
     def snapshot(self) -> Snapshot:
         """All that the next step depends on, beside the loads."""

@@ -1,13 +1,14 @@
 """Bodies that nothing holds any more: weak springs keep them, and the run says so."""
 
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
-from tests.solved import solved
+from tests.solved import Cuts, solved
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_files import toml_text
@@ -176,3 +177,58 @@ def test_wrong_keys_are_refused(block, keys, line, tmp_path):
     with pytest.raises(InputError) as error:
         load_case(path)
     assert line in str(error.value) and "contact.0." in str(error.value)
+
+
+# -- Bodies that a tool carries along before anything presses on them ------------------------------
+
+
+def closed_by(clearance: float) -> dict[str, Any]:
+    """A block between two plates, of which one comes down by 50 um more than the clearances."""
+    stroke = [["0 s", 0.0], ["1 s", -2.0 * clearance - 5e-5]]
+    plates = {
+        "ram": {"point": [0.0, 1e-3 + clearance], "normal": [0, -1], "displacement": {"y": stroke}},
+        "base": {"point": [0.0, -clearance], "normal": [0, 1]},
+    }
+    rubs = {"law": "coulomb", "mu": 0.2}
+    return {
+        "geometry": {
+            "kind": "blocks",
+            "blocks": {"pad": {"x": [0.0, 2e-3], "y": [0.0, 1e-3], "elements": [6, 3]}},
+        },
+        "bodies": {"pad": {"material": "neo-hookean", "E": "5 MPa", "nu": 0.45}},
+        "tools": {name: {"shape": "plane"} | keys for name, keys in plates.items()},
+        "contact": [
+            {"slave": "pad_top", "master": "ram", "friction": rubs},
+            {"slave": "pad_bottom", "master": "base", "friction": rubs},
+        ],
+        "stage": [{"name": "press", "duration": "1 s", "steps": 35}],
+    }
+
+
+class Floats(Cuts):
+    """Keeps what floated in each step, too."""
+
+    def step(self, state, row, result) -> None:
+        self.floating = [*getattr(self, "floating", []), list(result.floating)]
+
+
+def carried(comm, directory):
+    """Forces of the last step without and with clearances, iterations, cuts, and what floated."""
+    out = []
+    for clearance in (0.0, 1e-5):
+        seen = Floats()
+        simulation = solved(closed_by(clearance), comm, seen)
+        forces = [one.normal_force for one in simulation.state.resultants]
+        out.append((forces, seen.iterations, seen.count, seen.floating))
+    return out
+
+
+@pytest.mark.mpi(carried, 2)
+def test_a_tool_carries_a_free_body_through_its_clearances(on_ranks):
+    """What springs it pushes then leaves no trace in the forces of the press."""
+    (flush, _, _, at_once), (forces, iterations, cuts, floats) = on_ranks(carried, 1)
+    assert forces == pytest.approx(flush, rel=1e-6) and min(forces) > 1.0
+    assert cuts == 0 and iterations <= 100
+    assert not any(at_once) and floats == 10 * [["pad"]] + 25 * [[]]
+    for mine, other in zip(on_ranks(carried, 2), on_ranks(carried, 1), strict=True):
+        assert mine[0] == pytest.approx(other[0], rel=1e-8) and mine[2:] == other[2:]
