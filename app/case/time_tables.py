@@ -211,7 +211,6 @@ class Program(Written):
         return {"table": text, "ramp": "smooth"} if value.smooth else text
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         schema = _table_schema(_TIME.unit, self.unit)
         schema["anyOf"] += [] if self.word is None else [{"const": self.word}]
         ramp = {"enum": list(RAMPS)}
@@ -240,7 +239,6 @@ class NumberOrProgram(Program):
         return Program.serialise(self, table)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         out = Program.json_schema(self)
         if self.least is not None:
             out["anyOf"][0] = {"type": "number", "minimum": self.least}
@@ -278,7 +276,6 @@ class NumberOrTable(Written):
         return format_quantity(value, self.value.unit)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         return _table_schema(self.argument.unit, self.value.unit)
 
 
@@ -297,7 +294,6 @@ class Rows(NumberOrTable):
         return _parse_rows(value, self.argument, self.value, self.rising)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         whole = _table_schema(self.argument.unit, self.value.unit)
         return {**whole["anyOf"][2], "x-unit": whole["x-unit"]}
 

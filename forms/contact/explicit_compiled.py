@@ -39,11 +39,7 @@ class CompiledContact(ExplicitContact):
     """See :class:`tribox.forms.contact.explicit.ExplicitContact`; the same results to round-off."""
 
     def __init__(self, term: ContactTerm, code: ctypes.CDLL) -> None:
-        """Lay out the arrays; collective.
-
-        Args:
-            code: the library of its source in ``SOURCES``.
-        """
+        """Lay out the arrays; collective; ``code``: the library of its source in ``SOURCES``."""
         check_layout(code)
         super().__init__(term)
         self._code = code
@@ -137,7 +133,6 @@ class CompiledContact(ExplicitContact):
         self._adopted = state
 
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
-        """See ``ExplicitContact.evaluate``."""
         if self._gather(u):
             self._lay_out()
         now, term, mode = self._sets[self._turn], self.term, self._mode(dt)
@@ -222,11 +217,9 @@ class CompiledContact(ExplicitContact):
             one.point("candidate", self._inputs["candidate"])
 
     def add_forces(self, out: NodalVector) -> None:
-        """See ``ExplicitContact.add_forces``."""
         self.exchange.add(self._load, out)
 
     def hold_film(self) -> None:
-        """See ``ExplicitContact.hold_film``."""
         assert self.trial is not None
         viscous = np.ascontiguousarray(self.trial.response.dissipation.viscous)
         now = self._sets[self._turn]
@@ -240,7 +233,6 @@ class CompiledContact(ExplicitContact):
         gain: float,
         out: NodalVector,
     ) -> None:
-        """See ``ExplicitContact.correct_film``."""
         assert self.trial is not None
         self._gather_next(velocity, keep, acceleration, gain)
         now = self._sets[self._turn]
@@ -256,7 +248,6 @@ class CompiledContact(ExplicitContact):
         self.exchange.add(self._load, out)
 
     def commit(self) -> None:
-        """See ``ExplicitContact.commit``."""
         assert self.trial is not None
         trial, arrays = self.trial, self._sets[self._turn].arrays
         elastic = np.ascontiguousarray(trial.response.state.elastic_slip)

@@ -60,11 +60,7 @@ class EntriesStructure(ctypes.Structure):
 
 
 def pair_library(dim: int) -> ctypes.CDLL:
-    """The loops for pairs in the plane, or in space.
-
-    Raises:
-        RuntimeError: their structure is another.
-    """
+    """The loops for pairs in the plane, or in space; RuntimeError if their structure is another."""
     code = library(SOURCES[dim])
     code.tribox_pair_size.restype = ctypes.c_int64
     # A structure laid out otherwise in C would be read with its fields shifted: numbers, no error.
@@ -155,10 +151,6 @@ def start_of(array: NDArray[Any]) -> ctypes.c_void_p:
 
 
 def require_room(failed: int) -> None:
-    """Refuse what loops could not add.
-
-    Raises:
-        RuntimeError: they failed.
-    """
+    """Refuse what loops could not add; RuntimeError if they failed."""
     if failed:
         raise RuntimeError("contact: an entry of the tangent is not in the matrix's pattern")

@@ -216,11 +216,7 @@ class _Loops:
 
 @functools.cache
 def _code() -> ctypes.CDLL:
-    """The compiled loops.
-
-    Raises:
-        RuntimeError: their structure is not ``_Film``.
-    """
+    """The compiled loops; RuntimeError if their structure is not ``_Film``."""
     code = library("film_balance.c")
     code.tribox_film_size.restype = ctypes.c_int64
     if code.tribox_film_size() != ctypes.sizeof(_Film):
