@@ -28,6 +28,7 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tie import TieTerm
 from tribox.forms.native import library
+from tribox.geometry.native.compiler import require_size
 from tribox.geometry.surfaces.facet_search import TIE
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.master import MasterFacets
@@ -40,7 +41,7 @@ class CompiledContact(ExplicitContact):
 
     def __init__(self, term: ContactTerm, code: ctypes.CDLL) -> None:
         """Lay out the arrays; collective; ``code``: the library of its source in ``SOURCES``."""
-        check_layout(code)
+        require_size(code.tribox_pair_size(), PairStructure, "contact_pair.h")
         super().__init__(term)
         self._code = code
         code.tribox_pair_hold_film.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p]
@@ -366,21 +367,6 @@ class PairStructure(ctypes.Structure):
         *((name, ctypes.c_double) for name in _DOUBLES),
         *((name, ctypes.c_void_p) for name in (*_INPUTS, *BEFORE, *_RESULTS, *_FILM)),
     )
-
-
-def check_layout(code: ctypes.CDLL) -> None:
-    """Compare the structure with that of a compiled library of ``SOURCES``.
-
-    Raises:
-        RuntimeError: they are not of one size, so that fields would be taken for one another.
-    """
-    code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
-    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(PairStructure)
-    if theirs != ours:
-        raise RuntimeError(
-            f"contact_pair.h: its structure Pair takes {theirs} bytes, the one of {__name__} "
-            f"{ours}; both must list the same fields in the same order"
-        )
 
 
 class PairArrays:
