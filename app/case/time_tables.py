@@ -309,23 +309,15 @@ _Velocity = Annotated[TimeTable, Program("m/s")]
 _Angle = Annotated[TimeTable, Program("rad")]
 _Length = Annotated[float, Quantity("m")]
 _Weight = Annotated[float, Quantity()]
+_TRAVEL = 'displacement in {}, or "driven": moved with the velocity of the stage'
 
 
 class Displacement(Model):
     """Prescribed components of the displacement."""
 
-    x: Travel | None = Field(
-        default=None,
-        description='displacement in x, or "driven": moved with the velocity of the stage',
-    )
-    y: Travel | None = Field(
-        default=None,
-        description='displacement in y, or "driven": moved with the velocity of the stage',
-    )
-    z: Travel | None = Field(
-        default=None,
-        description='displacement in z, in 3D, or "driven": moved with the velocity of the stage',
-    )
+    x: Travel | None = Field(default=None, description=_TRAVEL.format("x"))
+    y: Travel | None = Field(default=None, description=_TRAVEL.format("y"))
+    z: Travel | None = Field(default=None, description=_TRAVEL.format("z, in 3D"))
     direction: tuple[_Weight, ...] | None = Field(
         default=None,
         description="direction [x, y] or [x, y, z] in which the driven components together move "
