@@ -203,10 +203,6 @@ def _fault(value: Any, declared: Parameter, choices: tuple[Any, ...]) -> str | N
 
 
 def require(name: str, value: float, **bounds: Any) -> None:
-    """Check one number; see :class:`Bounds`.
-
-    Raises:
-        Refused: it is not allowed.
-    """
+    """Check one number; see :class:`Bounds`; Refused if it is not allowed."""
     if (reason := Bounds(**bounds).fault(value)) is not None:
         raise Refused(name, reason, value)

@@ -489,11 +489,7 @@ def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
 
 
 def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
-    """A line on a slave that is tied in part only.
-
-    Args:
-        share: of the slave's area that is tied.
-    """
+    """A line on a slave that is tied in part only; ``share``: of the slave's area that is tied."""
     if share < WHOLE:
         yield (
             f"{place}: {contact.slave} is tied to {contact.master} over {100.0 * share:.3g} % of "

@@ -110,7 +110,7 @@ class Remembering(Protocol):
 
 
 @dataclass(slots=True)
-class ReachedForce:
+class ReachedForce(Remembering):
     """The force that the displacement of a platen, or of a tool's component, has led to."""
 
     part: Platen | Prescribed  # what is moved
@@ -119,21 +119,18 @@ class ReachedForce:
     force: float | None = None
 
     def begin(self, change: StageChange) -> None:
-        """See :class:`Remembering`."""
         if change.before in self.stages and change.now not in self.stages:
             self.force = change.problem.reaction(self.part)
 
     def snapshot(self, owned: int) -> Snapshot:
-        """See :class:`Remembering`."""
         return {"force": self.force}
 
     def restore(self, kept: Snapshot) -> None:
-        """See :class:`Remembering`."""
         self.force = kept["force"]
 
 
 @dataclass(slots=True)
-class MovedOn:
+class MovedOn(Remembering):
     """Displacements that a velocity moves on from where they are when it begins to act."""
 
     part: Prescribed  # what is prescribed
@@ -151,22 +148,19 @@ class MovedOn:
         return self.start + (self.speed.integral(time) - self.speed.integral(self.time))
 
     def begin(self, change: StageChange) -> None:
-        """See :class:`Remembering`."""
         if self.acts(change.now) and not (change.before and self.acts(change.before)):
             self.start = change.problem.u.x.array[self.part.dofs].copy()
             self.time = change.time
 
     def snapshot(self, owned: int) -> Snapshot:
-        """See :class:`Remembering`."""
         return {"start": scattered(self.part.dofs, self.start, owned), "time": self.time}
 
     def restore(self, kept: Snapshot) -> None:
-        """See :class:`Remembering`."""
         self.start, self.time = kept["start"][self.part.dofs], kept["time"]
 
 
 @dataclass(slots=True)
-class Released:
+class Released(Remembering):
     """Forces that are given up, of what held a surface or of a contact, taken off over a stage."""
 
     load: NodalLoad  # forces at its unknowns, those at the start of the stage for a factor of one
@@ -183,17 +177,14 @@ class Released:
         return min(max(1.0 - (time - self.time) / self.duration, 0.0), 1.0)
 
     def begin(self, change: StageChange) -> None:
-        """See :class:`Remembering`."""
         if change.now == self.stage:
             self.load.shares = self.given_up(change.problem)[self.load.dofs]
             self.time = change.time
 
     def snapshot(self, owned: int) -> Snapshot:
-        """See :class:`Remembering`."""
         return {"reactions": scattered(self.load.dofs, self.load.shares, owned), "time": self.time}
 
     def restore(self, kept: Snapshot) -> None:
-        """See :class:`Remembering`."""
         self.load.shares, self.time = kept["reactions"][self.load.dofs], kept["time"]
 
 
@@ -265,11 +256,7 @@ class LoadsWithForms:
     def gravity(
         self, table: Gravity, density: dict[str, float], stage: Callable[[], str]
     ) -> Iterator[Setter]:
-        """Take in the weight of bodies; yields what sets it.
-
-        Args:
-            density: kg/m³, of each body.
-        """
+        """Take in the weight of bodies; yields what sets it; ``density``: kg/m³, of each body."""
         dim = self.named.mesh.geometry.dim
         local = self.named.mesh.topology.index_map(dim).size_local
         for name, value in density.items():

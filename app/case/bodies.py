@@ -357,7 +357,6 @@ class _DeclaredBody(DeclaredTable, Elastomer):
         yield from self.faults(place)
 
     def elastic_material(self, runs_code: bool) -> Any:
-        """See the base class."""
         return self.parameters()
 
     @property
@@ -377,7 +376,6 @@ class NeoHookeanBody(_Isotropic, Elastomer):
     material: Literal["neo-hookean"] = _ENERGY
 
     def elastic_material(self, runs_code: bool) -> Any:
-        """See the base class."""
         return NeoHookean(self.shear_modulus, self.bulk_modulus)
 
 
@@ -387,7 +385,6 @@ class HenckyBody(_Isotropic):
     material: Literal["hencky"] = _ENERGY
 
     def material_of(self, runs_code: bool = True) -> Material:
-        """See the base class."""
         return Hencky(self.shear_modulus, self.bulk_modulus)
 
 
@@ -420,7 +417,6 @@ class ElastoPlasticBody(_Isotropic):
                     yield Problem((*place, "kinematic", number), reason)
 
     def material_of(self, runs_code: bool = True) -> Material:
-        """See the base class."""
         from tribox.forms.bodies.elastoplastic import ElastoPlastic
 
         rate = self.rate.parameters() if self.rate is not None else None

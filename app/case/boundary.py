@@ -61,7 +61,6 @@ class Direction(Written):
         return value if isinstance(value, str) else list(value)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         components = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
         return {"anyOf": [{"enum": list(COMPONENTS)}, components]}
 

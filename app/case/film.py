@@ -61,7 +61,6 @@ class _OilType(Written):
         return value if isinstance(value, str) else format_quantity(value, "kg/m^2")
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         number = {"type": "number", "exclusiveMinimum": 0.0}
         return {"anyOf": [{"const": FLOODED}, number, text_schema("kg/m^2")], "x-unit": "kg/m^2"}
 

@@ -89,7 +89,6 @@ class BlocksGeometry(PlaneGeometry):
         return max(self.lower.width, self.upper.width)
 
     def shape(self) -> TwoBlocks:
-        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 
         upper, lower = (
@@ -192,7 +191,6 @@ class _LineGeometry(PlaneGeometry):
         return FlatBlock(size.width, size.height, *zone)
 
     def shape(self) -> LineContact:
-        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.cylinders import LineContact
 
         upper, lower = (self.body(size) for _, size in self.sizes())
@@ -288,7 +286,6 @@ class BoxesGeometry(GeneratedGeometry):
         return max(max(box.width, box.depth) for box in (self.lower, self.upper))
 
     def shape(self) -> TwoBlocks:
-        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.two_blocks import Box, TwoBlocks
 
         upper, lower = (
@@ -378,7 +375,6 @@ class SphereGeometry(GeneratedGeometry):
         return 2.0 * max(self.sphere.radius, self.block.radius)
 
     def shape(self) -> SphereOnBlock:
-        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.sphere_on_block import SphereOnBlock
 
         return SphereOnBlock(
@@ -516,7 +512,6 @@ class PlacedBlocksGeometry(GeneratedGeometry):
         return {key: value for key, value in handler(self).items() if key not in found}
 
     def shape(self) -> Blocks:
-        """See :class:`GeneratedGeometry`."""
         from tribox.geometry.generators.blocks import Blocks
 
         blocks = tuple(b.block(name) for name, b in self.blocks.items())

@@ -262,7 +262,6 @@ class Quantity(Bounds, Written):
         return format_quantity(value, self.unit)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         limits = {
             "minimum": self.ge,
             "exclusiveMinimum": self.gt,

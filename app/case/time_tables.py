@@ -211,7 +211,6 @@ class Program(Written):
         return {"table": text, "ramp": "smooth"} if value.smooth else text
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         schema = _table_schema(_TIME.unit, self.unit)
         schema["anyOf"] += [] if self.word is None else [{"const": self.word}]
         ramp = {"enum": list(RAMPS)}
@@ -240,7 +239,6 @@ class NumberOrProgram(Program):
         return Program.serialise(self, table)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         out = Program.json_schema(self)
         if self.least is not None:
             out["anyOf"][0] = {"type": "number", "minimum": self.least}
@@ -278,7 +276,6 @@ class NumberOrTable(Written):
         return format_quantity(value, self.value.unit)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         return _table_schema(self.argument.unit, self.value.unit)
 
 
@@ -297,7 +294,6 @@ class Rows(NumberOrTable):
         return _parse_rows(value, self.argument, self.value, self.rising)
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         whole = _table_schema(self.argument.unit, self.value.unit)
         return {**whole["anyOf"][2], "x-unit": whole["x-unit"]}
 
@@ -313,23 +309,15 @@ _Velocity = Annotated[TimeTable, Program("m/s")]
 _Angle = Annotated[TimeTable, Program("rad")]
 _Length = Annotated[float, Quantity("m")]
 _Weight = Annotated[float, Quantity()]
+_TRAVEL = 'displacement in {}, or "driven": moved with the velocity of the stage'
 
 
 class Displacement(Model):
     """Prescribed components of the displacement."""
 
-    x: Travel | None = Field(
-        default=None,
-        description='displacement in x, or "driven": moved with the velocity of the stage',
-    )
-    y: Travel | None = Field(
-        default=None,
-        description='displacement in y, or "driven": moved with the velocity of the stage',
-    )
-    z: Travel | None = Field(
-        default=None,
-        description='displacement in z, in 3D, or "driven": moved with the velocity of the stage',
-    )
+    x: Travel | None = Field(default=None, description=_TRAVEL.format("x"))
+    y: Travel | None = Field(default=None, description=_TRAVEL.format("y"))
+    z: Travel | None = Field(default=None, description=_TRAVEL.format("z, in 3D"))
     direction: tuple[_Weight, ...] | None = Field(
         default=None,
         description="direction [x, y] or [x, y, z] in which the driven components together move "

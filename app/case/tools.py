@@ -55,7 +55,6 @@ class _OneOrMany(Written):
         return format_quantity(value, "m")
 
     def json_schema(self) -> JsonSchemaValue:
-        """See the base class."""
         one = [{"type": "number", "minimum": 0.0}, text_schema("m")]
         return {"anyOf": [*one, {"type": "array", "items": {"anyOf": one}}], "x-unit": "m"}
 
@@ -359,7 +358,6 @@ class PlaneTool(Tool):
     normal: _Direction = Field(description="normal out of the tool, towards the body")
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """See :class:`Tool`."""
         yield "point", self.point
         yield "normal", self.normal
 
@@ -383,7 +381,6 @@ class RoundTool(Tool):
     )
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """See :class:`Tool`."""
         yield "centre", self.centre
 
 
@@ -405,7 +402,6 @@ class CylinderTool(RoundTool):
     axis: _Direction = Field(description='direction of its axis, "x", "y", "z" or [x, y, z]')
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """See :class:`Tool`."""
         yield from super().positions()
         yield "axis", self.axis
 
@@ -446,7 +442,6 @@ class PolylineTool(Tool):
         return len(self.points) - (0 if self.closed else 2)
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """See :class:`Tool`."""
         for point in self.points:
             yield "points", point
 

@@ -89,11 +89,7 @@ class EnergyWatch(Remembers):
     _roundoff: Kept[float]
 
     def __init__(self, problem: Equilibrium, limit: float, stored: float) -> None:
-        """Begin with the energy that is stored at the start.
-
-        Args:
-            stored: J/m, of all ranks.
-        """
+        """Begin with the energy that is stored at the start; ``stored``: J/m, of all ranks."""
         self._problem, self._limit = problem, limit
         self._supplied = stored
         self._work = 0.0
@@ -154,11 +150,7 @@ class Energies:
         internal: InternalForce,
         forces: LoadForces,
     ) -> None:
-        """Begin at a state.
-
-        Args:
-            mass: (n,), kg per unit thickness, lumped.
-        """
+        """Begin at a state; ``mass``: (n,), kg per unit thickness, lumped."""
         self.work = self.damped = 0.0
         self._problem, self._state, self._mass, self._internal = problem, state, mass, internal
         self.constrain(problem.constrained_dofs(), forces)

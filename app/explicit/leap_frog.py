@@ -79,11 +79,7 @@ class LumpedDynamics:
         dim: int,
         comm: MPI.Comm,
     ) -> None:
-        """Sum the platens' masses; collective.
-
-        Args:
-            mass: (n,) lumped mass of the owned unknowns.
-        """
+        """Sum the platens' masses; collective; ``mass``: (n,) lumped mass of the owned unknowns."""
         self.mass, self.dim = mass.copy(), dim
         self.platens, self.comm = list(platens), comm
         # Platens whose first unknown is this rank's, and its number.
@@ -190,11 +186,7 @@ class LeapFrog(Remembers):
     def __init__(
         self, problem: Equilibrium, state: ExplicitState, dynamics: LumpedDynamics, damping: float
     ) -> None:
-        """Find the platens' motion; collective.
-
-        Args:
-            damping: 1/s, c of the damping force c m v.
-        """
+        """Find the platens' motion; collective; ``damping``: 1/s, c of the damping force c m v."""
         self._state, self._damping, self._mass = state, damping, dynamics.mass
         self._prescribed = problem.prescribed
         self._change = np.zeros_like(state.v.owned)

@@ -119,11 +119,7 @@ def close_up(frame: Frame, nodes: meshio.Mesh) -> Frame | None:
 def draw_bodies(
     axes: Axes, bodies: Bodies, scale: ColourScale, frame: Frame, *, named: bool = True
 ) -> PathCollection:
-    """Draw all bodies of a state.
-
-    Returns:
-        The cells, which a colour bar can be made of.
-    """
+    """Draw all bodies of a state; returns the cells, which a colour bar can be made of."""
     factor = frame.unit.factor
     before = bodies.reference[bodies.edges, :2] * factor
     old = LineCollection(list(before), colors="0.6", linewidths=0.7, linestyles=":")

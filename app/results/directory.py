@@ -397,11 +397,7 @@ class GrowingTable:
         self._file.sync()
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
-        """Append rows; numbers with all their digits.
-
-        Raises:
-            OSError: as of :meth:`GrowingFile.append`.
-        """
+        """Append rows; numbers with all their digits; OSError: as of :meth:`GrowingFile.append`."""
         if rows:
             self._file.append(_lines(map(_digits, rows)))
             self.written += len(rows)

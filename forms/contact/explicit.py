@@ -434,13 +434,11 @@ class ExplicitTie(ExplicitContact):
         self.tie = tie
 
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
-        """See ``ExplicitContact.evaluate``."""
         self.exchange.gather(u, self._values)
         self.trial = self.tie.evaluate_at(self._values.copy(), dt)
         return self.trial
 
     def add_forces(self, out: NodalVector) -> None:
-        """See ``ExplicitContact.add_forces``."""
         assert self.trial is not None
         self.exchange.add(self.tie.forces(self.trial), out)
 

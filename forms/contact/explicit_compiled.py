@@ -28,6 +28,7 @@ from tribox.forms.contact.state import (
 )
 from tribox.forms.contact.tie import TieTerm
 from tribox.forms.native import library
+from tribox.geometry.native.compiler import require_size
 from tribox.geometry.surfaces.facet_search import TIE
 from tribox.geometry.surfaces.facets import Floats, Ints
 from tribox.geometry.surfaces.master import MasterFacets
@@ -39,12 +40,8 @@ class CompiledContact(ExplicitContact):
     """See :class:`tribox.forms.contact.explicit.ExplicitContact`; the same results to round-off."""
 
     def __init__(self, term: ContactTerm, code: ctypes.CDLL) -> None:
-        """Lay out the arrays; collective.
-
-        Args:
-            code: the library of its source in ``SOURCES``.
-        """
-        check_layout(code)
+        """Lay out the arrays; collective; ``code``: the library of its source in ``SOURCES``."""
+        require_size(code.tribox_pair_size(), PairStructure, "contact_pair.h")
         super().__init__(term)
         self._code = code
         code.tribox_pair_hold_film.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p]
@@ -137,7 +134,6 @@ class CompiledContact(ExplicitContact):
         self._adopted = state
 
     def evaluate(self, u: NodalVector, dt: float, rate_dependent: bool = True) -> ContactTrial:
-        """See ``ExplicitContact.evaluate``."""
         if self._gather(u):
             self._lay_out()
         now, term, mode = self._sets[self._turn], self.term, self._mode(dt)
@@ -222,11 +218,9 @@ class CompiledContact(ExplicitContact):
             one.point("candidate", self._inputs["candidate"])
 
     def add_forces(self, out: NodalVector) -> None:
-        """See ``ExplicitContact.add_forces``."""
         self.exchange.add(self._load, out)
 
     def hold_film(self) -> None:
-        """See ``ExplicitContact.hold_film``."""
         assert self.trial is not None
         viscous = np.ascontiguousarray(self.trial.response.dissipation.viscous)
         now = self._sets[self._turn]
@@ -240,7 +234,6 @@ class CompiledContact(ExplicitContact):
         gain: float,
         out: NodalVector,
     ) -> None:
-        """See ``ExplicitContact.correct_film``."""
         assert self.trial is not None
         self._gather_next(velocity, keep, acceleration, gain)
         now = self._sets[self._turn]
@@ -256,7 +249,6 @@ class CompiledContact(ExplicitContact):
         self.exchange.add(self._load, out)
 
     def commit(self) -> None:
-        """See ``ExplicitContact.commit``."""
         assert self.trial is not None
         trial, arrays = self.trial, self._sets[self._turn].arrays
         elastic = np.ascontiguousarray(trial.response.state.elastic_slip)
@@ -375,21 +367,6 @@ class PairStructure(ctypes.Structure):
         *((name, ctypes.c_double) for name in _DOUBLES),
         *((name, ctypes.c_void_p) for name in (*_INPUTS, *BEFORE, *_RESULTS, *_FILM)),
     )
-
-
-def check_layout(code: ctypes.CDLL) -> None:
-    """Compare the structure with that of a compiled library of ``SOURCES``.
-
-    Raises:
-        RuntimeError: they are not of one size, so that fields would be taken for one another.
-    """
-    code.tribox_pair_size.argtypes, code.tribox_pair_size.restype = [], ctypes.c_int64
-    theirs, ours = code.tribox_pair_size(), ctypes.sizeof(PairStructure)
-    if theirs != ours:
-        raise RuntimeError(
-            f"contact_pair.h: its structure Pair takes {theirs} bytes, the one of {__name__} "
-            f"{ours}; both must list the same fields in the same order"
-        )
 
 
 class PairArrays:

@@ -283,7 +283,6 @@ class CentralPoint(InteriorPoint):
     """
 
     def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
-        """See :class:`InteriorPoint`."""
         root = np.sqrt(gap**2 + 4.0 * self.barrier / penalty)
         apart = 2.0 * self.barrier / np.maximum(root + np.abs(gap), TINY)  # without cancellation
         pressure = np.where(gap > 0.0, apart, 0.5 * penalty * (root - gap))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tribox.forms.contact.vertex_rows import Coupling
 from tribox.forms.native import library
+from tribox.geometry.native.compiler import packed, require_size, start_of
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SOURCES = {2: "plane_pair.c", 3: "space_pair.c"}  # by the dimension of space
@@ -60,16 +61,9 @@ class EntriesStructure(ctypes.Structure):
 
 
 def pair_library(dim: int) -> ctypes.CDLL:
-    """The loops for pairs in the plane, or in space.
-
-    Raises:
-        RuntimeError: their structure is another.
-    """
+    """The loops for pairs in the plane, or in space; RuntimeError if their structure is another."""
     code = library(SOURCES[dim])
-    code.tribox_pair_size.restype = ctypes.c_int64
-    # A structure laid out otherwise in C would be read with its fields shifted: numbers, no error.
-    if code.tribox_pair_size() != ctypes.sizeof(PairStructure):
-        raise RuntimeError(f"{SOURCES[dim]}: its structure Pair is not that of {__name__}")
+    require_size(code.tribox_pair_size(), PairStructure, SOURCES[dim])
     code.tribox_pair_forces.restype = ctypes.c_double
     return code
 
@@ -144,21 +138,7 @@ class Target:
         return [Coupling(self.rows[used], self.columns, matrix)]
 
 
-def packed(array: Any, kind: Any = np.float64) -> Any:
-    """An array as the loops read it, copied only where it is not; None stays None."""
-    return None if array is None else np.ascontiguousarray(array, dtype=kind)
-
-
-def start_of(array: NDArray[Any]) -> ctypes.c_void_p:
-    """Where an array begins, for the loops."""
-    return ctypes.c_void_p(array.__array_interface__["data"][0])
-
-
 def require_room(failed: int) -> None:
-    """Refuse what loops could not add.
-
-    Raises:
-        RuntimeError: they failed.
-    """
+    """Refuse what loops could not add; RuntimeError if they failed."""
     if failed:
         raise RuntimeError("contact: an entry of the tangent is not in the matrix's pattern")

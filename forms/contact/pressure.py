@@ -65,7 +65,7 @@ class NormalRule(Protocol):
         ...
 
 
-class AveragedPressure:
+class AveragedPressure(NormalRule):
     """Pressure from the mean gaps at the vertices of the slave facets.
 
     Attributes:
@@ -84,7 +84,6 @@ class AveragedPressure:
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
     ) -> NormalContact:
-        """See :class:`NormalRule`."""
         vertices = self.vertices
         share = 1.0 if at.share is None else at.share
         # A point beyond the master's end has no gap: the mean is over those that have one, and the
@@ -142,7 +141,6 @@ class AveragedPressure:
         return gap, active, *law
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
-        """See :class:`NormalRule`."""
         assert normal.nodal_pressure is not None
         spring = _of_springs(normal.nodal_pressure, normal)
         density = 0.5 * spring**2 / (penalty_scale * self.penalty)
@@ -155,7 +153,7 @@ class AveragedPressure:
         return self.vertices.at_points(self.penalty)
 
 
-class PointwisePressure:
+class PointwisePressure(NormalRule):
     """Pressure of each point from its own gap."""
 
     def __init__(self, surface: ContactSurface, penalty: float | Floats) -> None:
@@ -166,7 +164,6 @@ class PointwisePressure:
     def evaluate(
         self, at: Projection, mode: ContactMode, least_depth: float = 0.0
     ) -> NormalContact:
-        """See :class:`NormalRule`."""
         # Touching points count as closed: they carry no pressure yet, but their stiffness keeps a
         # body that only rests on another from being loose.
         size = np.sqrt(np.einsum("qai,qai->qa", at.tangents, at.tangents).max(axis=1))
@@ -178,13 +175,11 @@ class PointwisePressure:
         return NormalContact(closed, spring, pressure, stiffness=stiffness, damping=damping)
 
     def energy(self, normal: NormalContact, penalty_scale: float) -> float:
-        """See :class:`NormalRule`."""
         spring = _of_springs(normal.pressure, normal)
         density = 0.5 * spring**2 / (penalty_scale * self.penalty)
         return float(self.surface.slave.weight @ density)
 
     def point_stiffness(self) -> Floats:
-        """See :class:`NormalRule`."""
         return self.penalty
 
 

@@ -35,15 +35,14 @@ from tribox.forms.contact.pair_loops import (
     Entries,
     PairFields,
     Target,
-    packed,
     pair_library,
     require_room,
-    start_of,
 )
 from tribox.forms.contact.pressure import AveragedPressure, NormalRule
 from tribox.forms.contact.state import ContactState, ContactTrial
 from tribox.forms.contact.vertex_rows import Coupling, NodeRows, completed
 from tribox.forms.friction.law import FrictionState
+from tribox.geometry.native.compiler import packed, start_of
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 from tribox.geometry.surfaces.projection import FacetSurface, Projection
 from tribox.geometry.surfaces.surface import ContactSurface

@@ -60,6 +60,7 @@ from tribox.forms.film.places import Band, FilmCells
 from tribox.forms.film.roughness import RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.native import library
+from tribox.geometry.native.compiler import require_size, start_of
 from tribox.geometry.surfaces.facets import Bools, Floats, Longs
 
 SMOOTHING = 1e-7  # ε
@@ -192,7 +193,7 @@ class _Loops:
     def point(self, name: str, array: NDArray[Any]) -> None:
         """Let the loops read or write an array."""
         self.arrays[name] = array = np.ascontiguousarray(array)
-        setattr(self._film, name, array.__array_interface__["data"][0])
+        setattr(self._film, name, start_of(array).value)
 
     def parts(self) -> None:
         """Pressure and filling of the unknown."""
@@ -207,24 +208,17 @@ class _Loops:
         right = np.ascontiguousarray(right)
         out = np.empty_like(right)
         columns = right.size // max(len(right), 1)
-        at = ctypes.c_void_p(right.ctypes.data), ctypes.c_void_p(out.ctypes.data)
-        film = ctypes.byref(self._film)
-        if self._code.tribox_film_solve(film, ctypes.c_int64(columns), *at):
+        film, ends = ctypes.byref(self._film), (start_of(right), start_of(out))
+        if self._code.tribox_film_solve(film, ctypes.c_int64(columns), *ends):
             out[:] = np.nan
         return out
 
 
 @functools.cache
 def _code() -> ctypes.CDLL:
-    """The compiled loops.
-
-    Raises:
-        RuntimeError: their structure is not ``_Film``.
-    """
+    """The compiled loops; RuntimeError if their structure is not ``_Film``."""
     code = library("film_balance.c")
-    code.tribox_film_size.restype = ctypes.c_int64
-    if code.tribox_film_size() != ctypes.sizeof(_Film):
-        raise RuntimeError("film_balance.c: its structure is not that of this module")
+    require_size(code.tribox_film_size(), _Film, "film_balance.c")
     return code
 
 

@@ -52,7 +52,7 @@ class Asperities(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Exponential:
+class Exponential(Asperities):
     """p_a = p_0 exp(−g/u_0), linear with the same slope below g = 0 (B. Persson's)."""
 
     reference: float  # p_0 = c E*, Pa
@@ -63,7 +63,6 @@ class Exponential:
         require("u_0", self.length, gt=0.0)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
-        """See :class:`Asperities`."""
         z = gap / self.length
         decayed = self.reference * np.exp(-np.maximum(z, 0.0))
         inside = z < 0.0
@@ -71,14 +70,13 @@ class Exponential:
         return value, np.where(inside, -self.reference, -decayed) / self.length
 
     def energy(self, gap: Floats) -> Floats:
-        """See :class:`Asperities`."""
         z, scale = gap / self.length, self.reference * self.length
         below = np.minimum(z, 0.0)
         return scale * (np.exp(-np.maximum(z, 0.0)) - below + 0.5 * below**2)
 
 
 @dataclass(frozen=True, slots=True)
-class GreenwoodTripp:
+class GreenwoodTripp(Asperities):
     r"""p_a = K' E* 4.4086e-5 (4 − g/σ)^6.804 up to g = 4 σ, linear below g = 0.
 
     J. Greenwood, J. Tripp, Proc. Inst. Mech. Eng. 185, 1970, with the fit of F_5/2 by Y. Hu et al.,
@@ -93,7 +91,6 @@ class GreenwoodTripp:
         require("sigma", self.sigma, gt=0.0)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
-        """See :class:`Asperities`."""
         z = gap / self.sigma
         scale, power = 4.4086e-5 * self.reference, 6.804
         depth = np.maximum(4.0 - np.maximum(z, 0.0), 0.0)
@@ -102,7 +99,6 @@ class GreenwoodTripp:
         return value - slope * np.minimum(z, 0.0), -slope / self.sigma
 
     def energy(self, gap: Floats) -> Floats:
-        """See :class:`Asperities`."""
         z, (at_zero, slope) = gap / self.sigma, self.pressure(np.zeros(1))
         depth, below = np.maximum(4.0 - np.maximum(z, 0.0), 0.0), np.minimum(gap, 0.0)
         # ∫ (4 − z)^6.804 dz from z to 4, and below 0 that of the straight line.
@@ -111,7 +107,7 @@ class GreenwoodTripp:
 
 
 @dataclass(frozen=True, slots=True)
-class AsperityTable:
+class AsperityTable(Asperities):
     """A measured or computed pressure over g/σ: linear between rows, 0 above the last.
 
     Below the first row it goes on with the slope of the first two.
@@ -131,7 +127,6 @@ class AsperityTable:
             raise Refused("asperity table", reason, self.rows)
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
-        """See :class:`Asperities`."""
         z, p = np.array(self.rows).T
         slopes = np.append(np.diff(p) / np.diff(z), 0.0)
         at = gap / self.sigma
@@ -139,7 +134,6 @@ class AsperityTable:
         return p[piece] + slopes[piece] * (at - z[piece]), slopes[piece] / self.sigma
 
     def energy(self, gap: Floats) -> Floats:
-        """See :class:`Asperities`."""
         z, p = np.array(self.rows).T
         parts = 0.5 * (p[1:] + p[:-1]) * np.diff(z)
         # From each row to the last: trapezia are exact for straight lines.
@@ -151,15 +145,13 @@ class AsperityTable:
 
 
 @dataclass(frozen=True, slots=True)
-class NoAsperities:
+class NoAsperities(Asperities):
     """Smooth surfaces: the film carries all."""
 
     def pressure(self, gap: Floats) -> tuple[Floats, Floats]:
-        """See :class:`Asperities`."""
         return np.zeros_like(gap), np.zeros_like(gap)
 
     def energy(self, gap: Floats) -> Floats:
-        """See :class:`Asperities`."""
         return np.zeros_like(gap)
 
 

@@ -36,7 +36,7 @@ class FilmThickness(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ConstantFilm:
+class ConstantFilm(FilmThickness):
     """The same thickness everywhere.
 
     Attributes:
@@ -52,12 +52,11 @@ class ConstantFilm:
         require_thickness(self.thickness)
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """See ``FilmThickness.at``."""
         return np.full(pressure.shape, float(self.thickness)), np.zeros(pressure.shape)
 
 
 @dataclass(frozen=True, slots=True)
-class FilmTable:
+class FilmTable(FilmThickness):
     """A thickness that follows the pressure: linear between the rows, constant outside.
 
     Attributes:
@@ -78,7 +77,6 @@ class FilmTable:
         require_thickness([thickness for _, thickness in self.rows])
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """See ``FilmThickness.at``."""
         rows = np.array(self.rows)
         return np.interp(pressure, *rows.T), _slope(pressure, rows)
 

@@ -78,11 +78,7 @@ class FrictionState:
         return type(self)(**{name: value.copy() for name, value in self._items()})
 
     def take(self, points: NDArray[Any]) -> Self:
-        """The state of some points.
-
-        Args:
-            points: (p,) indices or (q,) mask.
-        """
+        """The state of some points; ``points``: (p,) indices or (q,) mask."""
         return type(self)(**{name: value[points] for name, value in self._items()})
 
     def arrays(self) -> dict[str, NDArray[Any]]:

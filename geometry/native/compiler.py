@@ -19,6 +19,9 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-w")
 _THIRD = frozenset("avx avx2 bmi1 bmi2 f16c fma abm movbe xsave".split())
@@ -155,3 +158,31 @@ def library(name: str) -> ctypes.CDLL:
         KernelError: it can be neither found nor made.
     """
     return compiled(Path(__file__).with_name(name))
+
+
+# -- What the functions of a library are given -----------------------------------------------------
+
+
+def packed(array: Any, kind: Any = np.float64) -> Any:
+    """An array as loops read it, copied only where it is not; None stays None."""
+    return None if array is None else np.ascontiguousarray(array, dtype=kind)
+
+
+def start_of(array: Any) -> ctypes.c_void_p:
+    """Where an array begins, which the caller keeps alive; None is nowhere."""
+    return ctypes.c_void_p(None if array is None else array.__array_interface__["data"][0])
+
+
+def require_size(theirs: int, ours: type[ctypes.Structure], source: str) -> None:
+    """See that a structure takes as many bytes as that of a source.
+
+    Laid out otherwise, it would be read with its fields shifted: numbers, and no error.
+
+    Raises:
+        RuntimeError: it does not.
+    """
+    if theirs != ctypes.sizeof(ours):
+        raise RuntimeError(
+            f"{source}: its structure {ours.__name__.strip('_')} takes {theirs} bytes, the one of "
+            f"{ours.__module__} {ctypes.sizeof(ours)}; both must list the same fields in one order"
+        )

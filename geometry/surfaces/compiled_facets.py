@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tribox.geometry.native.compiler import library
+from tribox.geometry.native.compiler import library, packed, require_size, start_of
 from tribox.geometry.surfaces.facets import FacetShape, Floats, Ints, Longs, facet_shape
 
 SOURCE = "closest_points.c"
@@ -89,7 +89,9 @@ class CompiledFacets:
         self._tried = sizes["closest"] // 8
         self._form, self._arrays = _form(shape)
         self._controls: Floats | None = None  # of the last call
-        self._surface = _Surface(ctypes.addressof(self._form), facets, 0, None, _at(self._made))
+        self._surface = _Surface(
+            ctypes.addressof(self._form), facets, 0, None, start_of(self._made)
+        )
 
     def closest(
         self,
@@ -114,11 +116,11 @@ class CompiledFacets:
         count = len(points)
         facet, entity = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
         xi = np.empty((count, self.shape.directions))
-        keep, past = (None, 0.0) if kept is None else (_ints(kept[0]), kept[1])
-        inputs = (_floats(points), among.start, among.facet, among.alone, keep, among.beyond)
+        keep, past = (None, 0.0) if kept is None else (packed(kept[0], np.int32), kept[1])
+        inputs = (packed(points), among.start, among.facet, among.alone, keep, among.beyond)
         scratch = self._scratch(among.start)
-        numbers = (among.limit, tie, past)
-        task = _Task(count, *map(_at, inputs), *numbers, *map(_at, (*scratch, facet, xi, entity)))
+        outputs = map(start_of, (*scratch, facet, xi, entity))
+        task = _Task(count, *map(start_of, inputs), among.limit, tie, past, *outputs)
         self._call("tribox_closest_points", controls, ctypes.byref(task))
         return facet, xi, entity
 
@@ -131,12 +133,11 @@ class CompiledFacets:
             start: (q + 1,) where the facets of each point begin in ``facet`` (p,).
         """
         out = np.zeros(len(facet))
-        points, facet = _floats(points), _ints(facet)
+        points, facet = packed(points), packed(facet, np.int32)
         scratch = self._scratch(start)
         inputs = (points, start, facet, None, None, None)
-        nothing = (None, None, None)
-        task = _Task(len(points), *map(_at, inputs), 0.0, 0.0, 0.0, *map(_at, (*scratch, *nothing)))
-        self._call("tribox_beyond", controls, ctypes.byref(task), _at(out))
+        task = _Task(len(points), *map(start_of, inputs), 0.0, 0.0, 0.0, *map(start_of, scratch))
+        self._call("tribox_beyond", controls, ctypes.byref(task), start_of(out))
         return out
 
     def _scratch(self, start: Longs) -> tuple[Floats, Floats]:
@@ -147,9 +148,10 @@ class CompiledFacets:
     def distances(self, points: Floats, controls: Floats, point: Ints, facet: Ints) -> Floats:
         """Distances (p,), m, of pairs of a point and a facet; arguments as in :meth:`closest`."""
         out = np.empty(len(point))
-        points, point, facet = _floats(points), _ints(point), _ints(facet)
-        arguments = (_at(points), _at(point), _at(facet), ctypes.c_int64(len(point)), _at(out))
-        self._call("tribox_distances", controls, *arguments)
+        points, point, facet = packed(points), packed(point, np.int32), packed(facet, np.int32)
+        pairs = map(start_of, (points, point, facet))
+        count = ctypes.c_int64(len(point))
+        self._call("tribox_distances", controls, *pairs, count, start_of(out))
         return out
 
     def geometry(
@@ -166,7 +168,7 @@ class CompiledFacets:
         normal, gap, bend = np.empty(points.shape), np.empty(count), None
         if not self.shape.is_flat:
             bend = np.empty((count, directions, directions, directions + 1))
-        foot, tangents = self._evaluate(controls, facet, xi, _floats(points), (normal, bend, gap))
+        foot, tangents = self._evaluate(controls, facet, xi, packed(points), (normal, bend, gap))
         return foot, tangents, normal, gap, bend
 
     def places(self, controls: Floats, facet: Ints, xi: Floats) -> tuple[Floats, Floats]:
@@ -184,8 +186,8 @@ class CompiledFacets:
         count, directions = xi.shape
         foot = np.empty((count, directions + 1))
         tangents = np.empty((count, directions, directions + 1))
-        facet, xi = _ints(facet), _floats(xi)
-        task = _Geometry(count, *map(_at, (points, facet, xi, foot, tangents, *more)))
+        facet, xi = packed(facet, np.int32), packed(xi)
+        task = _Geometry(count, *map(start_of, (points, facet, xi, foot, tangents, *more)))
         self._call("tribox_places", controls, ctypes.byref(task))
         return foot, tangents
 
@@ -196,25 +198,12 @@ class CompiledFacets:
         """
         if controls is not self._controls or controls.flags.writeable:
             self._controls = controls
-            self._packed = _floats(controls)
+            self._packed = packed(controls)
             self._surface.stamp += 1
-            self._surface.controls = _at(self._packed)
+            self._surface.controls = start_of(self._packed)
         function = getattr(self._code, name)
         function.restype = None
         function(ctypes.byref(self._surface), *arguments)
-
-
-def _at(array: Any) -> ctypes.c_void_p:
-    """Where an array is; None is nowhere."""
-    return ctypes.c_void_p(None if array is None else array.ctypes.data)
-
-
-def _floats(array: Floats) -> Floats:
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
-def _ints(array: NDArray[Any]) -> Ints:
-    return np.ascontiguousarray(array, dtype=np.int32)
 
 
 def _sizes(code: ctypes.CDLL) -> dict[str, int]:
@@ -223,11 +212,7 @@ def _sizes(code: ctypes.CDLL) -> dict[str, int]:
     code.tribox_closest_sizes.restype = None
     code.tribox_closest_sizes(sizes)
     for theirs, ours in zip(sizes, (_Shape, _Surface, _Task, _Geometry), strict=False):
-        if theirs != ctypes.sizeof(ours):
-            raise RuntimeError(
-                f"{SOURCE}: its structure {ours.__name__[1:]} takes {theirs} bytes, the one of "
-                f"{__name__} {ctypes.sizeof(ours)}; both must list the same fields in one order"
-            )
+        require_size(theirs, ours, SOURCE)
     return {"facet": sizes[4], "closest": sizes[5]}
 
 
@@ -265,7 +250,7 @@ def _form(shape: FacetShape) -> tuple[_Shape, list[NDArray[Any]]]:
     ]
     arrays = [np.ascontiguousarray(array) for array in arrays]
     sizes = (shape.directions, shape.cell == "triangle", shape.degree, shape.count, len(lattice))
-    at = list(map(_at, arrays))
+    at = list(map(start_of, arrays))
     return _Shape(*sizes, *at[:7], len(along), *at[7:]), arrays
 
 

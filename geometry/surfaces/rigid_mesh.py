@@ -69,7 +69,6 @@ class MeshSurface(RigidSurface):
         self._cut = self._ends_of_rounds()
 
     def for_others(self) -> MeshSurface:
-        """See :meth:`RigidSurface.for_others`."""
         other = copy.copy(self)
         other._surface = self._surface.for_others()
         other.search = other._surface.search
@@ -90,7 +89,6 @@ class MeshSurface(RigidSurface):
         return self._surface.neighbours
 
     def smooth_normals(self, facet: Ints, xi: Floats, nodes: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         turn, _ = self._motion(nodes)
         return self._surface.smooth_normals(facet, xi, self.nodes) @ turn.T
 
@@ -99,11 +97,9 @@ class MeshSurface(RigidSurface):
         return Places(*self._surface.places(facet, xi, self.nodes))
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         return self._surface.excess(facet, xi)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         corners, out = facet_shape(self.shape.cell, 1).values(xi), np.zeros(len(xi), dtype=bool)
         for number, side in enumerate(self.shape.sides):
             on_side = corners[:, side.nodes[:2]].sum(axis=1) > 1.0 - ON_END

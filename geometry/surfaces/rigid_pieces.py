@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tribox.geometry.native.compiler import library, packed, start_of
+
 if TYPE_CHECKING:
     from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
@@ -185,14 +187,14 @@ class CompiledPieces:
         arrays = pieces.start, pieces.end, pieces.centre, pieces.sweep, middle
         every = (*arrays, pieces.limits(), *pieces.spheres())
         self._arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in every]
-        self._line = _Line(len(pieces.sweep), *map(_at, self._arrays))
+        self._line = _Line(len(pieces.sweep), *map(start_of, self._arrays))
         self._room = np.empty((len(pieces.sweep), 2))
 
     def at(self, piece: Ints, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Places, tangents ∂/∂ξ and second derivatives (q, i), m, at ξ (q,) of pieces (q,)."""
         out = tuple(np.empty((len(xi), 2)) for _ in range(3))
-        piece, xi = _ints(piece), _floats(xi)
-        self._call("places", len(xi), *map(_at, (piece, xi, *out)))
+        piece, xi = packed(piece, np.int32), packed(xi)
+        self._call("places", len(xi), *map(start_of, (piece, xi, *out)))
         return out[0], out[1], out[2]
 
     def closest(self, points: Floats, tie: float) -> tuple[Ints, Floats, Ints]:
@@ -205,31 +207,17 @@ class CompiledPieces:
             points: (q, i), m.
             tie: m, distances closer than this are equal.
         """
-        count, points = len(points), _floats(points)
+        count, points = len(points), packed(points)
         piece, xi = np.zeros(count, dtype=np.int32), np.zeros(count)
         held = np.zeros(count, dtype=np.uint8)
-        found = map(_at, (piece, xi, held, self._room))
-        self._call("closest", count, _at(points), ctypes.c_double(tie), *found)
+        found = map(start_of, (piece, xi, held, self._room))
+        self._call("closest", count, start_of(points), ctypes.c_double(tie), *found)
         return piece, xi, held.astype(np.int32)
 
     def _call(self, name: str, count: int, *arguments: Any) -> None:
-        from tribox.geometry.native.compiler import library  # `check` compiles nothing
-
         function = getattr(library("polyline.c"), f"tribox_line_{name}")
         function.restype = None
         function(ctypes.byref(self._line), ctypes.c_int64(count), *arguments)
-
-
-def _at(array: Any) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.__array_interface__["data"][0])
-
-
-def _floats(array: Floats) -> Floats:
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
-def _ints(array: Ints) -> Ints:
-    return np.ascontiguousarray(array, dtype=np.int32)
 
 
 def left_of(vectors: Floats) -> Floats:

@@ -104,24 +104,20 @@ class Polyline(RigidShape):
         super().__init__(len(turns), 0.5 * (low + high), size, pieces.bounds())
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         place, tangent, bend = self._code.at(facet, xi[:, 0])
         return Places(place, tangent[:, None], bend[:, None, None])
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         past = np.stack([-xi[:, 0], xi[:, 0] - 1.0], axis=1)
         return np.where(self._sharp[facet], past, -np.inf).max(axis=1)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         at_end = np.stack([xi[:, 0] <= 0.0, xi[:, 0] >= 1.0], axis=1)
         return (at_end & self._cut[facet]).any(axis=1)
 
     # -- closest points ---------------------------------------------------------------------------
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
         facet, found, at_end = self._code.closest(points, _TIE * self.size)
         held, end = at_end > 0, np.maximum(at_end - 1, 0)
         if frozen_facets is not None and self._sharp.any():

@@ -37,13 +37,11 @@ class Plane(RigidShape):
         self._tangents = self.size * directions_across(self.normal)
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
         # Tangents of length L: x·τ/L² is ξ.
         xi: Floats = ((points - self.point) @ self._tangents.T / self.size**2).astype(np.float64)
         return Feet(np.zeros(len(points), dtype=np.int32), xi)
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         tangents = np.tile(self._tangents, (len(xi), 1, 1))
         return Places(self.point + xi @ self._tangents, tangents)
 
@@ -115,7 +113,6 @@ class Circle(RigidShape):
         return Feet(facet, (turned - facet)[:, None])
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         angle = self.sign * _ARC * (facet + xi[:, 0])
         radial = self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         ahead = np.stack([-radial[:, 1], radial[:, 0]], axis=1)
@@ -126,7 +123,6 @@ class Circle(RigidShape):
         )
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         number = np.arange(count, dtype=np.int32)
         turned = QUARTERS * number / count
         points = self.at(np.zeros(count, dtype=np.int32), turned[:, None]).place
@@ -193,7 +189,6 @@ class Sphere(RigidShape):
         return Places(self.centre + self.radius * d, self.radius * d_a, curvature)
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         lines = max(count // 4, 2)
         xi, cells = _grid(lines + 1, lines + 1)
         facet = np.repeat(np.arange(PATCHES, dtype=np.int32), len(xi))
@@ -261,7 +256,6 @@ class Extruded(RigidShape):
         return extent
 
     def closest(self, points: Floats, frozen_facets: Ints | None) -> Feet:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidShape`."""
         here = (points - self.origin) @ self._frame.T
         feet = self.section.closest(here[:, :2], frozen_facets)
         xi = np.stack([feet.xi[:, 0], -here[:, 2] / self.size], axis=1)
@@ -273,7 +267,6 @@ class Extruded(RigidShape):
         return out
 
     def at(self, facet: Ints, xi: Floats) -> Places:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         flat = self.section.at(facet, xi[:, :1])
         across, axis = self._frame[:2], self._frame[2]
         tangents = np.empty((len(xi), 2, 3))
@@ -287,15 +280,12 @@ class Extruded(RigidShape):
         return out
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         return self.section.excess(facet, xi[:, :1])
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         return self.section.cut_off(facet, xi[:, :1])
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
-        """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`."""
         corners = np.stack(np.meshgrid(*np.transpose(box)), axis=-1).reshape(-1, 3)
         here = (corners - self.origin) @ self._frame.T
         low, high = here.min(axis=0), here.max(axis=0)

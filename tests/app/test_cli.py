@@ -42,29 +42,15 @@ def assert_refused(result, *fragments):
         assert fragment in lines[0]
 
 
-BLOCK_MISTAKES = {
-    "unknown key": ("mu = 0.2", "nu = 0.2", ["nu", "contact.0.friction", "mu"]),
-    "wrong unit": ('E = "5 MPa"', 'E = "5 mm"', ["bodies.elastomer.E", "5 mm"]),
-    "negative thickness": ('thickness = "1 mm"', 'thickness = "-1 mm"', ["geometry.thickness"]),
-    "not a number": ("mu = 0.2", "mu = nan", ["contact.0.friction.mu"]),
-    "no such surface": ('surface = "top"', 'surface = "tpo"', ["boundary.1.surface", '"top"']),
-    "no TOML": ("[[contact]]", "[[contact]", ["not valid TOML"]),
-    "explicit": ("[output]", '[solver]\nkind = "explicit"\n[output]', ["elastomer.density"]),
+MISTAKES = {
+    "unknown key": ("block", "mu = 0.2", "nu = 0.2", ["nu", "contact.0.friction", "mu"]),
+    "no TOML": ("block", "[[contact]]", "[[contact]", ["not valid TOML"]),
+    "explicit": ("block", "[output]", '[solver]\nkind = "explicit"\n[output]', ["density"]),
+    "negative film": ("film", '"30 nm"', '"-30 nm"', ["contact.0.film.thickness"]),
 }
-FILM_MISTAKES = {
-    "no viscosity": ('K_T = "1e12 Pa/m"', 'K_T = "1e12 Pa/m"\neta_b = "0 Pa*s"', ["eta_b"]),
-    "zero speed": ('"1e-5 m/s"', '"0 m/s"', ["stage.1.velocities.0"]),
-    "infinite speed": ('"1e-5 m/s"', "inf", ["stage.1.velocities.0"]),
-    "no number for a speed": ('"1e-5 m/s"', "nan", ["stage.1.velocities.0"]),
-    "negative film": ('thickness = "30 nm"', 'thickness = "-30 nm"', ["contact.0.film.thickness"]),
-}
-MISTAKES = [("block", *m) for m in BLOCK_MISTAKES.values()]
-MISTAKES += [("film", *m) for m in FILM_MISTAKES.values()]
 
 
-@pytest.mark.parametrize(
-    ("base", "old", "new", "said"), MISTAKES, ids=[*BLOCK_MISTAKES, *FILM_MISTAKES]
-)
+@pytest.mark.parametrize(("base", "old", "new", "said"), MISTAKES.values(), ids=MISTAKES)
 def test_wrong_case_is_one_line_and_check_finds_the_same(
     request, tribox, case_file, tmp_path, base, old, new, said
 ):
@@ -137,24 +123,10 @@ def test_results_are_replaced_only_when_forced(tribox, case_file, block, tmp_pat
     assert snapshot(out) == before
 
 
-def test_force_never_removes_the_case_itself(tribox, block, tmp_path):
-    mine = tmp_path / "mine"
-    mine.mkdir()
-    path = mine / "case.toml"
-    path.write_text(block)
-    assert_refused(tribox("run", path, "--out", mine, "--force"), "case.toml")
-    assert path.read_text() == block
-
-
 def test_results_go_below_the_working_directory(tribox, case_file, block, tmp_path):
     path = case_file(block, "my-block.toml")
     assert tribox("run", path, "--set", "stage.1.steps=1").returncode == 0
     assert (tmp_path / "home" / "results" / "my-block" / "summary.json").is_file()
-
-
-def test_a_file_in_the_place_of_the_results(tribox, case_file, block, tmp_path):
-    (tmp_path / "out").write_text("a file")
-    assert_refused(tribox("run", case_file(block), "--out", tmp_path / "out"), "is a file")
 
 
 # -- the user's own mesh --------------------------------------------------------------------------
@@ -167,70 +139,49 @@ def with_mesh(text: str, mesh: str) -> str:
     return text[:start] + geometry + text[end:]
 
 
-def write_mesh(path: Path, named: bool = True, glued: bool = False, hole: str = "") -> None:
-    """Two squares, one on the other, of four triangles or so each."""
+def write_mesh(path: Path, hole: str = "") -> None:
+    """Two squares, one on the other, of four triangles or so each; ``hole`` has no name."""
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         occ, model = gmsh.model.occ, gmsh.model
         lower = occ.addRectangle(0.0, -LENGTH, 0.0, LENGTH, LENGTH)
         upper = occ.addRectangle(0.0, 0.0, 0.0, LENGTH, LENGTH)
-        if glued:
-            occ.fragment([(2, lower)], [(2, upper)])
         occ.synchronize()
-        heights = {"bottom": -LENGTH, "top": LENGTH}
-        if named:
-            for name, tag in (("aluminium", lower), ("elastomer", upper)):
-                model.addPhysicalGroup(2, [tag], name=name)
-                sides = [abs(t) for _, t in model.getBoundary([(2, tag)])]
-                at_contact = not glued or tag == lower
-                face = [
-                    t
-                    for t in sides
-                    if (abs(model.occ.getCenterOfMass(1, t)[1]) < 1e-9) == at_contact
-                    and model.occ.getCenterOfMass(1, t)[1] < LENGTH
-                ]
-                model.addPhysicalGroup(1, face, name=f"{name}_contact")
-                for label, height in heights.items():
-                    at = [
-                        t for t in sides if abs(model.occ.getCenterOfMass(1, t)[1] - height) < 1e-9
-                    ]
-                    if at and label != hole:
-                        model.addPhysicalGroup(1, at, name=label)
+        heights = (
+            {"aluminium_contact": 0.0, "bottom": -LENGTH},
+            {"elastomer_contact": 0.0, "top": LENGTH},
+        )
+        for name, tag, sides in zip(
+            ("aluminium", "elastomer"), (lower, upper), heights, strict=True
+        ):
+            model.addPhysicalGroup(2, [tag], name=name)
+            around = [abs(t) for _, t in model.getBoundary([(2, tag)])]
+            for label, height in sides.items():
+                at = [t for t in around if abs(occ.getCenterOfMass(1, t)[1] - height) < 1e-9]
+                if label != hole:
+                    model.addPhysicalGroup(1, at, name=label)
         gmsh.option.setNumber("Mesh.MeshSizeMin", LENGTH / 2)
         gmsh.option.setNumber("Mesh.MeshSizeMax", LENGTH / 2)
-        gmsh.option.setNumber("Mesh.SaveAll", 0 if named else 1)
         model.mesh.generate(2)
         gmsh.write(str(path))
     finally:
         gmsh.finalize()
 
 
-MESH_MISTAKES = {
-    "missing": (None, ["no such file"]),
-    "no names": ({"named": False}, ["name"]),
-    "glued": ({"glued": True}, ["aluminium_contact", "share nodes"]),
-    "no top": ({"hole": "top"}, ["'top'"]),
-}
-
-
-@pytest.mark.parametrize(
-    ("options", "said", "swept"),
-    [(*case, False) for case in MESH_MISTAKES.values()] + [(*MESH_MISTAKES["no top"], True)],
-    ids=[*MESH_MISTAKES, "sweep"],
-)
+@pytest.mark.parametrize("case", ["missing", "no top", "no top, swept"])
 def test_unusable_mesh_is_one_line_and_check_finds_the_same(
-    tribox, case_file, block, tmp_path, options, said, swept
+    tribox, case_file, block, tmp_path, case
 ):
     text = with_mesh(block, "own.msh")
-    if swept:
+    if case.endswith("swept"):
         text += '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.2]\n'
     path = case_file(text)
-    if options is not None:
-        write_mesh(tmp_path / "own.msh", **options)
+    if case != "missing":
+        write_mesh(tmp_path / "own.msh", hole="top")
     before = snapshot(tmp_path)
     result = tribox("run", path)
-    assert_refused(result, *said)
+    assert_refused(result, "no such file" if case == "missing" else "'top'")
     checked = tribox("check", path)
     assert (checked.returncode, checked.stdout) == (2, "")
     assert checked.stderr.removeprefix("tribox: ") == result.stderr.removeprefix("tribox: ")

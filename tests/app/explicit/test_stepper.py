@@ -332,6 +332,11 @@ def test_what_the_energy_of_a_body_at_rest_rounds_to_is_no_instability():
         sizes.append(abs(stored(stepper)))
     watch.check(max(sizes), 0.0, 0.0, np.zeros(1))
     assert max(sizes) > 0.0
-    with pytest.raises(ExplicitError, match="energy runs away"):
-        strain, area = 1e-5, 0.01 * 0.004
-        watch.check(0.5 * rubber.shear_modulus * strain**2 * area, 0.0, 0.0, np.zeros(1))
+    strain, area, moving = 1e-5, 0.01 * 0.004, np.zeros(stepper.problem.owned)
+    moving[[3, 2 * 17 + 1]] = 2.0, 3.0  # one of the unknowns of the second and of the 18th node
+    for fastest in (17, 5):
+        with pytest.raises(ExplicitError, match="energy runs away") as error:
+            watch.check(0.5 * rubber.shear_modulus * strain**2 * area, 0.0, 0.0, moving)
+        place = stepper.problem.space.tabulate_dof_coordinates()[fastest, :2]
+        assert error.value.place == pytest.approx(tuple(place), abs=1e-12)
+        moving[2 * 5] = np.nan  # what has overflowed is fastest of all

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from petsc4py import PETSc
 
 from tests.solved import solved as run
 from tribox.app.equilibrium.step_mode import StepMode
@@ -237,6 +238,66 @@ def test_no_path_is_tried_twice_and_a_first_contact_says_nothing_of_them(
     iterations, reason = interior_point.FromInside().run(attempt)
     assert (asked, inside.opening) == (tried, kept)
     assert iterations == len(tried) + 1 and reason > 0
+
+
+@pytest.mark.parametrize(
+    ("way", "left", "exact", "comes_to"),
+    [
+        ("approached", [9.0], [], (12, False)),
+        ("approached", [9.0] * 12 + [0.5], [], (20, False)),
+        ("approached", [1e-2], [9e-3, 8e-3, 7.9e-3], (2, True)),
+        ("approached", [1e-2], [2e-2], (20, False)),
+        ("approached", [1e-2], [9e-3, 5e-4], (1, True)),
+        ("followed", [0.2], [], (24, False)),
+        ("followed", [0.2] * 24 + [0.05], [], (32, False)),
+        ("followed", [1e-4], [9e-3, 8e-3, 7.9e-3, 7.8e-3], (3, True)),
+        ("followed", [1e-4], [2e-2], (32, False)),
+        ("followed", [1e-4], [9e-3, 5e-7], (1, True)),
+    ],
+)
+def test_a_path_has_patience_and_an_end_where_the_exact_law_stalls_near_it(
+    monkeypatch, way, left, exact, comes_to
+):
+    """Residuals on the path and of the exact law, iteration by iteration, the last for ever."""
+    for name in ("starting_points", "linear_gaps", "_advanced"):
+        monkeypatch.setattr(interior_point, name, lambda *_: [])
+    monkeypatch.setattr(interior_point, "shortest_facet", lambda problem: 1.0)
+    asked = {
+        True: iter([*left[:-1], *[left[-1]] * 99]),
+        False: iter([*exact[:-1], *exact[-1:] * 99]),
+    }
+    vector = SimpleNamespace(copy=lambda to=None: vector)
+    newton = SimpleNamespace(
+        problem=SimpleNamespace(flows=False, trials=[], contacts=[]),
+        options=SimpleNamespace(max_iterations=99),
+        residual_of=lambda step: next(asked[step == "inside"], 1.0),
+        step=lambda step, falling: None,
+        step_to_least_energy=lambda step, first, eased: 1.0,
+    )
+    attempt = SimpleNamespace(
+        newton=newton,
+        trial=vector,
+        x=vector,
+        continued=True,
+        step=SimpleNamespace(inside=lambda points: "inside"),
+        return_to_start=lambda: None,
+    )
+    assert getattr(interior_point, way)(attempt, interior_point.Opening(1e-2)) == comes_to
+
+
+def test_a_gap_that_passes_the_end_of_its_master_has_no_rate():
+    start, trial = (PETSc.Vec().createWithArray(np.array([x])) for x in (0.0, 1.0))
+
+    def evaluate(x, dt, mode):
+        place = x.array_r[0]
+        gaps = np.array([5.0 - 1.5 * place, 0.0 if place == 0.0 else 1e6])
+        return SimpleNamespace(normal_contact=SimpleNamespace(gap=gaps))
+
+    step = SimpleNamespace(dt=1.0, pairs=lambda terms: [(term, None) for term in terms])
+    there = SimpleNamespace(normal_contact=SimpleNamespace(gap=np.array([9.0, 7.0])))
+    problem = SimpleNamespace(contacts=[SimpleNamespace(evaluate=evaluate)], trials=[there])
+    [gaps] = linear_gaps(problem, step, start, trial)
+    np.testing.assert_allclose(gaps, [3.5, 7.0], rtol=1e-8)
 
 
 MU, RADIUS, HEIGHT, HALF = 0.3, 0.01, 5e-4, 0.04
