@@ -443,7 +443,8 @@ INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int 
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
 INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w, int64_t n,
-                     int lanes, int symmetric, vec *matrix, vec (*force)[3], vec *sums)
+                     int lanes, int symmetric, vec *restrict matrix, vec (*restrict force)[3],
+                     vec *restrict sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
     const int many = section == SPACE ? 42 : 20, points = (int)w->points, size = dim * parents + 2;
@@ -507,14 +508,15 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
     return bad;
 }
 
-/* Made once for cells of any number of nodes: compiling it is half of a user's first wait, and a number
- * that is known there makes it no quicker. */
-typedef ivec AtBlock(int nodes, const Work *w, int64_t n, int lanes, int symmetric, vec *matrix, vec (*force)[3],
-                     vec *sums);
+/* Made once for cells of any number of nodes: compiling it is most of a user's first wait, and a number
+ * that is known there makes it no quicker. Out of place, it must be told that what it writes to is no
+ * part of what it reads. */
+typedef ivec AtBlock(int nodes, const Work *w, int64_t n, int lanes, int symmetric, vec *restrict matrix,
+                     vec (*restrict force)[3], vec *restrict sums);
 #define AT_BLOCK(name, section, parents)                                                           \
     static __attribute__((noinline)) ivec name(int nodes, const Work *w, int64_t n, int lanes,     \
-                                               int symmetric, vec *matrix, vec (*force)[3],        \
-                                               vec *sums)                                          \
+                                               int symmetric, vec *restrict matrix,                \
+                                               vec (*restrict force)[3], vec *restrict sums)       \
     {                                                                                              \
         return at_block(section, nodes, parents, w, n, lanes, symmetric, matrix, force, sums);     \
     }
