@@ -22,7 +22,7 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
  * round-off. ITERATIONS and TURNS are far beyond need: 4 are usual. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
 static const double SMALL_STEP = 1e-8, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
-static const double NEAR = 0.25, TURNING = 1e-2; /* of `mean_decay` and `turn` */
+static const double NEAR = 0.25, TURNING = 1e-2, STEADY = 1e-7; /* of `mean_decay` and of turns */
 enum { ITERATIONS = 200, MOST = 8, TURNS = 50 };
 
 typedef struct {
@@ -140,6 +140,8 @@ INLINE void axes_in_plane(const vec *F, const vec *C, Axes *at)
         at->G[a][0] = (F[3] * at->n[a][0] - F[1] * at->n[a][1]) * inverse;
         at->G[a][1] = (F[0] * at->n[a][1] - F[2] * at->n[a][0]) * inverse;
     }
+    for (int a = 0; a < 2; ++a)
+        at->n[a][2] = at->n[2][a] = at->G[a][2] = at->G[2][a] = all(0.0);
     at->n[2][2] = all(1.0);
     at->G[2][2] = 1.0 / F[4];
 }
@@ -265,20 +267,18 @@ INLINE vec twelfth_power_series(const double *c, vec x)
     return low + fourth * (middle + fourth * high);
 }
 
-/* e^-y, phi and the ratio (φ and (φ − e^−y)/y, φ = (1 − e^−y)/y); by series where y is small. */
+/* e^-y, phi and the ratio (φ and (φ − e^−y)/y, φ = (1 − e^−y)/y); where y is small by the series of
+ * (1 − φ)/y, which is φ less the ratio. */
 INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
 {
-    /* (-1)^n/(n + 1)! and (-1)^n (n + 1)/(n + 2)! */
-    static const double MEAN[] = {1.0,          -1.0 / 2,      1.0 / 6,        -1.0 / 24,       1.0 / 120,
-                                  -1.0 / 720,   1.0 / 5040,    -1.0 / 40320,   1.0 / 362880,    -1.0 / 3628800,
-                                  1.0 / 39916800, -1.0 / 479001600, 1.0 / 6227020800};
-    static const double RATIO[] = {1.0 / 2,      -2.0 / 6,      3.0 / 24,       -4.0 / 120,      5.0 / 720,
-                                   -6.0 / 5040,  7.0 / 40320,   -8.0 / 362880,  9.0 / 3628800,   -10.0 / 39916800,
-                                   11.0 / 479001600, -12.0 / 6227020800, 13.0 / 87178291200};
+    /* (-1)^n/(n + 2)! */
+    static const double REST[] = {1.0 / 2,       -1.0 / 6,        1.0 / 24,        -1.0 / 120,       1.0 / 720,
+                                  -1.0 / 5040,   1.0 / 40320,     -1.0 / 362880,   1.0 / 3628800,    -1.0 / 39916800,
+                                  1.0 / 479001600, -1.0 / 6227020800, 1.0 / 87178291200};
     ivec far = (ivec)(y >= NEAR);
-    vec x = choose(far, all(0.0), y);
-    *phi = twelfth_power_series(MEAN, x);
-    *ratio = twelfth_power_series(RATIO, x);
+    vec x = choose(far, all(0.0), y), rest = twelfth_power_series(REST, x);
+    *phi = 1.0 - x * rest;
+    *ratio = *phi - rest;
     *decay = 1.0 - x * *phi;
     if (!any(far))
         return;
@@ -571,7 +571,7 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
     const int count = space ? 9 : 5, alpha = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     vec tau[3], sum = all(0.0);
-    Axes at = {};
+    Axes at;
     Flow f;
     axes(space, F, state, &at);
     at.good &= is_finite(state[alpha]);
@@ -609,15 +609,15 @@ INLINE void update(int space, const Material *m, const vec *F, const vec *state,
 
 /* -- backstress: see elastoplastic.py ----------------------------------------------------------
  * Tensors stand in the principal axes of the trial deformation, which the end need not share. In
- * the plane those axes are two in it and its normal, and nothing couples them. */
+ * the plane those axes are two in it and its normal, and nothing couples them. Of symmetric ones that
+ * are kept the upper half is, since storing takes longer than computing. */
 
 /* One branch of the backstress at its end, the tensors without the volume of the strain: metric at
- * the begin, K = E^-1 B^-1 E^-1 but for its size, `root` its determinant^(-1/3), Z = K^-1 E/root and
- * B = E Z. */
+ * the begin, K = E^-1 B^-1 E^-1 but for its size, and B = E K^-1 E. */
 typedef struct {
     double modulus, recovery;
-    tensor metric, start, X, K, Z, B;
-    vec decay, phi, ratio, root;
+    tensor metric, start, X, K, B;
+    vec decay, phi, ratio;
 } Branch;
 
 /* Deviator e of the elastic strain at the end, E = exp(-e) and its square; 1/w of the begin. */
@@ -637,7 +637,8 @@ INLINE void exponentiate(int space, Strain *at)
         size *= 0.25;
         scale *= 0.5;
     }
-    EACH(space, i, j) e[i][j] = halved ? scale * at->e[i][j] : at->e[i][j];
+    whole_of(space, at->e, e);
+    EACH(space, i, j) e[i][j] = halved ? scale * e[i][j] : e[i][j];
     multiply(space, e, e, square);
     vec second = 0.5 * trace(square), third = contract(space, e, square) * (1.0 / 3.0);
     vec p = all(0.0), q = all(0.0), r = all(1.0), a = all(1.0), b = all(-1.0), c = all(0.5);
@@ -651,32 +652,45 @@ INLINE void exponentiate(int space, Strain *at)
         a += factor * p, b += factor * q, c += factor * r;
     }
     UPPER(space, i, j) at->E[i][j] = (i == j ? a : all(0.0)) + b * e[i][j] + c * square[i][j];
-    mirror(space, at->E);
-    for (; halved > 0; --halved) {
+    for (; halved > -1; --halved) {
         tensor root;
-        __builtin_memcpy(root, at->E, sizeof root);
-        multiply(space, root, root, at->E);
+        whole_of(space, at->E, root);
+        multiply(space, root, root, square);
+        UPPER(space, i, j) (halved ? at->E : at->E2)[i][j] = square[i][j];
     }
-    multiply(space, at->E, at->E, at->E2);
 }
 
-/* Class Branch, move, at a step whose decay is known. */
+/* b a b^T of a symmetric tensor a. */
+INLINE void sandwich(int space, const tensor b, const tensor a, tensor to)
+{
+    tensor half;
+    multiply(space, b, a, half);
+    UPPER(space, i, j)
+    {
+        to[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                to[i][j] += half[i][k] * b[j][k];
+    }
+    mirror(space, to);
+}
+
+/* A branch at a step whose decay is known. */
 INLINE void move(int space, const Strain *at, vec step, Branch *k)
 {
-    tensor cofactor;
+    tensor K, cofactor, E, B;
     vec end = 1.0 - k->phi, mid = k->recovery * step * k->ratio;
     UPPER(space, a, b) k->K[a][b] = k->decay * k->metric[a][b] + end * at->E2[a][b];
     for (int a = 0; a < 3; ++a)
         k->K[a][a] += mid * at->begin[a];
-    mirror(space, k->K);
-    k->root = inverse_cube_root(cofactors(space, k->K, cofactor));
-    vec scale = k->root * k->root;
-    EACH(space, a, b) cofactor[a][b] *= scale;
-    multiply(space, cofactor, at->E, k->Z);
-    multiply(space, at->E, k->Z, k->B);
+    whole_of(space, k->K, K);
+    whole_of(space, at->E, E);
+    vec root = inverse_cube_root_of_ratio(cofactors(space, K, cofactor));
+    sandwich(space, E, cofactor, B);
+    UPPER(space, a, b) k->B[a][b] = root * root * B[a][b]; /* last: nothing waits for the root */
     vec mean = trace(k->B) * (1.0 / 3.0);
     double shear = k->modulus / 3.0;
-    EACH(space, a, b) k->X[a][b] = shear * (k->B[a][b] - (a == b ? mean : all(0.0)));
+    UPPER(space, a, b) k->X[a][b] = shear * (k->B[a][b] - (a == b ? mean : all(0.0)));
 }
 
 /* The end of the step, see class Turned. */
@@ -699,13 +713,12 @@ INLINE vec recovered(int space, const Material *m, const Turned *t)
     return sum;
 }
 
-/* One turn: the step with the rest held, then the rest anew; returns which points have settled. */
-INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial, vec alpha, vec begin,
-                 vec rise, ivec done, Turned *t, tensor rest)
+/* One turn, first half: the step with the rest held, and the strain at its end. */
+INLINE void return_with(int space, const Material *m, const tensor s, const vec *trial, vec alpha, vec begin,
+                        vec rise, const tensor rest, ivec done, Turned *t)
 {
-    tensor over, sum = {};
-    double moduli = 0.0;
-    EACH(space, a, b) over[a][b] = s[a][b] - rest[a][b];
+    tensor over;
+    UPPER(space, a, b) over[a][b] = s[a][b] - rest[a][b];
     t->of.aim = contract(space, over, over);
     const vec last = t->step;
     vec unused, near = last, decay[MOST], phi[MOST];
@@ -726,61 +739,76 @@ INLINE ivec turn(int space, const Material *m, const tensor s, const vec *trial,
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
         mean_decay(own->recovery * t->step, &own->decay, &own->phi, &own->ratio);
-        EACH(space, a, b) over[a][b] -= own->decay * own->start[a][b];
-        moduli += own->modulus;
+        UPPER(space, a, b) over[a][b] -= own->decay * own->start[a][b];
     }
     vec size = square_root(contract(space, over, over));
     vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0)), flown = 1.2247448713915890 * t->step;
-    EACH(space, a, b)
+    UPPER(space, a, b)
     {
         t->nu[a][b] = over[a][b] * scale;
         t->at.e[a][b] = (a == b ? trial[a] : all(0.0)) - flown * t->nu[a][b];
     }
+}
+
+/* Which points have settled, which will have with the next strain, and the square of the last change. */
+typedef struct {
+    ivec done, close;
+    vec change;
+} Settling;
+
+/* Second half: the branches there, and the rest anew of the points that have not settled. */
+INLINE void find_rest(int space, const Material *m, vec last, Turned *t, tensor rest, Settling *of)
+{
+    tensor sum = {}, d;
+    double moduli = 0.0;
     exponentiate(space, &t->at);
     for (int k = 0; k < m->branches; ++k) {
         Branch *own = t->k + k;
         move(space, &t->at, t->step, own);
         vec straight = 0.8164965809277260 * own->modulus * own->phi * t->step;
-        EACH(space, a, b)
+        UPPER(space, a, b)
         sum[a][b] += own->X[a][b] - own->decay * own->start[a][b] - straight * t->nu[a][b];
+        moduli += own->modulus;
     }
-    vec change = all(0.0), bound = SETTLED * (25.0 * square_root(1.5 * t->of.aim) + moduli);
-    EACH(space, a, b) change += (sum[a][b] - rest[a][b]) * (sum[a][b] - rest[a][b]);
-    vec still = SMALL_STEP * t->step + bound / (3.0 * m->shear);
-    done |= (ivec)(change <= bound * bound) & (ivec)(absolute(t->step - last) <= still);
-    EACH(space, a, b) rest[a][b] = choose(done, rest[a][b], sum[a][b]);
-    return done;
+    if (!any(~of->done))
+        return;
+    UPPER(space, a, b) d[a][b] = sum[a][b] - rest[a][b];
+    vec change = contract(space, d, d), bound = SETTLED * (25.0 * square_root(1.5 * t->of.aim) + moduli);
+    vec moved = absolute(t->step - last) - bound * (1.0 / (3.0 * m->shear));
+    bound *= bound;
+    of->done |= (ivec)(change <= bound) & (ivec)(moved <= SMALL_STEP * t->step);
+    /* the next change is to this one what this one is to the last, about */
+    of->close = of->done | ((ivec)(change * change <= bound * of->change) & (ivec)(moved <= STEADY * t->step));
+    of->change = change;
+    UPPER(space, a, b) rest[a][b] = choose(of->done, rest[a][b], sum[a][b]);
 }
 
 /* The branches at the begin of the step; t->nu is then s less the sum of their stress. */
 INLINE void begin_turning(int space, const Material *m, const Axes *axes, const vec *state, Turned *t)
 {
     const int count = space ? 6 : 4;
-    vec w = axes->w[0] * axes->w[1] * axes->w[2], r = inverse_cube_root(w), square = r * r;
+    vec w = axes->w[0] * axes->w[1] * axes->w[2], r = inverse_cube_root_of_ratio(w), square = r * r;
     vec volume = t->at.volume = w * square;
-    for (int a = 0; a < 3; ++a) {
+    for (int a = 0; a < 3; ++a)
         t->at.begin[a] = axes->w[(a + 1) % 3] * axes->w[(a + 2) % 3] * square;
-        t->at.E[a][a] = square_root(t->at.begin[a]);
-        t->at.E2[a][a] = t->at.begin[a];
+    UPPER(space, a, b)
+    {
+        t->at.E2[a][b] = a == b ? t->at.begin[a] : all(0.0);
+        t->at.E[a][b] = a == b ? square_root(t->at.begin[a]) : all(0.0);
     }
     for (int k = 0; k < m->branches; ++k) {
         const vec *C = state + count * (1 + k);
         Branch *own = t->k + k;
-        tensor half, inner, transposed;
+        tensor inner;
         own->modulus = m->backstress[2 * k];
         own->recovery = m->backstress[2 * k + 1];
         symmetric_of(space, C, inner);
-        EACH(space, a, b)
-        {
-            inner[a][b] = choose(axes->good, inner[a][b], all(a == b)) * volume;
-            transposed[b][a] = axes->G[a][b];
-        }
-        multiply(space, axes->G, inner, half);
-        multiply(space, half, transposed, own->metric);
+        EACH(space, a, b) inner[a][b] = choose(axes->good, inner[a][b], all(a == b)) * volume;
+        sandwich(space, axes->G, inner, own->metric);
         own->decay = own->phi = all(1.0);
         own->ratio = all(0.5);
         move(space, &t->at, all(0.0), own);
-        EACH(space, a, b)
+        UPPER(space, a, b)
         {
             own->start[a][b] = own->X[a][b];
             t->nu[a][b] -= own->X[a][b];
@@ -795,11 +823,14 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
 {
     const vec alpha = state[(space ? 6 : 4) * (1 + m->branches)];
     const vec mean = (axes->logs[0] + axes->logs[1] + axes->logs[2]) * (1.0 / 3.0);
-    tensor s = {}, rest = {};
+    tensor s, rest = {};
     vec trial[3], begin, rise, end, unused;
-    for (int a = 0; a < 3; ++a) {
-        t->at.e[a][a] = trial[a] = axes->logs[a] - mean;
-        t->nu[a][a] = s[a][a] = 2.0 * m->shear * trial[a];
+    for (int a = 0; a < 3; ++a)
+        trial[a] = axes->logs[a] - mean;
+    UPPER(space, a, b)
+    {
+        t->at.e[a][b] = a == b ? trial[a] : all(0.0);
+        t->nu[a][b] = s[a][b] = 2.0 * m->shear * t->at.e[a][b];
     }
     begin_turning(space, m, axes, state, t);
     t->step = all(0.0);
@@ -808,12 +839,16 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
     yields(m, alpha, &begin, &rise);
     t->flows = (ivec)(q >= (1.0 - NEUTRAL) * begin) & axes->good;
     vec scale = 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
-    EACH(space, a, b) t->nu[a][b] *= scale;
+    UPPER(space, a, b) t->nu[a][b] *= scale;
     if (any(t->flows)) {
-        ivec done = ~t->flows;
-        for (int i = 0; i < TURNS && any(~done); ++i)
-            done = turn(space, m, s, trial, alpha, begin, rise, done, t, rest);
-        t->good = done;
+        Settling of = {~t->flows, ~t->flows, all(0.0)};
+        for (int i = 0; i < TURNS && any(~of.done); ++i) {
+            const vec last = t->step;
+            return_with(space, m, s, trial, alpha, begin, rise, rest, of.done, t);
+            of.done = of.close;
+            find_rest(space, m, last, t, rest, &of);
+        }
+        t->good = of.done;
     }
     end_stresses(m, alpha, t->step, &t->stress, &t->slope, &end);
     t->recovered = recovered(space, m, t);
@@ -846,29 +881,14 @@ INLINE void add_deviator(int space, const tensor a, vec *to)
         to[i] += i < 3 ? a[i][i] - mean : 1.4142135623730951 * a[PAIRS[i][0]][PAIRS[i][1]];
 }
 
-/* b a b^T of a symmetric tensor a. */
-INLINE void sandwich(int space, const tensor b, const tensor a, tensor to)
-{
-    tensor half;
-    multiply(space, b, a, half);
-    UPPER(space, i, j)
-    {
-        to[i][j] = all(0.0);
-        for (int k = 0; k < 3; ++k)
-            if (COUPLED(space, k, i))
-                to[i][j] += half[i][k] * b[j][k];
-    }
-    mirror(space, to);
-}
-
 INLINE void end_of_step(int space, const vec *F, const vec *state, const vec *end, int alpha,
                         Axes *begin, Ended *t)
 {
     axes(space, F, state, begin);
     axes(space, F, end, &t->at);
     const vec *v = begin->w, *w = t->at.w, mean = (t->at.logs[0] + t->at.logs[1] + t->at.logs[2]) * (1.0 / 3.0);
-    vec all_v = v[0] * v[1] * v[2], root = inverse_cube_root(all_v), square = root * root;
-    vec of_w = inverse_cube_root(w[0] * w[1] * w[2]);
+    vec all_v = v[0] * v[1] * v[2], root = inverse_cube_root_of_ratio(all_v), square = root * root;
+    vec of_w = inverse_cube_root_of_ratio(w[0] * w[1] * w[2]);
     tensor transposed, inverse;
     EACH(space, a, b) transposed[b][a] = begin->n[a][b];
     multiply(space, t->at.n, transposed, t->N);
@@ -907,7 +927,7 @@ INLINE void add_branch(int space, const Ended *t, const double *backstress, cons
     }
     mirror(space, K);
     mirror(space, rise);
-    vec root = inverse_cube_root(cofactors(space, K, inner)), end = (1.0 - phi) * root;
+    vec root = inverse_cube_root_of_ratio(cofactors(space, K, inner)), end = (1.0 - phi) * root;
     EACH(space, a, b) inner[a][b] *= root * root;
     sandwich(space, inner, rise, turned);
     vec growth = contract(space, inner, rise) * root * (1.0 / 3.0);
@@ -1140,18 +1160,21 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
 {
     const int count = space ? 6 : 4;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    tensor H = {}, square, part;
-    cofactors(space, t->at.E2, square); /* exp(2 e) but for the volume */
+    tensor H = {}, E2, square, part;
+    whole_of(space, t->at.E2, E2);
+    cofactors(space, E2, square); /* exp(2 e) but for the volume */
     for (int p = 0; p < (space ? 9 : 5); ++p)
         for (int a = 0; a < 3; ++a)
-            H[a][place[p][1]] += at->n[a][place[p][0]] * F[p];
+            if (COUPLED(space, a, place[p][0]))
+                H[a][place[p][1]] += at->n[a][place[p][0]] * F[p];
     for (int k = -1; k < m->branches; ++k) {
-        tensor transposed, whole, unused;
+        tensor K, transposed, whole, unused;
         const vec(*to)[3] = k < 0 ? at->G : H;
         EACH(space, a, b) transposed[b][a] = to[a][b];
-        multiply(space, k < 0 ? square : t->k[k].K, to, part);
+        whole_of(space, k < 0 ? square : t->k[k].K, K);
+        multiply(space, K, to, part);
         multiply(space, transposed, part, whole);
-        vec scale = k < 0 ? t->at.volume : inverse_cube_root(cofactors(space, whole, unused));
+        vec scale = k < 0 ? t->at.volume : inverse_cube_root_of_ratio(cofactors(space, whole, unused));
         for (int i = 0; i < count; ++i)
             end[count * (k + 1) + i] = whole[PAIRS[i][0]][PAIRS[i][1]] * scale;
     }
@@ -1192,10 +1215,9 @@ INLINE void return_turning(int space, const Material *m, const vec *F, const vec
     const int count = space ? 9 : 5, alpha = (space ? 6 : 4) * (int)(1 + m->branches);
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     vec sum = all(0.0);
-    tensor tau = {}, half, whole, transposed;
-    Axes at = {};
+    tensor tau, half, whole, transposed;
+    Axes at;
     Turned t;
-    __builtin_memset(&t, 0, __builtin_offsetof(Turned, of)); /* what is across the plane stays zero */
     axes(space, F, state, &at);
     for (int k = 0; k <= alpha; ++k)
         at.good &= is_finite(state[k]);
@@ -1205,12 +1227,10 @@ INLINE void return_turning(int space, const Material *m, const vec *F, const vec
     flow_turning(space, m, &at, state, &t);
     vec volume = at.logs[0] + at.logs[1] + at.logs[2];
     vec stored = 0.5 * m->bulk * volume * volume;
-    EACH(space, a, b)
-    {
-        tau[a][b] = 2.0 * m->shear * t.at.e[a][b] + (a == b ? m->bulk * volume : all(0.0));
-        stored += m->shear * t.at.e[a][b] * t.at.e[a][b];
-        transposed[b][a] = at.n[a][b];
-    }
+    stored += m->shear * contract(space, t.at.e, t.at.e);
+    UPPER(space, a, b) tau[a][b] = 2.0 * m->shear * t.at.e[a][b] + (a == b ? m->bulk * volume : all(0.0));
+    mirror(space, tau);
+    EACH(space, a, b) transposed[b][a] = at.n[a][b];
     multiply(space, tau, at.G, half);
     multiply(space, transposed, half, whole);
     for (int p = 0; p < count; ++p)

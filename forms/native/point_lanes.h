@@ -62,20 +62,6 @@ INLINE vec dot(const vec *a, const vec *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* The sum of a_ab b_ab. */
-INLINE vec contract(int space, const tensor a, const tensor b)
-{
-    vec row[3]; /* side by side: each product waits for the one before it */
-    for (int i = 0; i < 3; ++i)
-        row[i] = a[i][i] * b[i][i];
-    EACH(space, i, j)
-    {
-        if (i != j)
-            row[i] += a[i][j] * b[i][j];
-    }
-    return (row[0] + row[1]) + row[2];
-}
-
 INLINE vec trace(const tensor a)
 {
     return a[0][0] + a[1][1] + a[2][2];
@@ -104,6 +90,23 @@ INLINE void multiply(int space, const tensor a, const tensor b, tensor c)
 INLINE void mirror(int space, tensor a)
 {
     UPPER(space, i, j) a[j][i] = a[i][j];
+}
+
+/* All of a symmetric tensor of whose lower half nothing is known. */
+INLINE void whole_of(int space, const tensor upper, tensor a)
+{
+    UPPER(space, i, j) a[i][j] = a[j][i] = upper[i][j];
+}
+
+/* The sum of a_ab b_ab of symmetric tensors, from their upper halves. */
+INLINE vec contract(int space, const tensor a, const tensor b)
+{
+    vec row[2] = {a[0][0] * b[0][0] + a[1][1] * b[1][1], a[0][1] * b[0][1]}; /* side by side */
+    if (space) {
+        row[0] += a[0][2] * b[0][2] * 2.0;
+        row[1] += a[1][2] * b[1][2];
+    }
+    return row[0] + (a[2][2] * b[2][2] + 2.0 * row[1]);
 }
 
 /* Cofactors of a symmetric tensor; returns its determinant. */
