@@ -159,11 +159,15 @@ class GivenForces:
         for row, members in zip(self._sets, sets, strict=True):
             row[list(members)] = True
 
-    def answering(self, trials: Sequence[ContactTrial], approach: float) -> list[float]:
+    def answering(
+        self, trials: Sequence[ContactTrial], approach: float, balanced: bool
+    ) -> list[float]:
         """Share of each contact's force that is not given, at most 1; collective.
 
         Args:
             approach: m, of the bodies, beside which springs are stiff or soft.
+            balanced: whether all forces balance. In explicit steps what loads do not give counts
+                as answering, inertia too.
         """
         problem = self._problem
         terms, dim = problem.contacts, problem.dim
@@ -173,14 +177,17 @@ class GivenForces:
         size = [[one.sum()] for one in load]
         parts = [np.reshape(part, (-1, dim)) for part in (local, pressed)]
         total = problem.comm.allreduce(np.column_stack([*parts, size]))
-        supports = self._supports(approach)
         forces, across, normal = total[:, :dim], np.abs(total[:, dim:-1]), total[:, -1]
         inside = np.array([self._sets[:, pair] for pair in self._pairs])  # (k, s, 2)
         # +1 where the slave is in the set, -1 where the master is, 0 of both or none.
         sign = inside[..., 0].astype(float) - inside[..., 1]
-        onto = self._sets @ supports + np.einsum("ks,ki->si", sign, forces)
-        if terms[0].surface.axisymmetric:  # rings answer to radial forces too: all but what loads
-            onto[:, 0] = -(self._sets @ self._by_group(_given_forces(problem, approach))[:, 0])
+        held = self._by_group(_support_forces(problem, approach))
+        onto = self._sets @ held + np.einsum("ks,ki->si", sign, forces)
+        # Rings answer to radial forces too: all but what loads.
+        loaded = slice(None if not balanced else int(terms[0].surface.axisymmetric))
+        if loaded.stop != 0:
+            given = self._by_group(_given_forces(problem, approach))
+            onto[:, loaded] = -(self._sets @ given[:, loaded])
         out = []
         for index, force in enumerate(forces):
             of_set = sign[index] != 0.0
@@ -194,10 +201,6 @@ class GivenForces:
             ]
             out.append(float(min([1.0, *shares])))
         return out
-
-    def _supports(self, approach: float) -> Floats:
-        """Forces (g, i), N (N/m), that supports put on each group; collective."""
-        return self._by_group(_support_forces(self._problem, approach))
 
     def _by_group(self, held: Floats) -> Floats:
         """Sums (g, i), N (N/m), over each group of forces (n,) on owned unknowns; collective."""

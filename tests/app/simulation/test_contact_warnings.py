@@ -70,6 +70,26 @@ def test_what_is_wrong_with_a_round_contact_is_said(tmp_path, changes, said):
         assert said in lines[0]
 
 
+def test_what_softness_does_under_a_force_is_said(tmp_path):
+    """The cylinder's force is given: its pressures are too low, and the contact too wide."""
+    platen = {"direction": "y", "force": [[0, 0], [1, 330.0]]}
+    found, rows, peaks = [], [], []
+    for factor in (0.3, 30.0):
+        data = tomllib.loads(ROUND)
+        data["contact"][0]["penalty_factor"] = factor
+        data["boundary"][1] = {"surface": "top", "displacement": {"x": 0}, "platen": platen}
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        rows.append(run.rows[-1])
+        peaks.append(np.max(run.model.problem.committed[0].nodal_pressure))
+        warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+        found.append([line for line in warnings if "penetration" in line])
+    [line], none = found
+    assert not none and "too small" not in line
+    said = 0.01 * float(re.search(r"off by about ([\d.]+) % of their peak", line)[1])
+    assert said == pytest.approx(1.0 - peaks[0] / peaks[1], rel=0.5)
+    assert said < rows[0].contact_area / rows[1].contact_area - 1.0 < 2.2 * said
+
+
 def comb(comm: MPI.Comm, directory: Path) -> tuple[list[str], float, float]:
     """What is said of the contact point by point."""
     lines, summary = pressed(directory, comm, pressure="pointwise")
@@ -222,7 +242,7 @@ def rubbed(data):
 
 
 def explicitly(data):
-    """In explicit steps, of which no balance of forces is known."""
+    """In explicit steps, in which forces do not balance."""
     data["tools"]["lid"]["displacement"]["y"] = [[0, 0], [0.002, -1e-4]]
     data["stage"] = [{"name": "press", "duration": 0.002, "steps": 1}]
     data["solver"] = {"kind": "explicit", "damping": 2e4}
@@ -280,9 +300,15 @@ def by_a_mandrel(data):
     data["boundary"] += [{"surface": "low_left", "platen": platen}]
 
 
+def pressures(run):
+    """Those at the vertices of each pair."""
+    return [trial.nodal_pressure for trial in run.model.problem.committed]
+
+
 @pytest.mark.parametrize("loaded", [by_force, by_weight, in_a_sleeve, by_a_mandrel])
 def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
-    force = []
+    """What is uneven is flattened, and that is said."""
+    force, peaks, found = [], [], []
     for factor in (5.0, 5000.0):
         data = tomllib.loads(BETWEEN_TOOLS)
         loaded(data)
@@ -291,10 +317,16 @@ def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
         run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         force.append(run.rows[-1].normal_force)
-        assert not [line for line in summary["warnings"] if "penetration" in line]
+        peaks.append(pressures(run))
+        found.append([line for line in summary["warnings"] if "penetration" in line])
         if factor == 5.0:
             assert max(summary["penetration_over_approach"]) > 0.01
     assert force[0] == pytest.approx(force[1], rel=2e-3)
+    assert not found[1] and not [line for line in found[0] if "too small" in line]
+    said = {int(line[8]): re.search(r"off by about ([\d.]+) % of", line)[1] for line in found[0]}
+    for index, (soft, hard) in enumerate(zip(*peaks, strict=True)):
+        off = np.max(np.abs(soft - hard)) / np.max(hard)
+        assert 0.2 < 100.0 * off / float(said[index]) < 2.0 if said else off < 0.01
 
 
 def test_deep_penetration_under_a_force_costs_none_of_it(tmp_path):
@@ -313,6 +345,21 @@ def test_deep_penetration_under_a_force_costs_none_of_it(tmp_path):
     assert max(summary["penetration_over_approach"]) < 0.01
     lines = [line for line in summary["warnings"] if "penetration" in line]
     assert lines and not [line for line in lines if "too small" in line]
+
+
+def test_a_force_loses_none_in_explicit_steps(tmp_path):
+    data = tomllib.loads(BETWEEN_TOOLS)
+    explicitly(data)
+    ramp = {"table": [[0, 0], [0.002, -100.0]], "ramp": "smooth"}
+    data["tools"]["lid"] |= {"displacement": {"x": 0}, "force": {"y": ramp}, "mass": 1e-3}
+    data["solver"]["damping"] = 5e3
+    for pair in data["contact"]:
+        pair["penalty_factor"] = 5.0
+    row = run_case(Case.model_validate(data), tmp_path / "out", quiet=True).rows[-1]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert row.normal_force == pytest.approx(3 * 50.0, rel=0.05)  # the mean of three pairs
+    assert min(summary["penetration_over_approach"]) > 0.01
+    assert not [line for line in summary["warnings"] if "too small" in line]
 
 
 def test_a_contact_pressed_by_force_loses_none(block, tmp_path):
