@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.forms.native import library
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SOURCE = "cell_places.c"
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
@@ -140,6 +140,67 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
     product = petsc.MatMultTransposeAdd if transposed else petsc.MatMultAdd
     if product(part, x.handle, y.handle, y.handle):
         raise PETSc.Error("a product failed")
+
+
+class SharedEntries:
+    """Entries that this rank adds to a matrix, whoever's rows they are in.
+
+    PETSc sends what is added to others' rows with its places, and sorts it, each time. Here the
+    owner looks places up once, and is sent values alone.
+    """
+
+    def __init__(self, A: PETSc.Mat, rows: Longs, columns: Longs) -> None:
+        """Look up global rows (n,), ascending, and columns (n,); collective."""
+        self._comm = A.comm.tompi4py()
+        self._at = rows.astype(PETSc.IntType), columns.astype(PETSc.IntType)
+        ends = A.getOwnershipRanges()[1:]
+        self._given = np.bincount(np.searchsorted(ends, rows, "right"), minlength=len(ends))
+        offers = np.split(np.stack(self._at), np.cumsum(self._given)[:-1], axis=1)
+        got = self._comm.alltoall(offers)
+        self._taken = np.array([one.shape[1] for one in got])
+        self._parts: list[tuple[Ints, Ints, int]] = []  # which of them, places, number of values
+        found = is_direct(A) and self._find(A, *np.concatenate(got, axis=1))
+        self._found = bool(self._comm.allreduce(found, op=MPI.LAND))
+
+    def _find(self, A: PETSc.Mat, rows: Ints, columns: Ints) -> bool:
+        """Look up own rows; returns whether they have all of these columns."""
+        search, there = library(SOURCE).tribox_entry_places, True
+        search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 5], ctypes.c_int
+        (first, _), (left, right) = A.getOwnershipRange(), A.getOwnershipRangeColumn()
+        mine = (columns >= left) & (columns < right)
+        parts = [(own_block(A).handle, mine, columns - left)]
+        if self._comm.size > 1:
+            handle, others = columns_of_others(A)
+            number = np.searchsorted(others, columns)
+            known = np.append(others, -1)[number] == columns
+            there = bool(np.all(mine | known))
+            parts.append((handle, ~mine & known, number))
+        for part, take, number in parts:
+            at = np.nonzero(take)[0].astype(np.int32)
+            places = np.empty_like(at)
+            wanted = [one[at].astype(np.int32) for one in (rows - first, number)]
+            with _pattern_of_part(part) as pattern:
+                arrays = (array.ctypes.data for array in (*pattern, *wanted, places))
+                there &= bool(search(len(at), *arrays))
+                self._parts.append((at, places, len(pattern[1])))
+        return there
+
+    def add(self, A: PETSc.Mat, values: Floats) -> None:
+        """Add values (n,) to them; collective."""
+        if not self._found:  # PETSc says what is missing
+            rows, columns = self._at
+            ends, add = np.arange(len(rows) + 1, dtype=PETSc.IntType), PETSc.InsertMode.ADD_VALUES
+            A.setValuesIJV(ends, columns, values, addv=add, rowmap=rows)
+            return
+        got = np.empty(self._taken.sum())
+        self._comm.Alltoallv([values, self._given], [got, self._taken])
+        parts = [own_block(A).handle]
+        parts += [columns_of_others(A)[0]] if self._comm.size > 1 else []
+        add = library(SOURCE).tribox_add_entries
+        add.argtypes, add.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 4], None
+        for part, (at, places, count) in zip(parts, self._parts, strict=True):
+            with _values_of_part(part, count) as out:
+                add(len(at), *(array.ctypes.data for array in (at, places, got, out)))
 
 
 class PlacesOfPart:
