@@ -11,6 +11,7 @@ import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import dolfinx
 import numpy as np
@@ -149,7 +150,8 @@ class _Sums:
 
     def of(self, matrices: Floats) -> Floats:
         """Values (n,) of the entries, of element matrices (c, …) of the cells."""
-        return np.bincount(self._entry, matrices.reshape(-1), len(self.rows))
+        sums: NDArray[Any] = np.bincount(self._entry, matrices.reshape(-1), len(self.rows))
+        return sums
 
 
 @dataclass(slots=True)
