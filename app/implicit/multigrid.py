@@ -353,14 +353,12 @@ class FinestLevel:
         if self._others is not None:
             self._others.add(x, left, -1.0)
         self._levels.correct(left, x)
-        b.copy(product)
         if self._others is not None:
             right = self._felt
             b.copy(right)
             self._others.add(x, right, -1.0)
-            right.copy(product)
         self.sweep(right, x, left)
-        product.axpy(-1.0, left)
+        product.waxpy(-1.0, left, right)
         if self._others is not None:  # `right` had what there was of `x` before
             self._others.add(x, product)
         self._found = x.handle, x.stateGet()
