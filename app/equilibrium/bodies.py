@@ -15,6 +15,7 @@ from typing import Any
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -86,8 +87,11 @@ class CellPlaces:
             self.starts = np.ascontiguousarray(self.starts[there])
         outside = numbers[~self.inside]
         same = before is not None and np.array_equal(before._outside.unknowns, outside)
-        self._outside: _Sums = before._outside if before and same else _Sums(outside)
-        self._entries = SharedEntries(A, self._outside.rows, self._outside.columns)
+        if before is not None and A.comm.tompi4py().allreduce(same, op=MPI.LAND):
+            self._outside: _Sums = before._outside
+            self._outside.entries.find(A)
+        else:
+            self._outside = _Sums(A, outside)
         count, corners = np.count_nonzero(~self.inside), nodes.shape[1]
         shape = (count, corners, dim, corners)
         self.dense: Places = dim * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
@@ -124,18 +128,19 @@ class CellPlaces:
 
     def add_outside(self, A: PETSc.Mat, matrices: Floats) -> None:
         """Add the element matrices (cells outside, a, i, b, j) that are not inside; collective."""
-        self._entries.add(A, self._outside.of(matrices))
+        self._outside.add(A, matrices)
 
 
 class _Sums:
     """Element matrices summed by row and column, whoever's the rows are.
 
     Attributes:
-        rows, columns: global unknowns (n,) of the entries, by rows.
+        unknowns: (c, a, i), global, of the cells.
+        entries: where the sums go.
     """
 
-    def __init__(self, unknowns: NDArray[np.int64]) -> None:
-        """Find the distinct entries of the cells' global ``unknowns`` (c, a, i)."""
+    def __init__(self, A: PETSc.Mat, unknowns: NDArray[np.int64]) -> None:
+        """Find the distinct entries of the cells in a matrix; collective."""
         self.unknowns = unknowns
         at = unknowns.reshape(len(unknowns), np.prod(unknowns.shape[1:]))
         distinct, number = np.unique(at, return_inverse=True)
@@ -146,12 +151,13 @@ class _Sums:
         entries, entry = np.unique(pairs, return_inverse=True)
         self._entry = entry.reshape(-1).astype(np.int32)
         row, column = np.divmod(entries, width)
-        self.rows, self.columns = distinct[row], distinct[column]
+        self._count = len(entries)
+        self.entries = SharedEntries(A, distinct[row], distinct[column])
 
-    def of(self, matrices: Floats) -> Floats:
-        """Values (n,) of the entries, of element matrices (c, …) of the cells."""
-        sums: NDArray[Any] = np.bincount(self._entry, matrices.reshape(-1), len(self.rows))
-        return sums
+    def add(self, A: PETSc.Mat, matrices: Floats) -> None:
+        """Add element matrices (c, …) of the cells; collective."""
+        sums: NDArray[Any] = np.bincount(self._entry, matrices.reshape(-1), self._count)
+        self.entries.add(A, sums)
 
 
 @dataclass(slots=True)

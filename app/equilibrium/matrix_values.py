@@ -142,6 +142,12 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
         raise PETSc.Error("a product failed")
 
 
+def _parts_of(A: PETSc.Mat) -> list[int]:
+    """PETSc's matrices of this rank's rows: its own columns, and on several ranks the others."""
+    own = own_block(A).handle
+    return [own] if A.comm.size == 1 else [own, columns_of_others(A)[0]]
+
+
 class SharedEntries:
     """Entries that this rank adds to a matrix, whoever's rows they are in.
 
@@ -150,40 +156,41 @@ class SharedEntries:
     """
 
     def __init__(self, A: PETSc.Mat, rows: Longs, columns: Longs) -> None:
-        """Look up global rows (n,), ascending, and columns (n,); collective."""
+        """Tell the owners of global rows (n,), ascending, and columns (n,); collective."""
         self._comm = A.comm.tompi4py()
         self._at = rows.astype(PETSc.IntType), columns.astype(PETSc.IntType)
         ends = A.getOwnershipRanges()[1:]
-        self._given = np.bincount(np.searchsorted(ends, rows, "right"), minlength=len(ends))
+        self._given = np.diff(np.searchsorted(rows, ends), prepend=0)
         offers = np.split(np.stack(self._at), np.cumsum(self._given)[:-1], axis=1)
         got = self._comm.alltoall(offers)
         self._taken = np.array([one.shape[1] for one in got])
-        self._parts: list[tuple[Ints, Ints, int]] = []  # which of them, places, number of values
-        found = is_direct(A) and self._find(A, *np.concatenate(got, axis=1))
-        self._found = bool(self._comm.allreduce(found, op=MPI.LAND))
+        row, column = np.concatenate(got, axis=1)
+        left, right = A.getOwnershipRangeColumn()
+        mine = (column >= left) & (column < right)
+        row -= A.getOwnershipRange()[0]
+        column[mine] -= left
+        # Which of the values, in which rows and columns: own ones, and global ones of others.
+        which = (np.nonzero(take)[0].astype(np.int32) for take in (mine, ~mine))
+        self._entries = [(at, row[at], column[at]) for at in which]
+        self._places: list[tuple[Ints, int]] = []  # and how many values there are
+        self._found = False
+        self.find(A)
 
-    def _find(self, A: PETSc.Mat, rows: Ints, columns: Ints) -> bool:
-        """Look up own rows; returns whether they have all of these columns."""
-        search, there = library(SOURCE).tribox_entry_places, True
+    def find(self, A: PETSc.Mat) -> None:
+        """Look the places up, in a matrix of the same rows; collective."""
+        search, self._places, there = library(SOURCE).tribox_entry_places, [], is_direct(A)
         search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 5], ctypes.c_int
-        (first, _), (left, right) = A.getOwnershipRange(), A.getOwnershipRangeColumn()
-        mine = (columns >= left) & (columns < right)
-        parts = [(own_block(A).handle, mine, columns - left)]
-        if self._comm.size > 1:
-            handle, others = columns_of_others(A)
-            number = np.searchsorted(others, columns)
-            known = np.append(others, -1)[number] == columns
-            there = bool(np.all(mine | known))
-            parts.append((handle, ~mine & known, number))
-        for part, take, number in parts:
-            at = np.nonzero(take)[0].astype(np.int32)
-            places = np.empty_like(at)
-            wanted = [one[at].astype(np.int32) for one in (rows - first, number)]
+        for part, (_, row, column) in zip(_parts_of(A) if there else (), self._entries):
+            if self._places:
+                others = columns_of_others(A)[1]
+                wanted, column = column, np.searchsorted(others, column).astype(np.int32)
+                there &= np.array_equal(np.append(others, -1)[column], wanted)
+            places = np.empty_like(row)
             with _pattern_of_part(part) as pattern:
-                arrays = (array.ctypes.data for array in (*pattern, *wanted, places))
-                there &= bool(search(len(at), *arrays))
-                self._parts.append((at, places, len(pattern[1])))
-        return there
+                arrays = (array.ctypes.data for array in (*pattern, row, column, places))
+                there &= bool(search(len(row), *arrays))
+                self._places.append((places, len(pattern[1])))
+        self._found = bool(self._comm.allreduce(there, op=MPI.LAND))
 
     def add(self, A: PETSc.Mat, values: Floats) -> None:
         """Add values (n,) to them; collective."""
@@ -194,13 +201,12 @@ class SharedEntries:
             return
         got = np.empty(self._taken.sum())
         self._comm.Alltoallv([values, self._given], [got, self._taken])
-        parts = [own_block(A).handle]
-        parts += [columns_of_others(A)[0]] if self._comm.size > 1 else []
-        add = library(SOURCE).tribox_add_entries
-        add.argtypes, add.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 4], None
-        for part, (at, places, count) in zip(parts, self._parts, strict=True):
+        put = library(SOURCE).tribox_add_entries
+        put.argtypes, put.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 4], None
+        parts = zip(_parts_of(A), self._entries, self._places)
+        for part, (at, _, _), (places, count) in parts:
             with _values_of_part(part, count) as out:
-                add(len(at), *(array.ctypes.data for array in (at, places, got, out)))
+                put(len(at), *(array.ctypes.data for array in (at, places, got, out)))
 
 
 class PlacesOfPart:
@@ -262,10 +268,8 @@ class PlacesOfPart:
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
         """Put the values of ``A`` into ``part``."""
-        pairs = [(own_block(A).handle, own_block(part).handle)]
-        if A.comm.size > 1:
-            pairs.append((columns_of_others(A)[0], columns_of_others(part)[0]))
-        for (whole, mine), (places, count) in zip(pairs, self._places, strict=True):
+        parts = zip(_parts_of(A), _parts_of(part), self._places, strict=True)
+        for whole, mine, (places, count) in parts:
             with (
                 _values_of_part(whole, count) as values,
                 _values_of_part(mine, len(places)) as out,
