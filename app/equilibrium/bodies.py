@@ -82,7 +82,7 @@ class CellPlaces:
         self.ends: Ints = np.zeros(1, np.int32)
         if direct:
             there = self._look_up(A, own, before)
-        if direct and not np.all(there):  # nothing that is ours: PETSc says what is missing
+        if direct and not np.all(there):  # an error, which `SharedEntries` tells on every rank
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
         outside = numbers[~self.inside]

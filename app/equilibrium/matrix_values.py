@@ -157,12 +157,11 @@ class SharedEntries:
 
     def __init__(self, A: PETSc.Mat, rows: Longs, columns: Longs) -> None:
         """Tell the owners of global rows (n,), ascending, and columns (n,); collective."""
-        self._comm = A.comm.tompi4py()
-        self._at = rows.astype(PETSc.IntType), columns.astype(PETSc.IntType)
+        self._comm, both = A.comm.tompi4py(), np.array([rows, columns], PETSc.IntType)
+        self._through_petsc = None if is_direct(A) else both
         ends = A.getOwnershipRanges()[1:]
         self._given = np.diff(np.searchsorted(rows, ends), prepend=0)
-        offers = np.split(np.stack(self._at), np.cumsum(self._given)[:-1], axis=1)
-        got = self._comm.alltoall(offers)
+        got = self._comm.alltoall(np.split(both, np.cumsum(self._given)[:-1], axis=1))
         self._taken = np.array([one.shape[1] for one in got])
         row, column = np.concatenate(got, axis=1)
         left, right = A.getOwnershipRangeColumn()
@@ -173,14 +172,19 @@ class SharedEntries:
         which = (np.nonzero(take)[0].astype(np.int32) for take in (mine, ~mine))
         self._entries = [(at, row[at], column[at]) for at in which]
         self._places: list[tuple[Ints, int]] = []  # and how many values there are
-        self._found = False
         self.find(A)
 
     def find(self, A: PETSc.Mat) -> None:
-        """Look the places up, in a matrix of the same rows; collective."""
-        search, self._places, there = library(SOURCE).tribox_entry_places, [], is_direct(A)
+        """Look the places up, in a matrix of the same rows; collective.
+
+        Raises:
+            RuntimeError: on every rank, where it has no room for an entry.
+        """
+        if self._through_petsc is not None:
+            return
+        search, self._places, there = library(SOURCE).tribox_entry_places, [], True
         search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 5], ctypes.c_int
-        for part, (_, row, column) in zip(_parts_of(A) if there else (), self._entries):
+        for part, (_, row, column) in zip(_parts_of(A), self._entries):
             if self._places:
                 others = columns_of_others(A)[1]
                 wanted, column = column, np.searchsorted(others, column).astype(np.int32)
@@ -190,12 +194,13 @@ class SharedEntries:
                 arrays = (array.ctypes.data for array in (*pattern, row, column, places))
                 there &= bool(search(len(row), *arrays))
                 self._places.append((places, len(pattern[1])))
-        self._found = bool(self._comm.allreduce(there, op=MPI.LAND))
+        if not self._comm.allreduce(there, op=MPI.LAND):
+            raise RuntimeError("cells: an entry of the tangent is not in the matrix's pattern")
 
     def add(self, A: PETSc.Mat, values: Floats) -> None:
         """Add values (n,) to them; collective."""
-        if not self._found:  # PETSc says what is missing
-            rows, columns = self._at
+        if self._through_petsc is not None:
+            rows, columns = self._through_petsc
             ends, add = np.arange(len(rows) + 1, dtype=PETSc.IntType), PETSc.InsertMode.ADD_VALUES
             A.setValuesIJV(ends, columns, values, addv=add, rowmap=rows)
             return
