@@ -11,13 +11,20 @@ import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import dolfinx
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.matrix_values import is_direct, pattern_in_place, values_in_place
+from tribox.app.equilibrium.matrix_values import (
+    SharedEntries,
+    is_direct,
+    pattern_in_place,
+    values_in_place,
+)
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import PointCells, add_tangent, parts
@@ -43,7 +50,7 @@ class CellPlaces:
 
     Most cells are `inside`: all rows are this rank's own, and so are the columns. The others (with
     nodes of other ranks, or of platens, whose unknowns are sent to their leaders) are few; their
-    values are summed up here and go through PETSc.
+    values are summed up here, and sent to the ranks whose rows they are in.
 
     Attributes:
         inside: (c,) whether all values of a cell are in :func:`own_block`.
@@ -56,7 +63,7 @@ class CellPlaces:
     def __init__(
         self, A: PETSc.Mat, nodes: Ints, dim: int, before: CellPlaces | None = None
     ) -> None:
-        """Look the places up; not collective.
+        """Look the places up; collective.
 
         Args:
             nodes: (c, a) local nodes of the cells, ghosts included.
@@ -75,12 +82,16 @@ class CellPlaces:
         self.ends: Ints = np.zeros(1, np.int32)
         if direct:
             there = self._look_up(A, own, before)
-        if direct and not np.all(there):  # nothing that is ours: PETSc says what is missing
+        if direct and not np.all(there):  # an error, which `SharedEntries` tells on every rank
             self.inside[np.nonzero(self.inside)[0][~there]] = False
             self.starts = np.ascontiguousarray(self.starts[there])
         outside = numbers[~self.inside]
         same = before is not None and np.array_equal(before._outside.unknowns, outside)
-        self._outside: _Sums = before._outside if before and same else _Sums(outside)
+        if before is not None and A.comm.tompi4py().allreduce(same, op=MPI.LAND):
+            self._outside: _Sums = before._outside
+            self._outside.entries.find(A)
+        else:
+            self._outside = _Sums(A, outside)
         count, corners = np.count_nonzero(~self.inside), nodes.shape[1]
         shape = (count, corners, dim, corners)
         self.dense: Places = dim * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
@@ -116,15 +127,20 @@ class CellPlaces:
             yield values
 
     def add_outside(self, A: PETSc.Mat, matrices: Floats) -> None:
-        """Add the element matrices (cells outside, a, i, b, j) that are not inside."""
+        """Add the element matrices (cells outside, a, i, b, j) that are not inside; collective."""
         self._outside.add(A, matrices)
 
 
 class _Sums:
-    """Element matrices summed by row and column and given to PETSc, whoever's the rows are."""
+    """Element matrices summed by row and column, whoever's the rows are.
 
-    def __init__(self, unknowns: NDArray[np.int64]) -> None:
-        """Find the distinct entries of the cells' global ``unknowns`` (c, a, i)."""
+    Attributes:
+        unknowns: (c, a, i), global, of the cells.
+        entries: where the sums go.
+    """
+
+    def __init__(self, A: PETSc.Mat, unknowns: NDArray[np.int64]) -> None:
+        """Find the distinct entries of the cells in a matrix; collective."""
         self.unknowns = unknowns
         at = unknowns.reshape(len(unknowns), np.prod(unknowns.shape[1:]))
         distinct, number = np.unique(at, return_inverse=True)
@@ -135,17 +151,13 @@ class _Sums:
         entries, entry = np.unique(pairs, return_inverse=True)
         self._entry = entry.reshape(-1).astype(np.int32)
         row, column = np.divmod(entries, width)
-        counts = np.bincount(row, minlength=len(distinct))
-        self._indptr = np.append(0, np.cumsum(counts)).astype(PETSc.IntType)
-        self._rows = distinct.astype(PETSc.IntType)
-        self._columns = distinct[column].astype(PETSc.IntType)
+        self._count = len(entries)
+        self.entries = SharedEntries(A, distinct[row], distinct[column])
 
     def add(self, A: PETSc.Mat, matrices: Floats) -> None:
-        """Add element matrices (c, …) of the cells."""
-        if len(self._rows):
-            sums = np.bincount(self._entry, matrices.reshape(-1), len(self._columns))
-            add = PETSc.InsertMode.ADD_VALUES
-            A.setValuesIJV(self._indptr, self._columns, sums, addv=add, rowmap=self._rows)
+        """Add element matrices (c, …) of the cells; collective."""
+        sums: NDArray[Any] = np.bincount(self._entry, matrices.reshape(-1), self._count)
+        self.entries.add(A, sums)
 
 
 @dataclass(slots=True)
@@ -213,7 +225,7 @@ class Bodies:
     def add_tangent(
         self, A: PETSc.Mat, index: int, pattern: object, carried: bool, unrolled: bool
     ) -> None:
-        """Add the tangent of one solid; nothing is communicated."""
+        """Add the tangent of one solid; collective."""
         solid, cells = self.solids[index], self._cells_for(A, index)
         carrier = solid.carried if carried else None
         loops = [] if cells is None else list(cells.loops)
@@ -265,7 +277,7 @@ class Bodies:
         if len(places.starts):
             with places.values(A) as values:
                 add_tangent(placed.loops, u, values, places.starts, excess, places.inside)
+        matrices = np.zeros((*places.dense.shape, self._dim))
         if len(places.dense):
-            matrices = np.zeros((*places.dense.shape, self._dim))
             add_tangent(placed.outside, u, matrices, places.dense, excess)
-            places.add_outside(A, matrices)
+        places.add_outside(A, matrices)

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.forms.native import library
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 
 SOURCE = "cell_places.c"
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
@@ -142,6 +142,78 @@ def add_product(part: int, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False)
         raise PETSc.Error("a product failed")
 
 
+def _parts_of(A: PETSc.Mat) -> list[int]:
+    """PETSc's matrices of this rank's rows: its own columns, and on several ranks the others."""
+    own = own_block(A).handle
+    return [own] if A.comm.size == 1 else [own, columns_of_others(A)[0]]
+
+
+class SharedEntries:
+    """Entries that this rank adds to a matrix, whoever's rows they are in.
+
+    PETSc sends what is added to others' rows with its places, and sorts it, each time. Here the
+    owner looks places up once, and is sent values alone.
+    """
+
+    def __init__(self, A: PETSc.Mat, rows: Longs, columns: Longs) -> None:
+        """Tell the owners of global rows (n,), ascending, and columns (n,); collective."""
+        self._comm, both = A.comm.tompi4py(), np.array([rows, columns], PETSc.IntType)
+        self._through_petsc = None if is_direct(A) else both
+        ends = A.getOwnershipRanges()[1:]
+        self._given = np.diff(np.searchsorted(rows, ends), prepend=0)
+        got = self._comm.alltoall(np.split(both, np.cumsum(self._given)[:-1], axis=1))
+        self._taken = np.array([one.shape[1] for one in got])
+        row, column = np.concatenate(got, axis=1)
+        left, right = A.getOwnershipRangeColumn()
+        mine = (column >= left) & (column < right)
+        row -= A.getOwnershipRange()[0]
+        column[mine] -= left
+        # Which of the values, in which rows and columns: own ones, and global ones of others.
+        which = (np.nonzero(take)[0].astype(np.int32) for take in (mine, ~mine))
+        self._entries = [(at, row[at], column[at]) for at in which]
+        self._places: list[tuple[Ints, int]] = []  # and how many values there are
+        self.find(A)
+
+    def find(self, A: PETSc.Mat) -> None:
+        """Look the places up, in a matrix of the same rows; collective.
+
+        Raises:
+            RuntimeError: on every rank, where it has no room for an entry.
+        """
+        if self._through_petsc is not None:
+            return
+        search, self._places, there = library(SOURCE).tribox_entry_places, [], True
+        search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 5], ctypes.c_int
+        for part, (_, row, column) in zip(_parts_of(A), self._entries):
+            if self._places:
+                others = columns_of_others(A)[1]
+                wanted, column = column, np.searchsorted(others, column).astype(np.int32)
+                there &= np.array_equal(np.append(others, -1)[column], wanted)
+            places = np.empty_like(row)
+            with _pattern_of_part(part) as pattern:
+                arrays = (array.ctypes.data for array in (*pattern, row, column, places))
+                there &= bool(search(len(row), *arrays))
+                self._places.append((places, len(pattern[1])))
+        if not self._comm.allreduce(there, op=MPI.LAND):
+            raise RuntimeError("cells: an entry of the tangent is not in the matrix's pattern")
+
+    def add(self, A: PETSc.Mat, values: Floats) -> None:
+        """Add values (n,) to them; collective."""
+        if self._through_petsc is not None:
+            rows, columns = self._through_petsc
+            ends, add = np.arange(len(rows) + 1, dtype=PETSc.IntType), PETSc.InsertMode.ADD_VALUES
+            A.setValuesIJV(ends, columns, values, addv=add, rowmap=rows)
+            return
+        got = np.empty(self._taken.sum())
+        self._comm.Alltoallv([values, self._given], [got, self._taken])
+        put = library(SOURCE).tribox_add_entries
+        put.argtypes, put.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 4], None
+        parts = zip(_parts_of(A), self._entries, self._places)
+        for part, (at, _, _), (places, count) in parts:
+            with _values_of_part(part, count) as out:
+                put(len(at), *(array.ctypes.data for array in (at, places, got, out)))
+
+
 class PlacesOfPart:
     """Where the values of a part of a matrix, some of its rows and columns, lie in it.
 
@@ -201,10 +273,8 @@ class PlacesOfPart:
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
         """Put the values of ``A`` into ``part``."""
-        pairs = [(own_block(A).handle, own_block(part).handle)]
-        if A.comm.size > 1:
-            pairs.append((columns_of_others(A)[0], columns_of_others(part)[0]))
-        for (whole, mine), (places, count) in zip(pairs, self._places, strict=True):
+        parts = zip(_parts_of(A), _parts_of(part), self._places, strict=True)
+        for whole, mine, (places, count) in parts:
             with (
                 _values_of_part(whole, count) as values,
                 _values_of_part(mine, len(places)) as out,

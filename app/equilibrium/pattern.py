@@ -65,8 +65,10 @@ class Pattern:
         if self._comm.size > 1:
             ends = np.array(self._comm.allgather(first + owned * width))
             owner = np.searchsorted(ends, rows, side="right")
-            offers = [np.stack([rows, columns])[:, owner == one] for one in range(len(ends))]
-            rows, columns = np.concatenate(self._comm.alltoall(offers), axis=1)
+            both, mine = np.stack([rows, columns]), owner == self._comm.rank
+            offers = [both[:, (owner == one) & ~mine] for one in range(len(ends))]
+            got = self._comm.alltoall(offers)
+            rows, columns = np.concatenate([both[:, mine], *got], axis=1)
         return _table(rows - first, columns, (owned * width, size * width))
 
     def matrix(self) -> PETSc.Mat:

@@ -297,8 +297,8 @@ class FinestLevel:
         self._matrix, self._blocks = matrix, Blocks(self._code, matrix.getBlockSize())
         self._count = matrix.getLocalSize()[0] // matrix.getBlockSize()
         self._share = ctypes.c_double(DAMPED if matrix.comm.size > 2 else 1.0)
-        self._work = np.zeros(2 * 4 * self._count, np.float32)
-        self._start = np.zeros(4 * self._count)
+        self._work = np.zeros(2 * 4 * self._count, np.float32), np.zeros(4 * self._count)
+        self._room = (*map(_at, self._work),)
         self._left, self._felt, self._product = (matrix.createVecLeft() for _ in range(3))
         self._found = 0, 0  # the vector found last, and its state
         self._levels: CoarseLevels | None = None
@@ -353,14 +353,12 @@ class FinestLevel:
         if self._others is not None:
             self._others.add(x, left, -1.0)
         self._levels.correct(left, x)
-        b.copy(product)
         if self._others is not None:
             right = self._felt
             b.copy(right)
             self._others.add(x, right, -1.0)
-            right.copy(product)
         self.sweep(right, x, left)
-        product.axpy(-1.0, left)
+        product.waxpy(-1.0, left, right)
         if self._others is not None:  # `right` had what there was of `x` before
             self._others.add(x, product)
         self._found = x.handle, x.stateGet()
@@ -368,36 +366,38 @@ class FinestLevel:
     def sweep(self, b: PETSc.Vec, x: PETSc.Vec, left: PETSc.Vec, from_zero: bool = False) -> None:
         """Sweep over this rank's own unknowns, to find what is ``left`` of ``b``, too."""
         vectors = _at(b.array_r), _at(x.array), _at(left.array)
-        work = self._share, ctypes.c_int64(from_zero), _at(self._work), _at(self._start)
-        self._code.tribox_sweep(*self._blocks.arguments(), *vectors, *work)
+        how = self._share, ctypes.c_int64(from_zero), *self._room
+        self._code.tribox_sweep(*self._blocks.arguments, *vectors, *how)
 
 
 class Blocks:
-    """A rank's own part of a matrix, in blocks of a node's unknowns and single precision."""
+    """A rank's own part of a matrix, in blocks of a node's unknowns and single precision.
+
+    Attributes:
+        arguments: what C functions are told of the blocks.
+    """
 
     def __init__(self, code: ctypes.CDLL, size: int) -> None:
         """Make no room yet for blocks (size, size)."""
-        self._code, self._size, self._count = code, size, 0
+        self._code, self._size = code, size
         self._code.tribox_split_blocks.restype = ctypes.c_int64
         self._parts: tuple[NDArray[Any], ...] = ()
+        self.arguments: tuple[Any, ...] = ()
 
     def take(self, matrix: PETSc.Mat) -> int:
         """Take over its values; the first row without a block on the diagonal, or −1."""
-        size, self._count = self._size, matrix.getLocalSize()[0] // self._size
-        n, entries, more = self._count, size**2, 4  # a block is read by fours
+        size, n = self._size, matrix.getLocalSize()[0] // self._size
+        entries, more = size**2, 4  # a block is read by fours
         with pattern_in_place(matrix) as (start, column), values_in_place(matrix) as values:
             blocks = max(0, _count_blocks(self._code, (size, size, n), start, column) - n)
             if not self._parts or len(self._parts[1]) != blocks:
                 ends, columns = np.empty((2, n + 1), np.int32), np.empty(blocks, np.int32)
                 floats = (np.zeros(entries * one + more, np.float32) for one in (blocks, n, n))
                 self._parts = ends, columns, *floats, np.empty(entries * n)
+                self.arguments = *_numbers(size, n), *map(_at, self._parts)
             every: tuple[NDArray[Any], ...] = (start, column, values, *self._parts)
             split = self._code.tribox_split_blocks
             return int(split(*_numbers(size, n, blocks), *map(_at, every)))
-
-    def arguments(self) -> tuple[Any, ...]:
-        """What C functions are told of the blocks."""
-        return *_numbers(self._size, self._count), *map(_at, self._parts)
 
 
 class OtherRanks:
@@ -455,6 +455,7 @@ class Interpolation:
             self._parts: tuple[NDArray[Any], ...] = (ends, columns, parts)
             every: tuple[NDArray[Any], ...] = (start, column, values, *self._parts)
             self._code.tribox_take_blocks(*self._numbers, *map(_at, every))
+        self._arguments = *self._numbers, *map(_at, (*self._parts, self._coarse))
         self._others = OtherRanks(between) if between.comm.size > 1 else None
 
     def destroy(self) -> None:
@@ -480,8 +481,7 @@ class Interpolation:
             self._others.add(coarse, fine)
 
     def _interpolate(self, fine: ctypes.c_void_p, transposed: bool) -> None:
-        arrays = *map(_at, self._parts), _at(self._coarse), fine
-        self._code.tribox_interpolate(*self._numbers, *arrays, ctypes.c_int64(transposed))
+        self._code.tribox_interpolate(*self._arguments, fine, ctypes.c_int64(transposed))
 
 
 class CoarseLevels:

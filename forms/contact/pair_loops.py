@@ -127,13 +127,17 @@ class Target:
         if not made.count:
             self._code.tribox_forget_beside(ctypes.byref(made))
             return []
-        shape = (made.count,)
+        shape, width = (made.count,), len(self.columns)
         row, column = (np.ctypeslib.as_array(a, shape) for a in (made.row, made.column))
-        order = np.argsort(row, kind="stable")
-        used, start = np.unique(row[order], return_index=True)
+        # Points list the same blocks again and again.
+        key = row * width + column
+        order = np.argsort(key, kind="stable")
+        first = np.nonzero(np.diff(key[order], prepend=-1))[0]
         blocks = np.ctypeslib.as_array(made.block, (*shape, dim, dim))[order]
-        ends, size = np.append(start, made.count), (dim * len(used), dim * len(self.columns))
-        matrix = scipy.sparse.bsr_matrix((blocks, column[order], ends), shape=size).tocsr()
+        sums, (row, column) = np.add.reduceat(blocks, first), np.divmod(key[order[first]], width)
+        used, start = np.unique(row, return_index=True)
+        ends, size = np.append(start, len(row)), (dim * len(used), dim * width)
+        matrix = scipy.sparse.bsr_matrix((sums, column, ends), shape=size).tocsr()
         self._code.tribox_forget_beside(ctypes.byref(made))
         return [Coupling(self.rows[used], self.columns, matrix)]
 

@@ -65,3 +65,36 @@ int tribox_part_places(int64_t rows, const int32_t *row, const int32_t *indptr, 
     }
     return 1;
 }
+
+/* Where the values of entries lie: in `row`, with `column`, mostly by rows and columns. Returns whether
+ * all of them are there. */
+int tribox_entry_places(int64_t entries, const int32_t *indptr, const int32_t *columns,
+                        const int32_t *row, const int32_t *column, int32_t *places)
+{
+    int all = 1;
+    for (int64_t e = 0; e < entries; ++e) {
+        int32_t low = indptr[row[e]], high = indptr[row[e] + 1];
+        const int32_t end = high;
+        const int32_t next = e && row[e - 1] == row[e] ? places[e - 1] + 1 : end;
+        if (next < end && columns[next] == column[e])
+            low = high = next;
+        while (low < high) {
+            int32_t middle = low + (high - low) / 2;
+            if (columns[middle] < column[e])
+                low = middle + 1;
+            else
+                high = middle;
+        }
+        all &= low < end && columns[low] == column[e];
+        places[e] = low;
+    }
+    return all;
+}
+
+/* Add values `at` some numbers (entries) to `out` at `places` (entries), which may come twice. */
+void tribox_add_entries(int64_t entries, const int32_t *at, const int32_t *places,
+                        const double *values, double *out)
+{
+    for (int64_t e = 0; e < entries; ++e)
+        out[places[e]] += values[at[e]];
+}

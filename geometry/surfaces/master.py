@@ -357,18 +357,23 @@ def node_scatter(x: PETSc.Vec, nodes: Longs, dim: int) -> tuple[PETSc.Scatter, P
 
 def _boxes(points: Floats) -> Floats:
     """Lower and upper corners (b, 2, i), m, of boxes round groups of points (q, i), m."""
-    groups = [points] if len(points) else []
+    groups = [_boxed(points)] if len(points) else []
     while groups and len(groups) < BOXES:
-        sizes = [float(np.ptp(group, axis=0).max()) for group in groups]
-        group = groups.pop(int(np.argmax(sizes)))
-        if len(group) == 1 or max(sizes) == 0.0:
-            groups.append(group)
+        size, box, group = max(groups, key=lambda one: one[0])
+        if len(group) == 1 or size == 0.0:
             break
-        order = np.argsort(group[:, int(np.argmax(np.ptp(group, axis=0)))], kind="stable")
+        groups = [one for one in groups if one[2] is not group]
+        order = np.argsort(group[:, int(np.argmax(box[1] - box[0]))], kind="stable")
         # Halves across the longest side: boxes close round the points keep the bounds sharp.
-        groups += np.array_split(group[order], 2)
-    ends = [np.stack([group.min(axis=0), group.max(axis=0)]) for group in groups]
-    return np.stack(ends) if ends else np.empty((0, 2, points.shape[1]))
+        groups += map(_boxed, np.array_split(group[order], 2))
+    boxes = [box for _, box, _ in groups]
+    return np.stack(boxes) if boxes else np.empty((0, 2, points.shape[1]))
+
+
+def _boxed(points: Floats) -> tuple[float, Floats, Floats]:
+    """Longest side, m, and corners (2, i), m, of the box round points (q, i), m, and these."""
+    box = np.stack([points.min(axis=0), points.max(axis=0)])
+    return float((box[1] - box[0]).max()), box, points
 
 
 def grown(master: MasterFacets, rows: FacetRows) -> MasterFacets:

@@ -8,6 +8,7 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tribox.app.equilibrium import bodies, matrix_values
 from tribox.app.equilibrium.bodies import CellPlaces
 from tribox.app.equilibrium.equilibrium import load_residuals
 from tribox.app.equilibrium.matrix_values import (
@@ -50,10 +51,11 @@ def matrix_of(mesh):
 def add_all(places, A, matrices):
     """Add element matrices (c, a, i, b, j) of all cells; a compiled loop does this at once."""
     columns = places.starts[..., None] + np.arange(matrices.shape[-1])
-    with places.values(A) as values:
-        values += np.bincount(
-            columns.reshape(-1), matrices[places.inside].reshape(-1), minlength=len(values)
-        )
+    if len(places.starts):
+        with places.values(A) as values:
+            values += np.bincount(
+                columns.reshape(-1), matrices[places.inside].reshape(-1), minlength=len(values)
+            )
     places.add_outside(A, matrices[~places.inside])
 
 
@@ -127,6 +129,21 @@ def test_unknowns_that_follow_another():
     apart, (inside, cells) = difference(rectangle(MPI.COMM_SELF), condensed=onto_the_first)
     assert apart < 1e-15
     assert 0 < inside < cells
+
+
+def test_places_that_cannot_be_had_are_left_to_petsc(monkeypatch):
+    for module in (bodies, matrix_values):
+        monkeypatch.setattr(module, "is_direct", lambda A: False)
+    apart, (inside, _) = difference(rectangle(MPI.COMM_SELF))
+    assert apart < 1e-15
+    assert inside == 0
+
+
+def test_an_entry_without_room_is_an_error():
+    space, _ = matrix_of(rectangle(MPI.COMM_SELF))
+    nodes = np.asarray(space.dofmap.list)
+    with pytest.raises(RuntimeError, match="not in the matrix's pattern"):
+        CellPlaces(cell_matrix(space, np.arange(len(nodes) - 1, dtype=np.int32)), nodes, 2)
 
 
 def both_meshes(comm, directory):
