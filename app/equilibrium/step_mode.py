@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from tribox.forms.contact.interior_point import InteriorPoint
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
-from tribox.geometry.surfaces.facets import Floats
+from tribox.geometry.surfaces.facets import Bools, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,12 @@ class StepMode:
             )
             for term, mode in self.pairs(contacts)
         ]
+        return replace(self, modes=tuple(changed))
+
+    def without(self, contacts: Sequence[ContactTerm], gone: Bools) -> StepMode:
+        """The same without pressure and friction in some pairs (p,)."""
+        pairs = zip(self.pairs(contacts), gone, strict=True)
+        changed = [replace(mode, penalty_scale=0.0) if off else mode for (_, mode), off in pairs]
         return replace(self, modes=tuple(changed))
 
     def with_thinned_oil(self, contacts: Sequence[ContactTerm], factor: float) -> StepMode:

@@ -79,8 +79,9 @@ class LooseBodies:
         """Bodies loose in directions ``among`` (d,) that nothing pressed last; collective."""
         problem = self.problem
         pairs = list(zip(problem.contacts, problem.trials, strict=True))
-        local = [bool(trial.pressure.any()) for _, trial in pairs]
-        pressed = problem.comm.allreduce(np.array(local), op=MPI.LOR)
+        local = np.array([bool(trial.pressure.any()) for _, trial in pairs], dtype=bool)
+        pressed = np.zeros_like(local)
+        problem.comm.Allreduce(local, pressed, op=MPI.LOR)  # numbers: objects have no array's or
         ends = [bodies_of(problem, term) for term, _ in pairs]
         touched = {
             name

@@ -4,8 +4,9 @@ Where the loads continue in proportion, the path of the last converged states is
 polynomial that leaves the least residual, and corrected once with the tangent factorised last
 (a substitution, no factorisation). Where they do not, or where the path leads nowhere, one solve
 with the tangent at the last state carries the new prescribed displacements into the bodies; where
-that leaves much, a second one, without the stiffness of friction, lets them slide, and one
-without plastic flow lets bodies that flowed spring back. Metal that rubs on tools at rest is also
+that leaves much, a second one, without contacts that it opened altogether, lets bodies part, or
+without the stiffness of friction slide, and one without plastic flow lets those that flowed spring
+back. Metal that rubs on tools at rest is also
 tried where its steady flow takes it.
 """
 
@@ -27,7 +28,7 @@ from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
 from tribox.app.implicit.steady_flow import steady_flows
 from tribox.forms.friction.law import Regime
-from tribox.geometry.surfaces.facets import Floats, Ints
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
@@ -87,7 +88,8 @@ class Predictor:
         ratio = self._proportion(drive)
         if ratio is None:
             self._carry(x, drive.constrained, trial, step)
-            solved = 1 + self._slide(x, drive.constrained, trial, step)
+            rubs, pushed = self.rubbing(), (x, drive.constrained, trial, step)
+            solved = 1 + (self._lift(*pushed) or (self._slide(*pushed) if rubs else 0))
             if self._goes_on(drive):
                 return solved
             return solved + self._unload(x, drive.constrained, trial, step)
@@ -149,6 +151,29 @@ class Predictor:
         if not self._correct(trial, untouched, CORRECTIONS, step) < norm:
             trial.array[:] = best
 
+    def _lift(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
+        """Put the step without the pairs that it opens altogether into ``trial``.
+
+        The tangent at ``x`` holds together what touches there: a body that is lifted off would be
+        stretched by all of the way. The start that leaves less is kept. Returns the number of
+        factorisations it took.
+        """
+        held, left = self._closed_pairs(), self._residual_norm(trial, step)
+        gone = held & ~self._closed_pairs()
+        if not gone.any() or left <= FAR_OFF * self.problem.reference_force:
+            return 0
+        stretched = trial.array_r.copy()
+        x.copy(trial)
+        self._carry(x, constrained, trial, step.without(self.problem.contacts, gone))
+        if np.isfinite(left) and not self._residual_norm(trial, step) < left:
+            trial.array[:] = stretched
+        return 1
+
+    def _closed_pairs(self) -> Bools:
+        """Which pairs (p,) touch somewhere at the last evaluation; collective."""
+        closed = [np.count_nonzero(t.kinematics.closed) for t in self.problem.trials]
+        return np.asarray(self._sum(np.array(closed, dtype=float)) > 0.0)
+
     def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
         """Put the step without friction's stiffness into ``trial``, if that is far off.
 
@@ -159,8 +184,6 @@ class Predictor:
         that friction is left. The start that leaves less is kept. Returns the number of
         factorisations it took.
         """
-        if not self.rubbing():
-            return 0
         left = self._residual_norm(trial, step)
         if left <= FAR_OFF * self.problem.reference_force:
             return 0

@@ -86,6 +86,16 @@ def test_second_contact_is_that_of_a_fresh_run(block, lifted):
     assert run.rows[-1].tangential_force == pytest.approx(-0.2 * run.rows[-1].normal_force, 1e-5)
 
 
+@pytest.mark.parametrize("mm", [0.02, 1.0])
+def test_what_only_touches_is_lifted_off_in_its_first_step(block, mm):
+    """By more than its height even: it is not stretched by what touches, and nothing is left."""
+    data = along(block, [(0.0, 0.0, 0.0), (1.0, 0.0, mm), (2.0, 0.0, -0.05)])
+    data["stage"] = [{"name": name, "duration": 1.0, "steps": 1} for name in ("lift", "press")]
+    run, cuts = simulate(data)
+    assert cuts == 0 and run.rows[0].newton_iterations <= 3
+    assert run.rows[0].normal_force == 0.0 < run.rows[1].normal_force
+
+
 # -- edges of a master ----------------------------------------------------------------------------
 
 
