@@ -156,22 +156,24 @@ class WeakHold:
     bodies: list[FreeBody] = field(init=False)  # that its supports leave free
     pairs: list[list[int]] = field(init=False)  # of each body, the contacts on it
     shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
-    firm: float = field(init=False)  # N, to compare with before anything has pressed; 0: nothing
+    firm: Floats = field(init=False)  # (b,), N, to compare with before anything has pressed
 
     def __post_init__(self) -> None:
         """Find the bodies; collective."""
         self.bodies = free_bodies(self.problem)
         self.pairs = [self._pairs_on(body) for body in self.bodies]
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
-        self.firm = self._firm_force()
+        self.firm = self._firm_forces()
 
-    def _firm_force(self) -> float:
-        """E* times the area of the slave, of the pairs on these bodies the least, N; collective."""
-        on_bodies = sorted({pair for on in self.pairs for pair in on})
-        contacts = [self.problem.contacts[pair] for pair in on_bodies]
+    def _firm_forces(self) -> Floats:
+        """E* times the area of the slave, of the pairs on each body the most, N; collective.
+
+        What rounding leaves follows the stiffest.
+        """
+        contacts = self.problem.contacts
         forces = [(term.modulus or 0.0) * term.surface.slave.weight.sum() for term in contacts]
         total = self.problem.comm.allreduce(np.array(forces, dtype=float))
-        return float(min(total[total > 0.0], default=0.0))
+        return np.array([total[pairs].max(initial=0.0) for pairs in self.pairs])
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
         """Contacts of a body with something that it is not joined to; collective."""
@@ -287,15 +289,15 @@ class WeakHold:
         total, supports = problem.comm.allreduce(np.array(local, dtype=float).reshape(2, -1, dim))
         return np.stack([np.where(supports == 0.0, total, 0.0), total])
 
-    def springs(self, place: Floats, largest: float) -> HoldingSprings:
+    def springs(self, place: Floats, largest: Floats) -> HoldingSprings:
         """Springs of all free bodies, without force at ``place`` (n,), m.
 
-        A body that moves by its own extent stretches them to ``SHARE`` of ``largest`` (N).
+        A body that moves by its own extent stretches them to ``SHARE`` of its ``largest`` (b,), N.
         """
         stiffness, dim = np.zeros_like(place), self.problem.dim
-        for body in self.bodies:
+        for body, force in zip(self.bodies, largest, strict=True):
             groups = len(body.joined.groups)  # each has shares that add up to one
-            each = SHARE * largest / (body.extent * groups) * self.shares[body.nodes]
+            each = SHARE * force / (body.extent * groups) * self.shares[body.nodes]
             for component in range(dim):
                 stiffness[body.nodes * dim + component] += each
         return HoldingSprings(stiffness, place.copy(), weak=True)

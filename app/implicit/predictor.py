@@ -12,6 +12,7 @@ tried where its steady flow takes it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
@@ -27,6 +28,7 @@ from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.newton import Newton
 from tribox.app.implicit.steady_flow import steady_flows
+from tribox.forms.contact.state import ContactTrial
 from tribox.forms.friction.law import Regime
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
@@ -138,15 +140,20 @@ class Predictor:
 
         Past a kink of the path (the last points stop sticking, say) the extrapolation is no help,
         while the tangent factorised last, of the new branch, knows where to go from ``x`` itself.
+        But metal that rolls draw along would be left behind there, with little force: all slips,
+        and nothing tells how far it is to go.
         """
         extrapolated = self._flow_on(trial, ratio, step, self._extrapolate(trial, ratio, step))
         norm = self._correct(trial, extrapolated, 1, step)
         if norm <= WORTHWHILE * extrapolated:
             return
-        best = trial.array_r.copy()
+        best, drawn = trial.array_r.copy(), self.problem.flows and self.rubbing()
         x.copy(trial)
         trial.array[:] = self.problem.constrained_values(trial)
         untouched = self._residual_norm(trial, step)
+        if drawn and self._all_slip(self.problem.trials):
+            trial.array[:] = best
+            return
         self._keep_residual()
         if not self._correct(trial, untouched, CORRECTIONS, step) < norm:
             trial.array[:] = best
@@ -231,12 +238,17 @@ class Predictor:
 
         While some stick, or the path presses as where rubber is squeezed, it follows no curve.
         """
-        regimes = [trial.response.regime for trial in self.problem.committed]
+        touch = any(bool(trial.kinematics.closed.any()) for trial in self.problem.trials)
+        touches = bool(self.problem.comm.allreduce(touch, op=MPI.LOR))
+        return self._all_slip(self.problem.committed) and not touches
+
+    def _all_slip(self, trials: Sequence[ContactTrial]) -> bool:
+        """Whether all points of contacts that have friction slip; collective."""
+        regimes = [trial.response.regime for trial in trials]
         slip = sum(int(np.count_nonzero(of > Regime.STICK)) for of in regimes)
         stick = sum(int(np.count_nonzero(of == Regime.STICK)) for of in regimes)
-        touch = sum(int(np.count_nonzero(t.kinematics.closed)) for t in self.problem.trials)
-        slip, stick, touch = self.problem.comm.allreduce(np.array([slip, stick, touch]), op=MPI.SUM)
-        return bool(slip and not stick and not touch)
+        slip, stick = self.problem.comm.allreduce(np.array([slip, stick]), op=MPI.SUM)
+        return bool(slip and not stick)
 
     def is_driven(self, x: PETSc.Vec) -> bool:
         """Whether displacements or loads change in the step from ``x``; collective."""

@@ -33,6 +33,7 @@ from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
 from tribox.app.implicit.newton import ImplicitOptions, Newton
 from tribox.app.implicit.predictor import Attempt, Predictor
 from tribox.forms.contact.state import ContactTrial
+from tribox.geometry.surfaces.facets import Floats
 
 UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
@@ -182,7 +183,7 @@ class ImplicitStepper:
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
         self._carried = False
-        if not largest and weak.firm:
+        if not largest and weak.firm.any():
             return self._unpressed(step)
         may_float = self._may_float(largest)
         if may_float and weak.is_let_go(largest):
@@ -227,9 +228,9 @@ class ImplicitStepper:
             newton.evaluate(step)
             if not weak.floating(problem.roundoff / SHARE):
                 return iterations, reason, 0.0
-        more, reason, share = self._sprung(step, weak.firm, problem.trials)
+        more, reason, share = self._sprung(step, float(weak.firm.max()), problem.trials, weak.firm)
         iterations += more
-        self._carried = weak.contact_force() <= UNAIDED * share * weak.firm
+        self._carried = weak.contact_force() <= UNAIDED * share * weak.firm.max()
         if reason <= 0 or self._carried:
             return iterations, reason, share
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
@@ -240,11 +241,19 @@ class ImplicitStepper:
         return iterations + more, reason, share
 
     def _sprung(
-        self, step: StepMode, largest: float, trials: Sequence[ContactTrial]
+        self,
+        step: StepMode,
+        largest: float,
+        trials: Sequence[ContactTrial],
+        forces: Floats | None = None,
     ) -> tuple[int, int, float]:
-        """Solve a step with weak springs, see :meth:`_solve`; ``trials`` show what floats."""
+        """Solve a step with weak springs, see :meth:`_solve`; ``trials`` show what floats.
+
+        ``forces`` (b,), N, that the springs of each body are a share of; None: of ``largest``.
+        """
         problem, newton = self.problem, self.newton
-        springs = self._weak.springs(self.x.array_r, largest)
+        of_bodies = np.full(len(self._weak.bodies), largest) if forces is None else forces
+        springs = self._weak.springs(self.x.array_r, of_bodies)
         idle = self._weak.idle_pairs(largest, trials)
         if trials is not problem.committed:  # where an attempt has failed it may have lost some
             idle &= self._weak.idle_pairs(largest, problem.committed)

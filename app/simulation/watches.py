@@ -170,8 +170,8 @@ class FloatingWatch(Remembers):
         for name, one in self.found.items():
             yield (
                 f"body {name} floats in {one.steps} steps ({one.when}): no support and no contact "
-                "force holds it; its place is where it was before, kept by weak springs with at "
-                f"most {one.holding:.1e} of the largest force"
+                "force holds it; its place is where it was before, or where a tool moved it, kept "
+                f"by weak springs with at most {one.holding:.1e} of the largest force"
             )
 
 
