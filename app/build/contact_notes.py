@@ -31,6 +31,7 @@ Flags = NDArray[np.bool_]
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
 OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
+CHORDED = 0.05  # what chords take of a clearance, over it, from which they are told of
 WAVED_FIT = 0.2  # height of a master's chords over interference that sliding over them is felt from
 OVERLAP = 0.01  # depth over facet length up to which bodies only touch at the start
 DENTED = 1e-4  # depth over facet length from which bodies are said to press at the start
@@ -275,8 +276,10 @@ class PairAtStart:
             yield from self._note_on_facing()
         yield from self._note_on_radius()
         yield from self._note_on_fit()
-        if self.contact.interference is None and case.acts_in(self.contact, case.stage[0].name):
-            yield from self._note_on_overlap()
+        if self.contact.interference is None:
+            yield from self._note_on_clearance()
+            if case.acts_in(self.contact, case.stage[0].name):
+                yield from self._note_on_overlap()
         yield from self._notes_on_corners(case, unable)
 
     def _notes_on_distance(self) -> Iterator[str]:
@@ -397,6 +400,44 @@ class PairAtStart:
                 f"{self.contact.master} and presses there at once, which counts as no work: leave "
                 f'a gap, or let it come on as a press fit (interference = "{DRAWN}"){advice}'
             )
+
+    def _note_on_clearance(self) -> Iterator[str]:
+        """A line on round surfaces that fit each other but for what their chords are off by.
+
+        Of two radii that differ by c the gap is c + d·n, whatever the way d between the middles is,
+        n the slave's normal. A chord h lies beside its arc by h²/12R in the mean.
+        """
+        surface, at, shape = self.surface, self.at, self.surface.shape
+        if surface.dim == 3 or len(shape.points) > shape.corners:
+            return
+        normal, weight = self._outward(), surface.slave.weight * at.on_surface
+        basis, gap = np.column_stack([np.ones(len(weight)), normal]), at.gap * (weight > 0.0)
+        known = np.column_stack([gap, surface.slave.position, surface.slave.facet_length**2])
+        master = surface.master
+        if not isinstance(master, RigidMaster) and self.contact.smoothing_angle is None:
+            known[:, -1] -= master.sizes()[at.facet] ** 2
+        sums = np.hstack([basis, known]).T @ (weight[:, None] * np.hstack([basis, known]))
+        sums = self._comm.allreduce(sums)
+        if not np.linalg.cond(sums[:3, :3]) < 1e8:  # flat, or not above the master
+            return
+        fit = np.linalg.solve(sums[:3, :3], sums[:3, 3:])
+        left = (np.diag(sums)[3:] - np.sum(fit * sums[:3, 3:], axis=0)) / sums[0, 0]
+        radius = 0.5 * (fit[1, 1] + fit[2, 2])
+        off = sums[0, -1] / sums[0, 0] / (12.0 * radius)
+        # Convex, the slave withdraws by its chords; the master does it the other way round.
+        clearance = fit[0, 0] - off
+        share = abs(off / clearance)
+        # Along a chord the gap has its own sagitta, and its points are h/sqrt(12) from x = R n.
+        uneven = left[0] > (0.2 * abs(clearance) + abs(off)) ** 2
+        if uneven or left[1] + left[2] > (0.2 * radius) ** 2 or share <= CHORDED:
+            return
+        yield (
+            f"{self.place}: {self.contact.slave} and {self.contact.master} are round and fit but "
+            f"for {clearance:.2g} m, {'to' if off > 0.0 else 'of'} which chords "
+            f"{'add' if off > 0.0 else 'take'} {100.0 * share:.2g} %: a given displacement is "
+            "off by that, pressures under a force by up to a third of it, the area by half; a "
+            "drawing of order = 2 keeps arcs, or shorter facets"
+        )
 
     def _notes_on_corners(self, case: Case, unable: str | None) -> Iterator[str]:
         """Lines on a faceted master whose corners a slave feels, or catches on as it slides.

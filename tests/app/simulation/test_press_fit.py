@@ -121,11 +121,13 @@ def test_a_fit_is_pushed_out_by_its_friction_and_goes_on_from_a_checkpoint(tmp_p
     assert unlike(reference, directory) == []
 
 
-def ring_mesh(path, around=144, layers=3):
-    """A ring of quadrilaterals between the radii BORE and OUTER, as a gmsh file."""
+def ring_mesh(path, around=144, layers=3, square=False):
+    """A ring of quadrilaterals between the radii BORE and OUTER, as a gmsh file; or a frame."""
     turns = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     radii = np.linspace(BORE, OUTER, layers + 1)
-    nodes = [(r * math.cos(t), r * math.sin(t)) for r in radii for t in turns]
+    ways = [(math.cos(t), math.sin(t)) for t in turns]
+    far = [max(abs(x), abs(y)) if square else 1.0 for x, y in ways]
+    nodes = [(r * x / f, r * y / f) for r in radii for (x, y), f in zip(ways, far, strict=True)]
 
     def at(i, j):
         return 1 + i % around + around * j
@@ -177,6 +179,50 @@ def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):
     pressure = share * (2 * (lam + shear) / OUTER**2 + 2 * shear / BORE**2)
     # The chords of the bore reach into the shaft by 2/3 of their sagitta, 1.6 um, in the mean.
     assert row.normal_force == pytest.approx(pressure * AREA * (1.0 + 1.6 / 50.0), rel=0.015)
+
+
+@pytest.mark.parametrize(
+    ("slave", "clearance", "aside", "said"),
+    [
+        ("bore", 10e-6, 0.0, "of which chords take 16 %"),
+        ("bore", 10e-6, 5e-6, "of which chords take 16 %"),
+        ("outside", 10e-6, 0.0, "to which chords add 24 %"),
+        ("bore", 100e-6, 0.0, None),
+    ],
+)
+def test_chords_that_change_a_clearance_are_noted(tmp_path, slave, clearance, aside, said):
+    """A chord h stands h²/12R beside its arc in the mean, wherever in the play the tool is."""
+    inside = slave == "outside"
+    radius = OUTER + clearance if inside else BORE - clearance
+    tool = {"shape": "circle", "centre": [aside, 0], "radius": radius, "inside": inside}
+    other = "bore" if inside else "outside"
+    data = {
+        "geometry": {"mesh": str(ring_mesh(tmp_path / "ring.msh")), "thickness": HIGH},
+        "bodies": {"ring": {"material": "neo-hookean", "E": 10e6, "nu": 0.3}},
+        "tools": {"tool": tool},
+        "contact": [{"slave": slave, "master": "tool", "friction": {"law": "frictionless"}}],
+        "boundary": [{"surface": other, "displacement": {"x": 0, "y": 0}}],
+        "stage": [{"name": "press", "duration": 1.0, "steps": 2}],
+    }
+    notes = [line for line in built(data).model.notes if "are round and fit but" in line]
+    assert len(notes) == (said is not None)
+    for note in notes:
+        assert f"fit but for {clearance:.2g} m" in note and said in note
+
+
+def test_flats_that_fit_each_other_are_not_round(tmp_path):
+    """A bar in a frame: with play all round, its gap is that of round parts."""
+    half = BORE - 1e-5
+    corners = [[-half, -half], [-half, half], [half, half], [half, -half], [-half, -half]]
+    data = {
+        "geometry": {"mesh": str(ring_mesh(tmp_path / "frame.msh", square=True))},
+        "bodies": {"ring": {"material": "neo-hookean", "E": 10e6, "nu": 0.3}},
+        "tools": {"bar": {"shape": "polyline", "points": corners}},
+        "contact": [{"slave": "bore", "master": "bar", "friction": {"law": "frictionless"}}],
+        "boundary": [{"surface": "outside", "displacement": {"x": 0, "y": 0}}],
+        "stage": [{"name": "press", "duration": 1.0, "steps": 2}],
+    }
+    assert not [line for line in built(data).model.notes if "are round" in line]
 
 
 def test_a_cord_that_touches_along_a_line_is_drawn_beside_its_plate():
