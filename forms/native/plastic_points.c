@@ -19,7 +19,8 @@ enum rate { NO_RATE, JOHNSON_COOK, PERZYNA };
  * overstress that is round-off. SMALL_STEP: relative, after which Newton's next one would be below
  * round-off; ROUNDOFF: of g over the trial stress. SERIES: up to which artanh(z)/z is one, whose
  * rest is below 1e-17. SETTLED: of Σ c and 25 times the trial stress, a change of the rest that is
- * round-off. ITERATIONS and TURNS are far beyond need: 4 are usual. */
+ * round-off; STEADY: of the step, a change after which the one after the next is. ITERATIONS and TURNS
+ * are far beyond need: 4 are usual. */
 static const double NEUTRAL = 1e-9, STILL = 1e-11;
 static const double SMALL_STEP = 1e-8, ROUNDOFF = 1e-15, SERIES = 0.02, SETTLED = 4e-15;
 static const double NEAR = 0.25, TURNING = 1e-2, STEADY = 1e-7; /* of `mean_decay` and of turns */
