@@ -150,9 +150,8 @@ class _Sums:
         pairs = number[:, :, None] * width + number[:, None, :]
         entries, entry = np.unique(pairs, return_inverse=True)
         self._entry = entry.reshape(-1).astype(np.int32)
-        row, column = np.divmod(entries, width)
-        self._count = len(entries)
-        self.entries = SharedEntries(A, distinct[row], distinct[column])
+        distinct, self._count = distinct.astype(PETSc.IntType), len(entries)
+        self.entries = SharedEntries(A, *(distinct[one] for one in np.divmod(entries, width)))
 
     def add(self, A: PETSc.Mat, matrices: Floats) -> None:
         """Add element matrices (c, …) of the cells; collective."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.forms.native import library
-from tribox.geometry.surfaces.facets import Floats, Ints, Longs
+from tribox.geometry.surfaces.facets import Floats, Ints
 
 SOURCE = "cell_places.c"
 _VALUES = ctypes.c_void_p, ctypes.POINTER(ctypes.POINTER(ctypes.c_double))
@@ -155,23 +155,34 @@ class SharedEntries:
     owner looks places up once, and is sent values alone.
     """
 
-    def __init__(self, A: PETSc.Mat, rows: Longs, columns: Longs) -> None:
-        """Tell the owners of global rows (n,), ascending, and columns (n,); collective."""
-        self._comm, both = A.comm.tompi4py(), np.array([rows, columns], PETSc.IntType)
-        self._through_petsc = None if is_direct(A) else both
-        ends = A.getOwnershipRanges()[1:]
-        self._given = np.diff(np.searchsorted(rows, ends), prepend=0)
-        got = self._comm.alltoall(np.split(both, np.cumsum(self._given)[:-1], axis=1))
-        self._taken = np.array([one.shape[1] for one in got])
-        row, column = np.concatenate(got, axis=1)
+    def __init__(self, A: PETSc.Mat, rows: Ints, columns: Ints) -> None:
+        """Tell the owners of global rows (n,), ascending, and columns (n,); collective.
+
+        Raises:
+            RuntimeError: see :meth:`find`.
+        """
+        self._comm = A.comm.tompi4py()
+        self._through_petsc = None if is_direct(A) else (rows, columns)
+        # Where the values begin that each rank is given, and this one's own ones.
+        self._begin = np.searchsorted(rows, A.getOwnershipRanges())
+        self._own = slice(*self._begin[self._comm.rank : self._comm.rank + 2])
+        self._given = np.diff(self._begin)
+        self._given[self._comm.rank] = 0
+        cuts = zip(self._begin, self._begin[:-1] + self._given, strict=False)
+        parts = [slice(*cut) for cut in cuts]
+        got = self._comm.alltoall([(rows[part], columns[part]) for part in parts])
+        self._taken = np.array([len(row) for row, _ in got])
+        row, column = (
+            np.concatenate([own[self._own], *(one[k] for one in got)])
+            for k, own in enumerate((rows, columns))
+        )
         left, right = A.getOwnershipRangeColumn()
         mine = (column >= left) & (column < right)
-        row -= A.getOwnershipRange()[0]
-        column[mine] -= left
-        # Which of the values, in which rows and columns: own ones, and global ones of others.
-        which = (np.nonzero(take)[0].astype(np.int32) for take in (mine, ~mine))
-        self._entries = [(at, row[at], column[at]) for at in which]
-        self._places: list[tuple[Ints, int]] = []  # and how many values there are
+        # Those of other ranks' columns are negative.
+        self._row, self._column = (
+            row - A.getOwnershipRange()[0],
+            np.where(mine, column - left, ~column),
+        )
         self.find(A)
 
     def find(self, A: PETSc.Mat) -> None:
@@ -182,18 +193,21 @@ class SharedEntries:
         """
         if self._through_petsc is not None:
             return
-        search, self._places, there = library(SOURCE).tribox_entry_places, [], True
-        search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 5], ctypes.c_int
-        for part, (_, row, column) in zip(_parts_of(A), self._entries):
-            if self._places:
-                others = columns_of_others(A)[1]
-                wanted, column = column, np.searchsorted(others, column).astype(np.int32)
-                there &= np.array_equal(np.append(others, -1)[column], wanted)
-            places = np.empty_like(row)
-            with _pattern_of_part(part) as pattern:
-                arrays = (array.ctypes.data for array in (*pattern, row, column, places))
-                there &= bool(search(len(row), *arrays))
-                self._places.append((places, len(pattern[1])))
+        search, there, column = library(SOURCE).tribox_entry_places, True, self._column
+        search.argtypes, search.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 7], ctypes.c_int
+        parts = _parts_of(A)
+        if len(parts) > 1:
+            others, beyond, column = columns_of_others(A)[1], column < 0, column.copy()
+            wanted = ~column[beyond]
+            number = np.searchsorted(others, wanted)
+            there = np.array_equal(np.append(others, -1)[number], wanted)
+            column[beyond] = ~number
+        self._places = np.empty_like(self._row)
+        with ExitStack() as stack:
+            patterns = [stack.enter_context(_pattern_of_part(part)) for part in parts]
+            arrays = [*patterns[0], *patterns[-1], self._row, column, self._places]
+            there &= bool(search(len(self._row), *(array.ctypes.data for array in arrays)))
+            self._sizes = [len(columns) for _, columns in patterns]
         if not self._comm.allreduce(there, op=MPI.LAND):
             raise RuntimeError("cells: an entry of the tangent is not in the matrix's pattern")
 
@@ -205,13 +219,17 @@ class SharedEntries:
             A.setValuesIJV(ends, columns, values, addv=add, rowmap=rows)
             return
         got = np.empty(self._taken.sum())
-        self._comm.Alltoallv([values, self._given], [got, self._taken])
+        given = self._given, self._begin[:-1]
+        self._comm.Alltoallv([values, given], [got, self._taken])
         put = library(SOURCE).tribox_add_entries
         put.argtypes, put.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 4], None
-        parts = zip(_parts_of(A), self._entries, self._places)
-        for part, (at, _, _), (places, count) in parts:
-            with _values_of_part(part, count) as out:
-                put(len(at), *(array.ctypes.data for array in (at, places, got, out)))
+        own = values[self._own]
+        with ExitStack() as stack:
+            of_parts = zip(_parts_of(A), self._sizes, strict=True)
+            outs = [stack.enter_context(_values_of_part(*part)) for part in of_parts]
+            for some, places in ((own, self._places[: len(own)]), (got, self._places[len(own) :])):
+                arrays = places, some, outs[0], outs[-1]
+                put(len(some), *(array.ctypes.data for array in arrays))
 
 
 class PlacesOfPart:

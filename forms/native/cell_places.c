@@ -66,35 +66,40 @@ int tribox_part_places(int64_t rows, const int32_t *row, const int32_t *indptr, 
     return 1;
 }
 
-/* Where the values of entries lie: in `row`, with `column`, mostly by rows and columns. Returns whether
- * all of them are there. */
+/* Where the values of entries lie in two parts of a matrix, in their `row`, mostly one after the other:
+ * a negative `column` is ~ that in the second part, and so is its place. Returns whether all are there. */
 int tribox_entry_places(int64_t entries, const int32_t *indptr, const int32_t *columns,
-                        const int32_t *row, const int32_t *column, int32_t *places)
+                        const int32_t *other_indptr, const int32_t *other_columns, const int32_t *row,
+                        const int32_t *column, int32_t *places)
 {
     int all = 1;
     for (int64_t e = 0; e < entries; ++e) {
-        int32_t low = indptr[row[e]], high = indptr[row[e] + 1];
-        const int32_t end = high;
-        const int32_t next = e && row[e - 1] == row[e] ? places[e - 1] + 1 : end;
-        if (next < end && columns[next] == column[e])
-            low = high = next;
+        const int beyond = column[e] < 0;
+        const int32_t *ends = beyond ? other_indptr : indptr, *in = beyond ? other_columns : columns;
+        const int32_t wanted = beyond ? ~column[e] : column[e], end = ends[row[e] + 1];
+        int32_t low = ends[row[e]], high = end;
+        if (e && row[e - 1] == row[e] && (column[e - 1] < 0) == beyond) {
+            const int32_t next = (beyond ? ~places[e - 1] : places[e - 1]) + 1;
+            if (next < end && in[next] == wanted)
+                low = high = next;
+        }
         while (low < high) {
             int32_t middle = low + (high - low) / 2;
-            if (columns[middle] < column[e])
+            if (in[middle] < wanted)
                 low = middle + 1;
             else
                 high = middle;
         }
-        all &= low < end && columns[low] == column[e];
-        places[e] = low;
+        all &= low < end && in[low] == wanted;
+        places[e] = beyond ? ~low : low;
     }
     return all;
 }
 
-/* Add values `at` some numbers (entries) to `out` at `places` (entries), which may come twice. */
-void tribox_add_entries(int64_t entries, const int32_t *at, const int32_t *places,
-                        const double *values, double *out)
+/* Add values (entries) at these places, which may come twice, to those of the two parts. */
+void tribox_add_entries(int64_t entries, const int32_t *places, const double *values, double *own,
+                        double *other)
 {
     for (int64_t e = 0; e < entries; ++e)
-        out[places[e]] += values[at[e]];
+        *(places[e] < 0 ? other + ~places[e] : own + places[e]) += values[e];
 }
