@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from functools import wraps
 from pathlib import Path
 from typing import TextIO
 
@@ -230,6 +231,7 @@ def forces_balance() -> Iterator[None]:
     """
     run = Simulation.run
 
+    @wraps(run)
     def run_and_look(simulation: Simulation, observer: Observer) -> None:
         run(simulation, observer)
         allowed = max(1e-8, 3.0 * simulation.model.case.solver.tolerance)
