@@ -25,6 +25,7 @@ PICTURES = {
     "recess": Picture("deformed-1-press.png"),
     "roller": Picture("deformed.png"),
     "strip-draw": Picture("stribeck.png"),
+    "strip-rolling": Picture(f"deformed-{_FLOWN}.png", _FLOWN),
     "tube-bulge": Picture("deformed-2-press.png"),
     "u-bend": Picture(f"deformed-{_FLOWN}-1-press.png", _FLOWN),
 }

@@ -149,6 +149,43 @@ def test_a_roller_that_turns_freely_goes_without_resistance_and_a_locked_one_sli
     assert np.abs(of_tool(locked, "roller", "force_x"))[late].min() > 0.28 * normal
 
 
+def karman(entry: float, gap: float, radius: float, mu: float, curve: Swift) -> float:
+    """Force on a roll, N/m, of a slab: d(h s)/dx = -p dh/dx -+ 2 mu p, with s + p = 2k.
+
+    From the gap, where the strip is faster than the roll, and from the entry, where it is slower,
+    up to where both pressures are the same.
+    """
+    long = np.sqrt(radius * (entry - gap) - 0.25 * (entry - gap) ** 2)
+    x, wide = np.linspace(0.0, long, 4001), 2.0 / np.sqrt(3.0)
+    height = gap + 2.0 * (radius - np.sqrt(radius**2 - x**2))
+    shear = wide * curve.stress(wide * np.log(entry / height))
+    pressures = []
+    for order, sign in ((np.arange(len(x)), -1.0), (np.arange(len(x))[::-1], 1.0)):
+        pull, pressure = 0.0, np.empty_like(x)
+        for last, at in zip([order[0], *order[:-1]], order, strict=True):
+            before = shear[last] - pull / height[last]
+            pull += before * (height[last] - height[at] + 2.0 * sign * mu * (x[at] - x[last]))
+            pressure[at] = shear[at] - pull / height[at]
+        pressures.append(pressure)
+    return float(np.trapezoid(np.minimum(*pressures), x))
+
+
+def test_rolls_draw_a_strip_through_with_the_force_of_a_slab_and_what_its_shears_add(tmp_path):
+    """No start of Newton's method lets the strip lie still while the rolls turn on."""
+    done = reduced(
+        "strip-rolling",
+        tmp_path,
+        geometry__blocks__strip__elements="[48, 2]",
+        stage__0__steps="30",
+        stage__1__steps="60",
+    )
+    rolled = np.array([row.time > 1.5 for row in done.rows])
+    slab = karman(4e-3, 3.4e-3, 0.05, 0.15, Swift(139.3e6, 0.002, 0.2581))
+    assert slab < of_tool(done, "roll", "force_y")[rolled].mean() < 1.1 * slab
+    assert all(row.attempts == 1 for row in done.rows)
+    assert np.mean([row.newton_iterations for row in done.rows]) < 6.0
+
+
 def test_upsetting_takes_the_force_of_the_slab_with_friction(tmp_path):
     """p = sigma_Y (1 + 2 mu R/(3 H)) in the mean, R and H (of both halves) as they are then."""
     done = reduced(
