@@ -145,6 +145,7 @@ def nodal_shares(problem: Equilibrium) -> Floats:
 SHARE = 1e-6
 """Largest force of the springs of a body, and least contact force that holds one, over the largest
 force of the run."""
+FIRM = 10.0  # of E* times the area: what rounding leaves of a thin sheet's motion is less
 ALIKE = 0.9  # cosine of the angle between forces from which on they have one direction
 
 
@@ -173,7 +174,7 @@ class WeakHold:
         contacts = self.problem.contacts
         forces = [(term.modulus or 0.0) * term.surface.slave.weight.sum() for term in contacts]
         total = self.problem.comm.allreduce(np.array(forces, dtype=float))
-        return np.array([total[pairs].max(initial=0.0) for pairs in self.pairs])
+        return FIRM * np.array([total[pairs].max(initial=0.0) for pairs in self.pairs])
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
         """Contacts of a body with something that it is not joined to; collective."""
@@ -221,13 +222,6 @@ class WeakHold:
         ends = [(problem.contacts[pair], problem.trials[pair]) for pair in on_bodies]
         local = sum(float(term.surface.slave.weight @ trial.pressure) for term, trial in ends)
         return float(problem.comm.allreduce(local))
-
-    def apart(self) -> tuple[str, ...]:
-        """The bodies that touch nothing at the last evaluation; collective."""
-        closed = [int(trial.kinematics.closed.any()) for trial in self.problem.trials]
-        touches = self.problem.comm.allreduce(np.array(closed, dtype=np.int64)) > 0
-        pairs = zip(self.bodies, self.pairs, strict=True)
-        return tuple(body.name for body, on in pairs if not touches[on].any())
 
     def idle_pairs(self, largest: float, trials: Sequence[ContactTrial]) -> frozenset[int]:
         """Contacts of the bodies that :meth:`floating` finds; collective."""

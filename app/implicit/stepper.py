@@ -57,7 +57,8 @@ class StepResult:
         residuals: residual norm after each iteration, relative to the reference force.
         floating: bodies that nothing presses on or supports; holding: force of the weak springs
             that hold them, over the largest force of the run
-            (:mod:`tribox.app.implicit.loose_bodies`).
+            (:mod:`tribox.app.implicit.loose_bodies`); carried: that force, N (N/m), before there
+            is any other.
         strayed: whether an iteration led too far away to be evaluated.
         too_long: whether a friction law has left out traction
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
@@ -74,6 +75,7 @@ class StepResult:
     residuals: list[float]
     floating: tuple[str, ...] = ()
     holding: float = 0.0
+    carried: float = 0.0
     strayed: bool = False
     too_long: bool = False
     unbalanced: tuple[int, ...] = ()
@@ -116,6 +118,11 @@ class ImplicitStepper:
         """PETSc's nonlinear solver."""
         return self.newton.snes
 
+    @property
+    def has_carried_only(self) -> bool:
+        """Whether tools have carried free bodies, and nothing has pressed in the whole run."""
+        return self._carried and not self.newton.largest_force
+
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
@@ -144,7 +151,8 @@ class ImplicitStepper:
             reason=reason,
             residuals=newton.residuals,
             floating=self._adrift or self._trial_floating,
-            holding=holding,
+            holding=0.0 if self._carried else holding,
+            carried=holding * float(self._weak.firm.max()) if self._carried else 0.0,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
             unbalanced=tuple(
@@ -216,12 +224,8 @@ class ImplicitStepper:
         these springs do, as between two tools, the step is solved as it is.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
-        loaded, floating = weak.is_loaded(0.0), self._floating
-        if not problem.committed:
-            self.x.copy(self.trial)
-            newton.evaluate(step)
-            floating = weak.apart()
-        if loaded or not floating:
+        loaded = weak.is_loaded(0.0)
+        if loaded or not self._floating:
             iterations, reason = self._tried(step, self._pressed)
             if reason <= 0 or loaded:
                 return iterations, reason, 0.0

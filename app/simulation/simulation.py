@@ -257,7 +257,21 @@ class Simulation:
                     state.inertia.append(Inertia(load_step.label))
                 state.run(load_step, observer, runner.advance)
             at.end()
+        self._require_contact()
         observer.ready(state)
+
+    def _require_contact(self) -> None:
+        """End a run in which a free body was carried from begin to end with an error; collective.
+
+        It lacks a support, or the stroke is too short.
+        """
+        stepper, problem = self.stepper, self.model.problem
+        if isinstance(stepper, ImplicitStepper) and stepper.has_carried_only:
+            loose = loose_directions(problem, sprung_dofs(problem))
+            x = stepper.x.array_r
+            if wrong := body_adrift(problem, loose, np.zeros_like(x), x):
+                last = self.rows[-1]
+                raise SolutionError(f"stage {last.stage}, time {last.time:.6g} s: {wrong}")
 
     def _runner(self, stage: Stage) -> ImplicitStage | ExplicitStage:
         """The runner of a stage; the first explicit one takes over from the implicit ones."""

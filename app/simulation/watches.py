@@ -141,6 +141,7 @@ class Floating:
     steps: int = 0  # their number
     # largest force of the springs of a step over the largest force of the run till then
     holding: float = 0.0
+    carried: float = 0.0  # N (N/m), largest force of the springs before there was any other
 
 
 class FloatingWatch(Remembers):
@@ -152,8 +153,8 @@ class FloatingWatch(Remembers):
 
     found: Kept[dict[str, Floating]]
 
-    def __init__(self) -> None:
-        self.found = {}
+    def __init__(self, thickness: float) -> None:
+        self.found, self._thickness = {}, thickness
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step."""
@@ -164,15 +165,21 @@ class FloatingWatch(Remembers):
             one = self.found.setdefault(body, Floating(when))
             one.steps += 1
             one.holding = max(one.holding, result.holding)
+            one.carried = max(one.carried, result.carried)
 
     def warnings(self) -> Iterator[str]:
         """A line for each body that floated."""
         for name, one in self.found.items():
             yield (
                 f"body {name} floats in {one.steps} steps ({one.when}): no support and no contact "
-                "force holds it; its place is where it was before, or where a tool moved it, kept "
-                f"by weak springs with at most {one.holding:.1e} of the largest force"
+                "force holds it; its place is where it was before, kept by weak springs with at "
+                f"most {one.holding:.1e} of the largest force{self._carried(one)}"
             )
+
+    def _carried(self, one: Floating) -> str:
+        """Words on steps in which tools may have moved a body."""
+        force = one.carried * self._thickness
+        return f", or where a tool carried it, against springs of {force:.2g} N" if force else ""
 
 
 class RelaxationWatch(Remembers):
@@ -471,7 +478,7 @@ class Watches:
         }
         self._of_results: dict[str, Any] = {
             "late": LateFilm(model),
-            "floating": FloatingWatch(),
+            "floating": FloatingWatch(model.thickness),
             "relaxation": RelaxationWatch(),
             "linear": LinearWatch(),
         }

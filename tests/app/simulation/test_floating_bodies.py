@@ -202,6 +202,7 @@ def closed_by(clearance: float) -> dict[str, Any]:
             {"slave": "pad_bottom", "master": "base", "friction": rubs},
         ],
         "stage": [{"name": "press", "duration": "1 s", "steps": 35}],
+        "solver": {"tolerance": 6e-8},  # twice what springs leave of the forces
     }
 
 
