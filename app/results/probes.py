@@ -190,10 +190,11 @@ def shape_line(name: str, shape: Mapping[str, Any]) -> str:
     """What the log says of a shape of :func:`final_shapes` in the end."""
     springback = shape["springback"]
     back = "" if springback is None else f", springback {math.degrees(springback):.4g} deg"
-    radius = "straight" if shape["radius"] is None else f"radius {shape['radius']:.4g} m"
-    if (shape["off_circle"] or 0.0) > OFF * shape["length"] * abs(shape["bend_angle"]) / 8.0:
-        off = shape["off_circle"]
-        radius += f" of a circle that it lies {off:.2g} m off (bend = [...] picks one bend)"
+    radius = "straight"
+    if shape["radius"] is not None:
+        radius, off = f"radius {shape['radius']:.4g} m", shape["off_circle"]
+        if off > OFF * shape["length"] * abs(shape["bend_angle"]) / 8.0:
+            radius += f" of a circle that it lies {off:.2g} m off (bend = [...] picks one bend)"
     thick = ""
     if shape["mean_thickness"] is not None:
         least, most = shape["min_thickness"], shape["max_thickness"]
