@@ -347,7 +347,7 @@ class PairAtStart:
         radius = self.surface.master.surface.least_radius
         near = self._within(ROUND * radius) | np.isinf(self.distance)
         length = self._largest(self.surface.slave.facet_length, near)
-        if length > ROUND * radius:
+        if length > ROUND * radius * (1.0 + 1e-9):
             yield (
                 f"{self.place}: the facets of the slave {self.contact.slave} are up to "
                 f"{length / radius:.2g} times as long as the smallest radius of "

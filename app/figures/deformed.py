@@ -182,7 +182,7 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
         axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
         if axes.lines:
             axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
-    words = f"arc length along the slave from the dot, undeformed ({length.name})"
+    words = f"arc length along the slave from the dot ({length.name}); lengths and areas undeformed"
     if len(pairs) < total:
         words += f"\n{len(pairs)} of {total} pairs: those that carry most"
     panels[0].figure.supxlabel(words, fontsize=9)

@@ -183,13 +183,18 @@ def final_shapes(directory: Path, ends: Mapping[int, float]) -> dict[str, dict[s
 
 TO_AND_FRO = 1.2  # largest turn over the bend angle from which a line is not bent in one sense
 TURNED = 1.0  # deg, by which any line may be turned so
+OFF = 0.1  # of the rise of an arc of its length and turn, that a line lies off a circle at most
 
 
 def shape_line(name: str, shape: Mapping[str, Any]) -> str:
     """What the log says of a shape of :func:`final_shapes` in the end."""
     springback = shape["springback"]
     back = "" if springback is None else f", springback {math.degrees(springback):.4g} deg"
-    radius = "straight" if shape["radius"] is None else f"radius {shape['radius']:.4g} m"
+    radius = "straight"
+    if shape["radius"] is not None:
+        radius, off = f"radius {shape['radius']:.4g} m", shape["off_circle"]
+        if off > OFF * shape["length"] * abs(shape["bend_angle"]) / 8.0:
+            radius += f" of a circle that it lies {off:.2g} m off (bend = [...] picks one bend)"
     thick = ""
     if shape["mean_thickness"] is not None:
         least, most = shape["min_thickness"], shape["max_thickness"]

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 # -- A rigid plane, in the plane a straight line, without end --------------------------------------
 
+WIDE = 4.0  # times the box, that the line is drawn: bodies spread under it
+
 
 class Plane(RigidShape):
     """Y(ξ) = P + ξ^α L e_α."""
@@ -49,6 +51,7 @@ class Plane(RigidShape):
         """See :class:`~tribox.geometry.surfaces.rigid.RigidSurface`; across the box."""
         middle = (0.5 * (box[0] + box[1]) - self.point) @ self._tangents.T / self.size**2
         half = 0.5 * float(np.linalg.norm(box[1] - box[0])) / self.size
+        half *= 1.0 if len(self.point) == 3 else WIDE
         signs = np.array([[-1.0], [1.0]])
         cells = np.array([[0, 1]], dtype=np.int32)
         if len(self.point) == 3:
@@ -76,6 +79,7 @@ def directions_across(normal: Floats) -> Floats:
 
 QUARTERS = 4
 _ARC = 2.0 * np.pi / QUARTERS
+FLAT = 1e-4  # of the diagonal of the box, that the chords of an outline lie off the arc at most
 
 
 class Circle(RigidShape):
@@ -123,6 +127,9 @@ class Circle(RigidShape):
         )
 
     def outline(self, box: Floats, count: int = 64) -> Outline:
+        # Beside a large roll the bodies are thin: chords within FLAT of their size.
+        seen = max(float(np.linalg.norm(box[1] - box[0])), 0.01 * self.radius)
+        count = max(count, int(np.ceil(np.pi * np.sqrt(0.5 * self.radius / (FLAT * seen)))))
         number = np.arange(count, dtype=np.int32)
         turned = QUARTERS * number / count
         points = self.at(np.zeros(count, dtype=np.int32), turned[:, None]).place

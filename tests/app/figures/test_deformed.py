@@ -97,7 +97,8 @@ def test_tractions_are_drawn_over_the_arc_length(strip, kept, tmp_path):
         faint = [line for line in axes.lines if line.get_marker() == "."]
         np.testing.assert_allclose(np.sort(faint[0].get_xdata()), np.arange(0.25, 4.0, 0.5))
     below = panels(kept["deformed"])[0].figure
-    assert below.get_supxlabel() == "arc length along the slave from the dot, undeformed (mm)"
+    words = "arc length along the slave from the dot (mm); lengths and areas undeformed"
+    assert below.get_supxlabel() == words
 
 
 @pytest.mark.parametrize("unloaded", [(0,), (0, 1)])

@@ -55,8 +55,8 @@ HAT = [0, 0, 60, 60, 60, 60, 0, 0]
     ("degrees", "straight", "angle", "most", "said"),
     [
         (HAT, (), 0.0, 60.0, r"to and fro, by up to 60 deg between two places and by \S+ deg from"),
-        (HAT, ((0, 2), (3, 5)), 60.0, 60.0, "by 60 deg, springback 3 deg, radius"),
-        ([0, 10, 20, 30, 40, 50, 60, 70], (), 80.0, 80.0, "by 80 deg, springback 3 deg, radius"),
+        (HAT, ((0, 2), (3, 5)), 60.0, 60.0, r"by 60 deg, springback 3 deg, radius \S+ m of a"),
+        ([0, 10, 20, 30, 40, 50, 60, 70], (), 80.0, 80.0, r"by 80 deg, .* 3 deg, radius \S+ m$"),
         ([0.0, 0.0, 0.4, 0.4, 0.0, 0.0, 0.0, 0.0], (), 0.0, 0.4, "by .* deg, springback 3 deg, "),
     ],
 )

@@ -13,6 +13,7 @@ from tests.geometry.surfaces.rigid_shapes import SMOOTH, around, moved
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.rigid import RigidMotion, normals
 from tribox.geometry.surfaces.rigid_polyline import FACING, LineEnds, filleted
+from tribox.geometry.surfaces.rigid_shapes import Circle, Plane
 
 BOX = np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]])
 
@@ -110,6 +111,15 @@ def test_extent_holds_what_is_drawn(shape):
     points = shape.outline(BOX[:, : shape.dim], 30).points
     low, high = shape.extent
     assert np.all(points >= low - 1e-12) and np.all(points <= high + 1e-12)
+
+
+def test_pictures_show_a_large_roll_round_and_a_flat_die_beyond_what_spreads_under_it():
+    strip = np.array([[-20.0, -1.0], [20.0, 1.0]])
+    places = Circle(np.array([0.0, 51.0]), 50.0).outline(strip).points
+    middles = 0.5 * (places + np.roll(places, 1, axis=0)) - [0.0, 51.0]
+    assert np.all(np.linalg.norm(middles, axis=1) > 50.0 - 1e-4 * 40.1)
+    die = Plane(np.array([0.0, 1.0]), np.array([0.0, -1.0])).outline(strip).points
+    assert die[:, 0].min() < -60.0 and die[:, 0].max() > 60.0
 
 
 def test_a_rank_without_points_has_none_to_project(shape):
