@@ -133,8 +133,7 @@ class ToolSeries:
         """
         self._problem = model.problem
         box = extent(model.named)
-        count = 720 if len(box[0]) == 2 else 64  # pictures may show a few degrees of a roll
-        self._outlines = [tool.surface.outline(box, count) for tool in model.problem.tools]
+        self._outlines = [tool.surface.outline(box) for tool in model.problem.tools]
         self.series: Series | None = None
         if model.problem.comm.rank > 0:
             return
