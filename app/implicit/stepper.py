@@ -36,6 +36,7 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
+FIRMER = 100.0  # stiffness of springs that rounding disturbs no more, over that of weak ones
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
@@ -212,8 +213,9 @@ class ImplicitStepper:
 
         A tool that moves a body through a clearance carries it along by no force, to a place that
         is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
-        stiffness of its contacts, which is far above rounding. Where contacts press by more than
-        these springs do, as between two tools, the step is solved as it is.
+        stiffness of its contacts, or of ``FIRMER`` times that where rounding opens and closes what
+        they press: thin bodies, tools at an angle. Where contacts press by more than these springs
+        do, as between two tools, the step is solved as it is.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
         loaded, floating = weak.is_loaded(0.0), self._floating
@@ -228,9 +230,13 @@ class ImplicitStepper:
             newton.evaluate(step)
             if not weak.floating(problem.roundoff / SHARE):
                 return iterations, reason, 0.0
-        more, reason, share = self._sprung(step, float(weak.firm.max()), problem.trials, weak.firm)
-        iterations += more
-        self._carried = weak.contact_force() <= UNAIDED * share * weak.firm.max()
+        for firm in (weak.firm, FIRMER * weak.firm):
+            most, trials = float(firm.max()), problem.trials
+            more, reason, share = self._sprung(step, most, trials, firm)
+            iterations += more
+            if reason > 0:
+                break
+        self._carried = weak.contact_force() <= UNAIDED * share * most
         if reason <= 0 or self._carried:
             return iterations, reason, share
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with

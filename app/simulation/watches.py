@@ -171,7 +171,8 @@ class FloatingWatch(Remembers):
             yield (
                 f"body {name} floats in {one.steps} steps ({one.when}): no support and no contact "
                 "force holds it; its place is where it was before, or where a tool moved it, kept "
-                f"by weak springs with at most {one.holding:.1e} of the largest force"
+                f"by weak springs with at most {one.holding:.1e} of the largest force (of E* times "
+                "the contact's area, before anything presses)"
             )
 
 
