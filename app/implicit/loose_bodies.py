@@ -145,7 +145,6 @@ def nodal_shares(problem: Equilibrium) -> Floats:
 SHARE = 1e-6
 """Largest force of the springs of a body, and least contact force that holds one, over the largest
 force of the run."""
-FIRM = 10.0  # of E* times the area: what rounding leaves of a thin sheet's motion is less
 ALIKE = 0.9  # cosine of the angle between forces from which on they have one direction
 
 
@@ -174,7 +173,7 @@ class WeakHold:
         contacts = self.problem.contacts
         forces = [(term.modulus or 0.0) * term.surface.slave.weight.sum() for term in contacts]
         total = self.problem.comm.allreduce(np.array(forces, dtype=float))
-        return FIRM * np.array([total[pairs].max(initial=0.0) for pairs in self.pairs])
+        return np.array([total[pairs].max(initial=0.0) for pairs in self.pairs])
 
     def _pairs_on(self, body: FreeBody) -> list[int]:
         """Contacts of a body with something that it is not joined to; collective."""

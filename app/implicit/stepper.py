@@ -36,6 +36,7 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
+FIRMER = 100.0  # stiffness of springs that rounding disturbs no more, over that of weak ones
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
@@ -104,7 +105,7 @@ class ImplicitStepper:
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
         self._find_loose_bodies()
-        self._carried = False  # whether nothing pressed but weak springs in the last solution
+        self._carried = 0.0  # N (N/m), of weak springs that alone pressed in the last solution
         self._relaxed = False  # whether springs that give way found the last solution
         self._adrift: tuple[str, ...] = ()  # bodies that the load of the last attempt moves away
         self._pressed = False  # whether anything pressed at the last converged state
@@ -121,7 +122,7 @@ class ImplicitStepper:
     @property
     def has_carried_only(self) -> bool:
         """Whether tools have carried free bodies, and nothing has pressed in the whole run."""
-        return self._carried and not self.newton.largest_force
+        return self._carried > 0.0 and not self.newton.largest_force
 
     def _find_loose_bodies(self) -> None:
         problem = self.problem
@@ -152,7 +153,7 @@ class ImplicitStepper:
             residuals=newton.residuals,
             floating=self._adrift or self._trial_floating,
             holding=0.0 if self._carried else holding,
-            carried=holding * float(self._weak.firm.max()) if self._carried else 0.0,
+            carried=self._carried,
             strayed=newton.strayed,
             too_long=self._is_too_long(),
             unbalanced=tuple(
@@ -190,7 +191,7 @@ class ImplicitStepper:
         problem, newton, iterations, reason = self.problem, self.newton, 0, 0
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
-        self._carried = False
+        self._carried = 0.0
         if not largest and weak.firm.any():
             return self._unpressed(step)
         may_float = self._may_float(largest)
@@ -220,8 +221,9 @@ class ImplicitStepper:
 
         A tool that moves a body through a clearance carries it along by no force, to a place that
         is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
-        stiffness of its contacts, which is far above rounding. Where contacts press by more than
-        these springs do, as between two tools, the step is solved as it is.
+        stiffness of its contacts, or of ``FIRMER`` times that where rounding opens and closes what
+        they press: thin bodies, tools at an angle. Where contacts press by more than these springs
+        do, as between two tools, the step is solved as it is.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
         loaded = weak.is_loaded(0.0)
@@ -232,10 +234,15 @@ class ImplicitStepper:
             newton.evaluate(step)
             if not weak.floating(problem.roundoff / SHARE):
                 return iterations, reason, 0.0
-        more, reason, share = self._sprung(step, float(weak.firm.max()), problem.trials, weak.firm)
-        iterations += more
-        self._carried = weak.contact_force() <= UNAIDED * share * weak.firm.max()
-        if reason <= 0 or self._carried:
+        for firm in (weak.firm, FIRMER * weak.firm):
+            most, trials = float(firm.max()), problem.trials
+            more, reason, share = self._sprung(step, most, trials, firm)
+            iterations += more
+            if reason > 0:
+                break
+        others_press = weak.contact_force() > UNAIDED * share * most
+        self._carried = 0.0 if others_press else share * most
+        if reason <= 0 or not others_press:
             return iterations, reason, share
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)

@@ -75,7 +75,7 @@ HIDDEN = 0.15  # depth of a point beyond that of the mean gaps, over the facet's
 STRETCHED = 4.0  # area of a pressed point over what it was undeformed
 # Error of pressures over their peak, by what the penetration's standard deviation is of the
 # approach: 2.1 to 3.9 for Hertz's lines, whose area has up to twice as much, 1 to 7 for blocks.
-FLATTENED = 4.0
+FLATTENED, UNEVEN = 4.0, 0.02  # and what of it is warned of
 WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 
@@ -433,8 +433,8 @@ class ContactWarnings(Remembers):
                 yield self._comb(index, state)
             if state.waves > WAVES:
                 yield waves_text(index, state.waves, state.corners)
-            lost = max(self._cost(index), self._flattened(index))
-            if self.over_facet[index] > PENETRATION or lost > APPROACH:
+            lost, flat = self._cost(index), self._flattened(index)
+            if self.over_facet[index] > PENETRATION or lost > APPROACH or flat > UNEVEN:
                 yield self._soft(index, comb)
             if self._slack[index] > SLACK:
                 yield _slack_text(index, self._slack[index])
@@ -507,7 +507,7 @@ class ContactWarnings(Remembers):
         cost = "the bodies come that much too close under the given force"
         if lost > min(APPROACH, 0.5 * share):
             cost = f"the normal force is about {_lost(lost)} too small"
-        elif flat > APPROACH:
+        elif flat > UNEVEN:
             cost = (
                 f"under the given force pressures are off by about {_lost(flat)} of their peak, "
                 "and the area, where roundness ends it, by up to twice that"

@@ -326,7 +326,7 @@ def test_what_forces_or_weight_press_loses_none(tmp_path, loaded):
     said = {int(line[8]): re.search(r"off by about ([\d.]+) % of", line)[1] for line in found[0]}
     for index, (soft, hard) in enumerate(zip(*peaks, strict=True)):
         off = np.max(np.abs(soft - hard)) / np.max(hard)
-        assert 0.2 < 100.0 * off / float(said[index]) < 2.0 if said else off < 0.01
+        assert 0.2 < 100.0 * off / float(said[index]) < 2.0 if said else off < 0.02
 
 
 def test_deep_penetration_under_a_force_costs_none_of_it(tmp_path):

@@ -213,6 +213,21 @@ class Floats(Cuts):
         self.floating = [*getattr(self, "floating", []), list(result.floating)]
 
 
+def test_rounding_does_not_keep_a_tool_from_carrying_a_thin_sheet():
+    """Of 1/200 of its length, it bends under less than weak springs bear: firmer ones hold it."""
+    forces, seen = [], Floats()
+    for below, above in ((2e-5, 3e-5), (0.0, 0.0)):
+        data = closed_by(below)
+        sheet = {"x": [0.0, 1e-2], "y": [0.0, 5e-5], "elements": [40, 2]}
+        data["geometry"]["blocks"]["pad"], data["bodies"]["pad"] = sheet, {"material": "PU-80A"}
+        data["tools"]["ram"]["point"][1] = 5e-5 + above
+        data["tools"]["ram"]["displacement"]["y"][1][1] = -below - above - 5e-6
+        data["stage"][0]["steps"] = 5
+        forces.append(solved(data, observer=Floats() if forces else seen).rows[-1].normal_force)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-3)
+    assert seen.count == 0 and seen.floating == 4 * [["pad"]] + [[]]
+
+
 def carried(comm, directory):
     """Forces of the last step without and with clearances, iterations, cuts, and what floated."""
     out = []
