@@ -226,9 +226,9 @@ class ImplicitStepper:
         do, as between two tools, the step is solved as it is.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
-        loaded = weak.is_loaded(0.0)
-        if loaded or not self._floating:
-            iterations, reason = self._tried(step, self._pressed)
+        loaded, carried = weak.is_loaded(0.0), bool(self._floating)
+        if loaded or not carried:
+            iterations, reason = self._tried(step, self._pressed and not carried, anew=carried)
             if reason <= 0 or loaded:
                 return iterations, reason, 0.0
             newton.evaluate(step)

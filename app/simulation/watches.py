@@ -179,7 +179,8 @@ class FloatingWatch(Remembers):
     def _carried(self, one: Floating) -> str:
         """Words on steps in which tools may have moved a body."""
         force = one.carried * self._thickness
-        return f", or where a tool carried it, against springs of {force:.2g} N" if force else ""
+        moved = "or where a tool carried it: contact forces in these steps are those of springs"
+        return f", {moved}, up to {force:.2g} N" if force else ""
 
 
 class RelaxationWatch(Remembers):
