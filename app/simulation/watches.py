@@ -170,17 +170,18 @@ class FloatingWatch(Remembers):
     def warnings(self) -> Iterator[str]:
         """A line for each body that floated."""
         for name, one in self.found.items():
+            held = f"at most {one.holding:.1e} of the largest force"
+            if one.carried:
+                force = one.carried * self._thickness
+                held = (
+                    f"up to {force:.2g} N, which are the contact forces where a tool carries it"
+                    + (f", and {held}" if one.holding else "")
+                )
             yield (
                 f"body {name} floats in {one.steps} steps ({one.when}): no support and no contact "
-                "force holds it; its place is where it was before, kept by weak springs with at "
-                f"most {one.holding:.1e} of the largest force{self._carried(one)}"
+                "force holds it; its place is where it was before, or where a tool moved it, kept "
+                f"by weak springs with {held}"
             )
-
-    def _carried(self, one: Floating) -> str:
-        """Words on steps in which tools may have moved a body."""
-        force = one.carried * self._thickness
-        moved = "or where a tool carried it: contact forces in these steps are those of springs"
-        return f", {moved}, up to {force:.2g} N" if force else ""
 
 
 class RelaxationWatch(Remembers):
