@@ -443,8 +443,7 @@ INLINE ivec at_point(enum section section, const Work *w, int64_t n, int q, int 
 /* One block of cells: adds to their matrices, blocks (a, b) one after the other, and to the forces of
  * their nodes, each unless it is null; returns which points could not be evaluated. */
 INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w, int64_t n,
-                     int lanes, int symmetric, vec *restrict matrix, vec (*restrict force)[3],
-                     vec *restrict sums)
+                     int lanes, int symmetric, vec *matrix, vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
     const int many = section == SPACE ? 42 : 20, points = (int)w->points, size = dim * parents + 2;
@@ -508,23 +507,6 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
     return bad;
 }
 
-/* Made once for cells of any number of nodes: compiling it is most of a user's first wait, and a number
- * that is known there makes it no quicker. Out of place, it must be told that what it writes to is no
- * part of what it reads. */
-typedef ivec AtBlock(int nodes, const Work *w, int64_t n, int lanes, int symmetric, vec *restrict matrix,
-                     vec (*restrict force)[3], vec *restrict sums);
-#define AT_BLOCK(name, section, parents)                                                           \
-    static __attribute__((noinline)) ivec name(int nodes, const Work *w, int64_t n, int lanes,     \
-                                               int symmetric, vec *restrict matrix,                \
-                                               vec (*restrict force)[3], vec *restrict sums)       \
-    {                                                                                              \
-        return at_block(section, nodes, parents, w, n, lanes, symmetric, matrix, force, sums);     \
-    }
-AT_BLOCK(at_strain, STRAIN, 2)
-AT_BLOCK(at_ring, RING, 2)
-AT_BLOCK(at_ring_centre, RING, 3)
-AT_BLOCK(at_space, SPACE, 3)
-
 INLINE int all_symmetric(const Work *w)
 {
     int64_t found = 1;
@@ -552,9 +534,10 @@ INLINE int64_t over_cells(enum section section, int nodes, const Work *w)
             __builtin_memset(matrix, 0, sizeof matrix);
         for (const Work *v = w; v; v = v->next) {
             vec sums[ENERGIES] = {}, *K = w->values ? matrix : 0, (*f)[3] = w->forces ? force : 0;
-            AtBlock *of_ring = v->parents == 3 ? at_ring_centre : at_ring;
-            AtBlock *evaluate = section == SPACE ? at_space : section == STRAIN ? at_strain : of_ring;
-            bad |= evaluate(nodes, v, n, lanes, symmetric, K, f, sums);
+            if (section == RING && v->parents == 3)
+                bad |= at_block(section, nodes, 3, v, n, lanes, symmetric, K, f, sums);
+            else
+                bad |= at_block(section, nodes, dim, v, n, lanes, symmetric, K, f, sums);
             for (int k = 0; v->energies && k < ENERGIES; ++k)
                 for (int l = 0; l < lanes; ++l)
                     v->energies[k] += sums[k][l];
