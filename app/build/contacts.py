@@ -16,14 +16,13 @@ from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import highest_pressure
 from tribox.app.build.contact_notes import (
     STIFFER,
-    STRAIGHT,
-    PairAtStart,
     note_on_idle_film,
     note_on_stick,
     note_on_tie,
     notes_on_penalty,
     stiffer_slave,
 )
+from tribox.app.build.pair_at_start import STRAIGHT, PairAtStart
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DRAWN, Contact

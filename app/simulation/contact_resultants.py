@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.build.contact_notes import OVERLAP, PairAtStart
 from tribox.app.build.model import Model
+from tribox.app.build.pair_at_start import OVERLAP, PairAtStart
 from tribox.app.errors import SolutionError
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
@@ -416,11 +416,12 @@ def _require_apart(model: Model, index: int, stage: str, x: PETSc.Vec) -> None:
     at = surface.project(points, surface.master_positions(values))
     if term.offset is not None:
         at.shift(term.offset)
-    depth = PairAtStart(f"contact.{index}", table, surface, at).overlap
-    if depth > OVERLAP * surface.facet_length:
+    pair = PairAtStart(f"contact.{index}", table, surface, at)
+    if pair.overlap > OVERLAP * surface.facet_length:
         raise SolutionError(
-            f"stage {stage}: contact.{index} begins to act while {table.slave} is {depth:.3g} m "
-            f"inside {table.master}; the bodies may touch then, not overlap (more than "
+            f"stage {stage}: contact.{index} begins to act while {table.slave} is "
+            f"{pair.overlap:.3g} m inside {table.master} at {pair.where_deepest()}, as drawn; the "
+            f"bodies may touch then, not overlap (more than "
             f"{OVERLAP * surface.facet_length:.3g} m): let it act from an earlier stage on"
         )
 

@@ -5,59 +5,44 @@ What is judged, and against what:
 - **penetration** against the local length of the slave facets, and, weighted by pressure, against
   the approach of the bodies 2 U/N, U being their strain energy: where displacements are prescribed
   N is too small by about that share (by 1.2 times it for Hertz's contact, U = 2/5 N δ, N ~ δ^3/2).
-  What bodies that flow dissipate is added once: their force changes little while they do.
-  Where the force is given it flattens uneven pressures, by the penetration's standard deviation.
+  What bodies that flow dissipate is added once: their force changes little while they do. Where
+  they flow through a contact (rolling, drawing), it counts for what is in it, and N may be too
+  large as well: like a flattened roll, soft contact reaches further. Where the force is given it
+  flattens uneven pressures, by the penetration's standard deviation.
 - **elastic slip** of points that stick, by its energy over that of the bodies: likewise.
-- **evenness**, with the pressure point by point: a straight facet touches a curved master at a few
-  points as soon as its sagitta h²/8R exceeds the penetration. Seen are the sagitta itself, the
-  range of the gap along a facet less its linear part, which is that of both surfaces as they are
-  deformed; the share of open points inside the pressed patch; the scatter of the pressure within
-  facets.
-- **resolution**: the facets that the rim of the contact crosses, whose length is what its place is
-  uncertain by, against the half-width: from the rim to where it is furthest away.
-
-Nothing depends on the number of ranks: a facet's points are on one of them, and what is known of
-vertices is summed over all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import Kept, Remembers, Snapshot
+from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
+from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.simulation.contact_resultants import over
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import GivenForces, penalty_factor
+from tribox.app.simulation.pair_probe import PairProbe, PairState
 from tribox.app.simulation.surface_faults import (
     BENT,
-    SHARP,
     WAVES,
     Sunk,
     SunkVertices,
     bend,
     softer_factor,
-    waves,
     waves_text,
 )
 from tribox.forms.contact.penalty import ContactTerm
-from tribox.forms.contact.pressure import facet_length_along
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.friction.coulomb import StickingLaw
 from tribox.forms.friction.factored_law import FactoredLaw
 from tribox.forms.friction.law import Regime
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs, unit_normals
-from tribox.geometry.surfaces.master import MasterFacets
-from tribox.geometry.surfaces.projection import FacetSurface
-from tribox.geometry.surfaces.smoothing import corner_spacing
-from tribox.geometry.surfaces.surface import ContactSurface
+from tribox.geometry.surfaces.facets import Bools, Floats
 
 # Largest penetration over the local facet length, and mean one over the approach, from which on
 # they are warned of. On blocks of 10 elements forces are 0.1 % too small at 0.001 of the facet and
@@ -67,242 +52,18 @@ APPROACH = 0.01
 OPEN_INSIDE = 0.05  # share of open points inside a pressed patch
 SCATTER = 0.2  # standard deviation over mean of the pressure within facets
 FEW = 4.0  # facets as long as those at the rim, up to the middle, below which a contact is coarse
-NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
+# Share of what has ever pressed, that still does, below which bodies pass a contact; what they
+# dissipate over 2 U from which they flow; and error of N over the share of the approach (rolling a
+# strip: 1.4 to 2.6).
+STAYS, FLOWS, PASSING = 0.8, 0.2, 2.0
 SLACK = 0.02  # energy of what sticks over that of the bodies
 SUNK = 0.05  # depth of a vertex of the master in a slave facet, over the length of the facet
 ASTRAY = 0.03  # resultant of pressures along the slave's normals, off that along the master's
-HIDDEN = 0.15  # depth of a point beyond that of the mean gaps, over the facet's length
+HIDDEN = 0.05  # depth of a point beyond that of the mean gaps, over the length of the facet
 STRETCHED = 4.0  # area of a pressed point over what it was undeformed
 # Error of pressures over their peak, by what the penetration's standard deviation is of the
 # approach: 2.1 to 3.9 for Hertz's lines, whose area has up to twice as much, 1 to 7 for blocks.
 FLATTENED, UNEVEN = 4.0, 0.02  # and what of it is warned of
-WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
-
-
-@dataclass(frozen=True, slots=True)
-class PairState:
-    """One contact after a step."""
-
-    force: float  # N (N/m), integral of the pressure
-    area: float  # m or m², pressed
-    deepest: float  # m, largest penetration
-    over_facet: float  # the largest over the local facet length
-    mean: float  # m, penetration weighted by pressure
-    spread: float  # standard deviation of the penetration over the area, over that mean
-    # m, from the rim of the contact to where it is furthest away; 0 without a rim: the end of a
-    # surface is none
-    half_width: float = 0.0
-    rim: float = 0.0  # m, mean length of the facets that the rim crosses
-    uncertain: float = 0.0  # half the area of all such facets over that of the contact
-    # Point by point, 0 where the pressure is averaged:
-    open_inside: float = 0.0  # share of open points inside the patch
-    scatter: float = 0.0  # of the pressure within facets
-    sagitta: float = 0.0  # m, mean over the pressed facets
-    # of the pressure from vertex to vertex over its mean, where the master has corners; 0 point by
-    # point
-    waves: float = 0.0
-    corners: float = 0.0  # m, how far these are apart
-    # how far the resultant of the pressures is off that along the master's own normals, over it
-    astray: float = 0.0
-    hidden: float = 0.0  # m, depth of the deepest point beyond the mean gaps'
-    hidden_share: float = 0.0  # the same over the length of its facet, undeformed
-    stretched: float = 0.0  # largest da/dA that is pressed
-
-    def is_wider(self, other: PairState) -> bool:
-        """Whether more presses, or as much with a rim that is further away, or without one."""
-        return (self.area, self.facets) > (other.area, other.facets)
-
-    @property
-    def facets(self) -> float:
-        """How many facets as long as those at the rim the contact is wide, from there inwards."""
-        return self.half_width / self.rim if self.rim > 0.0 else np.inf
-
-
-class PairProbe:
-    """Measures one contact."""
-
-    def __init__(self, term: ContactTerm) -> None:
-        self.term, self.surface = term, term.surface
-        self._comm = term.surface.vertices.comm
-        facet = term.surface.slave.facet
-        self._order: Longs = np.argsort(facet, kind="stable")
-        count = len(np.unique(facet))
-        self._shape = (count, len(facet) // max(count, 1))
-        xi = self._by_facet(term.surface.slave.xi)
-        linear = np.concatenate([np.ones((*xi.shape[:2], 1)), xi], axis=2)
-        self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
-        # Takes values at the points of a facet to what is left of them beside a linear function.
-        self._bent = np.eye(xi.shape[1]) - linear @ np.linalg.pinv(linear)
-
-    def _by_facet(self, values: Any) -> Floats:
-        """Point values (q, …) as (f, p, …), p being the points of a facet."""
-        return values[self._order].reshape(*self._shape, *values.shape[1:])
-
-    def _total(self, *values: float) -> Floats:
-        return self._comm.allreduce(np.array(values))
-
-    def measure(self, trial: ContactTrial) -> PairState:
-        """The contact at a converged state; collective."""
-        weight, pressure = self.surface.slave.weight, trial.pressure
-        pressed = pressure > 0.0
-        force, area = self._total(float(weight @ pressure), float(weight @ pressed))
-        patch = self._pressed_facets(trial)
-        depth = self._depths(trial)
-        rim = self._rim(trial, patch)
-        if trial.nodal_gap is None or trial.nodal_pressure is None:
-            uneven = self._unevenness(trial, patch)
-            return PairState(float(force), float(area), *depth, *rim, *uneven)
-        inside = self._inside(self._inside(patch))
-        found = dict(zip(("waves", "corners"), self._waves(trial, inside), strict=True))
-        found["astray"] = self._astray(trial)
-        found |= zip(("hidden_share", "hidden"), self._hidden(trial, depth[0]), strict=True)
-        largest = float(np.max(trial.area_ratio, where=pressed, initial=0.0))
-        found["stretched"] = self._comm.allreduce(largest, op=MPI.MAX)
-        return PairState(float(force), float(area), *depth, *rim, **found)
-
-    def _astray(self, trial: ContactTrial) -> float:
-        """How far pressures along the slave's normals are off those along the master's; collective.
-
-        Over sharp corners the slave's normals are taken. Without friction a face can only be
-        pressed along its own, but where facets lie on it these are the same, or off it to either
-        side in turn.
-        """
-        at, load = trial.projection, self.surface.slave.weight * trial.pressure
-        if self.surface.normals is None:
-            return 0.0
-        own = unit_normals(at.tangents)
-        own *= np.sign(np.einsum("qi,qi->q", own, at.normal))[:, None]
-        local = np.concatenate([load @ (at.normal - own), load @ own])
-        off, whole = np.split(self._total(*map(float, local)), 2)
-        return over(float(np.linalg.norm(off)), float(np.linalg.norm(whole)))
-
-    def _hidden(self, trial: ContactTrial, penetration: float) -> tuple[float, float]:
-        """Depth of the deepest pressed point beyond the mean gaps'; over its facet's length, and m.
-
-        Collective.
-        """
-        felt = trial.projection.on_surface & (trial.pressure > 0.0)
-        beyond = np.where(felt, -trial.kinematics.gap - penetration, 0.0)
-        share = beyond / self.surface.slave.facet_length
-        at = int(np.argmax(share)) if len(share) else -1
-        mine = (float(share[at]), float(beyond[at])) if at >= 0 else (0.0, 0.0)
-        return max((0.0, 0.0), *self._comm.allgather(mine))
-
-    def _depths(self, trial: ContactTrial) -> tuple[float, float, float, float]:
-        """Largest penetration, the largest over facet length, mean and spread; collective."""
-        surface, pressure, gap = self.surface, trial.nodal_pressure, trial.nodal_gap
-        nodal = gap is not None and pressure is not None  # the same on every rank
-        if gap is None or pressure is None:
-            pressure, gap = trial.pressure, trial.kinematics.gap
-        length = surface.vertices.length if nodal else surface.slave.facet_length
-        area = (surface.vertices.area if nodal else surface.slave.weight) * (pressure > 0.0)
-        depth = np.where(pressure > 0.0, -gap, 0.0)
-        load = area * pressure
-        sums = np.array([load @ depth, load.sum(), area.sum(), area @ depth, area @ depth**2])
-        moment, force, closed, first, second = sums if nodal else self._total(*sums)
-        variance = over(second, closed) - over(first, closed) ** 2
-        most = self._comm.allreduce(float(np.max(depth / length, initial=0.0)), op=MPI.MAX)
-        deepest = self._comm.allreduce(float(np.max(depth, initial=0.0)), op=MPI.MAX)
-        mean = over(moment, force)
-        return deepest, most, mean, over(float(np.sqrt(max(variance, 0.0))), mean)
-
-    def _pressed_facets(self, trial: ContactTrial) -> Bools:
-        """Points (q,) of the facets that press: all their vertices do, or any of their points."""
-        vertices, nodal = self.surface.vertices, trial.nodal_pressure
-        if nodal is not None:
-            return np.min(nodal[vertices.of_point], axis=1) > 0.0
-        count = np.bincount(self.surface.slave.facet, trial.pressure > 0.0)
-        return np.greater(count, 0)[self.surface.slave.facet]
-
-    def _waves(self, trial: ContactTrial, inside: Bools) -> tuple[float, float]:
-        """Waves of the vertices' pressure over its mean, and how far corners are apart; collective.
-
-        Corners are those of the undeformed master, or where it has none those between its facets,
-        which may have bent since.
-        """
-        if self._parts != self.surface.parts:
-            self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts
-        if self._corners is None or trial.nodal_pressure is None:
-            return 0.0, 0.0
-        weight = self.surface.slave.weight * inside
-        sums = self._total(
-            float(weight @ self._corners[trial.projection.facet]), float(weight.sum())
-        )
-        spacing = over(sums[0], sums[1])
-        return waves(self.surface, trial.nodal_pressure, inside, spacing), spacing
-
-    def _inside(self, patch: Bools) -> Bools:
-        """Points (q,) of the facets of a patch all of whose neighbours are in it; collective."""
-        return patch & self._whole(patch)[self.surface.vertices.of_point].all(axis=1)
-
-    def _whole(self, patch: Bools) -> Bools:
-        """Vertices (v,) all of whose facets are in a patch (q,); collective."""
-        vertices = self.surface.vertices
-        return vertices.sums(self.surface.slave.weight * patch) >= WHOLE * vertices.area
-
-    def _rim(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
-        """Half-width, m, length of the facets at its rim, m, their share of the area; collective.
-
-        The rim crosses the facets between a vertex that presses and one that does not; point by
-        point a vertex presses if something does on all facets around. It is taken in the middle of
-        such facets, and the half-width from the vertex or point that is furthest from it.
-        """
-        surface, vertices = self.surface, self.surface.vertices
-        weight, nodal = surface.slave.weight, trial.nodal_pressure
-        pressing: Bools = self._whole(patch) if nodal is None else nodal > 0.0
-        ends = pressing[vertices.of_point]
-        crossed = ends.any(axis=1) & ~ends.all(axis=1)
-        if nodal is None:
-            crossed = patch & ~ends.all(axis=1)
-        if not self._comm.allreduce(bool(crossed.any()), op=MPI.LOR):
-            return 0.0, 0.0, 0.0
-        rim = cKDTree(vertices.position[~pressing])
-        inside = [vertices.position[pressing], surface.slave.position[ends.all(axis=1)]]
-        # The place deepest inside tells the widest patch: two patches are not one wide contact.
-        places = np.concatenate(inside)
-        depth = rim.query(places)[0] if len(places) else np.empty(0)
-        deepest = int(np.argmax(depth)) if len(depth) else -1
-        mine = (float(depth[deepest]), *places[deepest]) if len(depth) else (0.0,)
-        half, *middle = max(self._comm.allgather(mine))
-        # The rim around that place alone: other patches may be meshed otherwise.
-        near: Bools = np.asarray(crossed)
-        if middle:
-            apart = np.linalg.norm(surface.slave.position - middle, axis=1)
-            near = crossed & (apart < NEAR * half)
-        length = np.zeros(len(near))
-        length[near] = facet_length_along(surface, near, ends[near].astype(np.float64))[0]
-        parts = (near, length, crossed, ends.all(axis=1))
-        sums = self._total(*(float(weight @ part) for part in parts))
-        # Somewhere within the facets that it crosses, in the mean half-way, the contact ends.
-        rim_length, half_crossed = over(sums[1], sums[0]), 0.5 * sums[2]
-        half_width = max(half - 0.5 * rim_length, 0.5 * rim_length)
-        return half_width, rim_length, over(half_crossed, sums[3] + half_crossed)
-
-    def _unevenness(self, trial: ContactTrial, patch: Bools) -> tuple[float, float, float]:
-        """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
-        weight, pressure = self.surface.slave.weight, trial.pressure
-        inside = self._inside(patch)
-        # The standard deviation of the pressure about the mean of its own facet; and what of the
-        # gaps along a facet is not linear, which is how far it bows away from the master.
-        area = self._by_facet(weight)
-        total = area.sum(axis=1)
-        mean = (area * self._by_facet(pressure)).sum(axis=1) / total
-        apart = self._by_facet(pressure) - mean[:, None]
-        spread = np.sqrt((area * apart**2).sum(axis=1) / total)
-        gap = np.where(trial.projection.on_surface, trial.kinematics.gap, 0.0)
-        bow = np.ptp(np.einsum("fpq,fq->fp", self._bent, self._by_facet(gap)), axis=1)
-        # Pressures count away from the rim alone, where they fall to nothing in any contact; the
-        # bow wherever a facet presses.
-        some, deep = (area * self._by_facet(part) for part in (patch, inside))
-        sums = self._total(
-            float(weight @ (inside & (pressure <= 0.0))),
-            float(weight @ inside),
-            float(deep.sum(axis=1) @ spread),
-            float(deep.sum(axis=1) @ mean),
-            float(some.sum(axis=1) @ bow),
-            float(some.sum()),
-        )
-        return over(sums[0], sums[1]), over(sums[2], sums[3]), over(sums[4], sums[5])
 
 
 class ContactWarnings(Remembers):
@@ -318,12 +79,15 @@ class ContactWarnings(Remembers):
     over_facet: Kept[list[float]]
     over_approach: Kept[list[float]]
     _answering: Kept[list[float]]  # share of the largest force that is not given
+    _passed: Kept[list[bool]]  # whether what flows passes it, at half the largest force or more
+    _touched: KeptAtPoints[list[Bools]]  # points that have pressed
     _deepest: Kept[list[tuple[float, float, str]]]
     _strongest: Kept[list[PairState | None]]
     _widest: Kept[list[PairState | None]]
     _stored: Kept[list[float]]
     _slack: Kept[list[float]]  # as over_approach of a tie, of what sticks
     _sunk: Kept[list[tuple[Sunk, str]]]
+    _hidden: Kept[list[tuple[Sunk, str]]]
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready; collective.
@@ -341,8 +105,10 @@ class ContactWarnings(Remembers):
         self._deepest = [(0.0, 0.0, "")] * count
         self._strongest, self._widest = [None] * count, [None] * count
         self._stored, self._slack = [0.0] * count, [0.0] * count
-        self._sunk = [(Sunk(), "")] * count
-        self._answering = [1.0] * count
+        self._sunk, self._hidden = [(Sunk(), "")] * count, [(Sunk(), "")] * count
+        self._answering, self._passed = [1.0] * count, [False] * count
+        sizes = [len(term.surface.slave.weight) for term in problem.contacts]
+        self._touched = [np.zeros(size, dtype=bool) for size in sizes]
         if resumed is not None:
             self.restore(resumed)
 
@@ -356,24 +122,28 @@ class ContactWarnings(Remembers):
         terms = self._problem.contacts
         loose = [state for state, term in zip(states, terms, strict=True) if not term.tied]
         force = sum(state.force for state in loose) * thickness
-        spent = 2.0 * row.strain_energy + row.plastic_dissipation + row.viscous_dissipation
-        approach = spent / force if force > 0.0 else 0.0
-        answering = [1.0] * len(terms)
+        elastic = 2.0 * row.strain_energy
+        lost = row.plastic_dissipation + row.viscous_dissipation
+        answering, stays = [1.0] * len(terms), self._look_at_what_stays(trials)
         if self._is_stronger(states):
+            approach = over(elastic + lost, force)
             answering = GivenForces(self._problem).answering(trials, approach, balanced)
         for index, state in enumerate(states):
             here = (state.deepest, row.time, row.when)
             self._deepest[index] = max(self._deepest[index], here)
             self.over_facet[index] = max(self.over_facet[index], state.over_facet)
             strongest, widest = self._strongest[index], self._widest[index]
+            flown = float(stays[index]) * lost
             if strongest is None or state.force > strongest.force:
-                self._strongest[index] = state
+                self._strongest[index] = strongest = state
                 if not terms[index].tied:
-                    self.over_approach[index] = over(state.mean, approach)
+                    self.over_approach[index] = over(state.mean * force, elastic + flown)
                     self._answering[index] = answering[index]
+            passes = stays[index] < STAYS and flown > FLOWS * elastic
+            self._passed[index] |= bool(passes and 2.0 * state.force > strongest.force)
             if widest is None or state.is_wider(widest):
                 self._widest[index] = state
-        self._look_at_what_sticks(trials, spent / thickness)
+        self._look_at_what_sticks(trials, (elastic + lost) / thickness)
         self._look_at_edges(row, states)
 
     def _is_stronger(self, states: Sequence[PairState]) -> bool:
@@ -383,10 +153,23 @@ class ContactWarnings(Remembers):
             not t.tied and now.force > (old.force if old else 0.0) for t, now, old in triples
         )
 
+    def _look_at_what_stays(self, trials: Sequence[ContactTrial]) -> Floats:
+        """Of each pair (k,) what presses over what ever has, by areas; collective."""
+        sums = np.zeros((len(trials), 2))
+        for index, (term, trial) in enumerate(zip(self._problem.contacts, trials, strict=True)):
+            pressed = trial.pressure > 0.0
+            self._touched[index] = self._touched[index] | pressed
+            areas = np.stack([pressed, self._touched[index]])
+            sums[index] = areas @ term.surface.slave.weight
+        now, ever = self._problem.comm.allreduce(sums).T
+        return np.divide(now, ever, out=np.ones(len(trials)), where=ever > 0.0)
+
     def _look_at_edges(self, row: Row, states: Sequence[PairState]) -> None:
-        """Find the vertices of masters that are inside facets of their slaves; collective."""
+        """Find points of either surface of a pair that are deep inside the other; collective."""
         terms, x = self._problem.contacts, self._problem.u.x.petsc_vec
         for index, (term, state) in enumerate(zip(terms, states, strict=True)):
+            if state.hidden.share > self._hidden[index][0].share:
+                self._hidden[index] = (state.hidden, row.when)
             probe = self._sunk_in[index]
             if probe is None or not term.active or state.force <= 0.0:
                 continue
@@ -423,10 +206,11 @@ class ContactWarnings(Remembers):
                 yield from self._of_tie(index)
                 continue
             if state is None or state.force <= 0.0:
-                yield (
-                    f"contact.{index}: the bodies never pressed on each other (does what is "
-                    "prescribed point into the body? y < 0 presses down)"
-                )
+                if not self._press_elsewhere(index):
+                    yield (
+                        f"contact.{index}: the bodies never pressed on each other (does what is "
+                        "prescribed point into the body? y < 0 presses down)"
+                    )
                 continue
             comb = self._is_comb(state)
             if comb:
@@ -440,14 +224,25 @@ class ContactWarnings(Remembers):
                 yield _slack_text(index, self._slack[index])
             if self._sunk[index][0].share > SUNK:
                 yield self._edge(index)
+            if self._hidden[index][0].share > HIDDEN:
+                yield self._chord(index)
             yield from _of_facets(index, state)
             widest = self._widest[index]
             if widest is not None and widest.facets < FEW:
                 yield _few_facets(index, widest)
 
+    def _press_elsewhere(self, index: int) -> bool:
+        """Whether the two bodies of a pair press on each other in another one."""
+        terms = self._problem.contacts
+        pairs = [bodies_of(self._problem, term) for term in terms]
+        names = [{pair.slave.name, pair.master.name} for pair in pairs]
+        pressed = [state is not None and state.force > 0.0 for state in self._strongest]
+        return any(p and own == names[index] for p, own in zip(pressed, names, strict=True))
+
     def _cost(self, index: int) -> float:
-        """What penetration takes off the largest normal force, over what is left of it."""
-        return self.over_approach[index] * self._answering[index]
+        """What penetration takes off the largest normal force, or may add, over what is left."""
+        factor = PASSING if self._passed[index] else 1.0
+        return factor * self.over_approach[index] * self._answering[index]
 
     def _flattened(self, index: int) -> float:
         """What penetration takes off the peak of the pressure, over what is left of it."""
@@ -481,6 +276,15 @@ class ContactWarnings(Remembers):
             "slave there (less deep)"
         )
 
+    def _chord(self, index: int) -> str:
+        hidden, when = self._hidden[index]
+        return (
+            f"contact.{index}: a slave facet, at {place_text(hidden.place)} as drawn, lies up to "
+            f"{hidden.depth:.3g} m deeper in the master ({when}), {hidden.share:.2g} of its "
+            "length, than the mean gaps that the pressure answers to and max_penetration tells of: "
+            "it is too long for the master's shape, or has been stretched; refine the slave there"
+        )
+
     @staticmethod
     def _is_comb(state: PairState) -> bool:
         """Whether facets touch with a few of their points only."""
@@ -507,6 +311,11 @@ class ContactWarnings(Remembers):
         cost = "the bodies come that much too close under the given force"
         if lost > min(APPROACH, 0.5 * share):
             cost = f"the normal force is about {_lost(lost)} too small"
+            if self._passed[index]:
+                cost = (
+                    "as metal flows through the contact, the normal force may be about "
+                    f"{_lost(lost)} too large, or too small"
+                )
         elif flat > UNEVEN:
             cost = (
                 f"under the given force pressures are off by about {_lost(flat)} of their peak, "
@@ -553,7 +362,7 @@ def _lost(share: float) -> str:
 
 
 def _of_facets(index: int, state: PairState) -> Iterator[str]:
-    """Slave facets that lie across corners, are drawn out, or cannot follow the master."""
+    """Slave facets that lie across corners or are drawn out."""
     if state.astray > ASTRAY:
         yield (
             f"contact.{index}: at its largest the contact force is {_percent(state.astray)} off "
@@ -569,31 +378,14 @@ def _of_facets(index: int, state: PairState) -> Iterator[str]:
             "where a sharp tool draws it out without bound (a wedge of 45 degrees in metal: 17 % "
             "too much); round the tool over several facets, or take less depth"
         )
-    if state.hidden_share > HIDDEN:
-        yield (
-            f"contact.{index}: at the largest force points of the slave lie {state.hidden:.3g} m "
-            f"deeper in the master, {state.hidden_share:.2g} of a slave facet's length, than the "
-            "mean gaps that the pressure answers to and max_penetration tells of: the facets are "
-            "too long for its shape, or have been stretched; refine the slave there"
-        )
 
 
 def _few_facets(index: int, state: PairState) -> str:
-    near = f", and how near the bodies are by {state.hidden:.2g} m" if state.hidden > 0.0 else ""
+    depth = state.hidden.depth
+    near = f", and how near the bodies are by {depth:.2g} m" if depth > 0.0 else ""
     return (
         f"contact.{index}: the contact is {state.facets:.2g} slave facets wide from its rim to its "
         f"middle ({state.half_width:.3g} m; those at its rim are {state.rim:.3g} m long): its "
         f"area, and what a film carries, are uncertain by {_percent(state.uncertain)}{near}; "
         "refine the slave there"
     )
-
-
-def _corner_spacing(surface: ContactSurface) -> Floats | None:
-    """How far corners are apart (f,), m, of a master that is made of facets; None of others."""
-    master, target = surface.master, surface.target
-    if not isinstance(master, MasterFacets) or not isinstance(target, FacetSurface):
-        return None
-    if target.extraction is not None:
-        return None
-    spacing, _ = corner_spacing(surface.shape, master.facets, master.position, BENT, SHARP)
-    return np.where(spacing > 0.0, spacing, master.sizes())

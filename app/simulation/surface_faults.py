@@ -129,11 +129,16 @@ def _needs(problem: Equilibrium) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Sunk:
-    """How far a vertex of the master is inside a slave facet."""
+    """How far a vertex of the master is inside a slave facet, or a point of one in the master."""
 
-    share: float = 0.0  # of the depth beyond the penetration in the facet's shortest side
+    share: float = 0.0  # of the depth beyond the penetration in the facet's size
     depth: float = 0.0  # m
-    place: tuple[float, ...] = ()  # of the vertex, m, undeformed
+    place: tuple[float, ...] = ()  # of the vertex or point, m, undeformed
+
+
+def deepest_of(comm: MPI.Comm, mine: Sunk) -> Sunk:
+    """The one of all ranks with the largest share; collective."""
+    return max(comm.allgather(mine), key=lambda one: (one.share, one.place))
 
 
 class SunkVertices:
@@ -194,8 +199,7 @@ class SunkVertices:
             vertex = vertices[np.fromiter(chain.from_iterable(near), np.int64, counts.sum())]
             places = place[vertex], outward[vertex], master.position[vertex]
             found = _deepest(slave[piece], *places, back, penetration)
-        comm = surface.vertices.comm
-        return max(comm.allgather(found), key=lambda one: (one.share, one.place))
+        return deepest_of(surface.vertices.comm, found)
 
 
 def _deepest(

@@ -10,8 +10,9 @@ import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from tribox.app.build.contact_notes import PairAtStart, note_on_stick
+from tribox.app.build.contact_notes import note_on_stick
 from tribox.app.build.model import build_model
+from tribox.app.build.pair_at_start import PairAtStart
 from tribox.app.case.case import Case
 from tribox.app.case.friction import TABLES
 from tribox.app.case.reading import load_case
@@ -221,7 +222,8 @@ def test_surfaces_that_press_as_they_are_drawn_are_told_of(bottom, told, angle):
     notes = [note for note in model.notes if "inside" in note]
     assert len(notes) == told
     for note in notes:
-        assert note.startswith("contact.0: pad_bottom starts 0.001 m inside aluminium_top and")
+        assert note.startswith("contact.0: pad_bottom starts 0.001 m inside aluminium_top at (")
+        assert ", 0.999) m and presses there at once" in note
         assert "chords" not in note
 
 

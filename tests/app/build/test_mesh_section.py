@@ -177,7 +177,7 @@ def test_a_mesh_that_may_not_be_meant_so_is_pointed_out(model, shape, said):
 
 def test_a_smooth_master_that_bulges_into_the_slave_is_named(model, monkeypatch):
     monkeypatch.setattr(
-        "tribox.app.build.contact_notes.OVERLAP", -1.0
+        "tribox.app.build.pair_at_start.OVERLAP", -1.0
     )  # bodies that touch overlap too much already
     with pytest.raises(
         InputError, match=r'not overlap \(but as a press fit: interference = "drawn"\)$'

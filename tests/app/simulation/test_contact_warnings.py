@@ -12,6 +12,8 @@ from mpi4py import MPI
 from tribox.app.case.case import Case
 from tribox.app.run.run import run_case
 
+CASES = Path(__file__).parents[3] / "cases"
+
 # A stiff cylinder pressed into rubber, whose facets are straight.
 ROUND = """
 bodies.elastomer = { material = "neo-hookean", E = "70 GPa", nu = 0.3 }
@@ -510,3 +512,54 @@ def test_the_edge_is_found_on_any_number_of_ranks(on_ranks):
         assert one[2:4] == pytest.approx([2e-3, 5e-4]) and 0.05 < one[0] < 0.2
     for one, other in zip(on_ranks(facets_of, 2), found, strict=True):
         assert one[:4] == pytest.approx(other[:4], rel=1e-6)
+
+
+def test_metal_that_passes_a_contact_may_be_pressed_too_hard(tmp_path):
+    """As on a flattened roll, a soft contact is longer: the force is too large."""
+    force, found = [], []
+    for factor in (3.0, 60.0):
+        data = tomllib.loads((CASES / "forming" / "strip-rolling.toml").read_text())
+        data["geometry"]["blocks"]["strip"]["elements"] = [60, 2]
+        data["contact"][0]["penalty_factor"] = factor
+        data["stage"][0]["steps"], data["stage"][1]["steps"] = 30, 60
+        data["output"] = {"fields_every": 0, "figures": False}
+        run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
+        force.append(np.mean([row.normal_force for row in run.rows[-20:]]))
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        found.append([line for line in summary["warnings"] if "penetration" in line])
+    [line], none = found
+    assert not none and "as metal flows through the contact" in line
+    said = float(re.search(r"may be about ([\d.]+) % too large, or too small", line)[1])
+    assert 0.5 < said / (100.0 * (force[0] / force[1] - 1.0)) < 2.0
+
+
+# Facets of 0.8 mm under a circle of 0.6 mm, which presses in the middle of one.
+OVER_A_CIRCLE = """
+geometry.kind = "blocks"
+geometry.blocks.pad = { x = ["-2 mm", "2 mm"], y = ["0 mm", "2 mm"], elements = [5, 4] }
+bodies.pad = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+tools.punch.shape = "circle"
+tools.punch.centre = ["0 mm", "2.6 mm"]
+tools.punch.radius = "0.6 mm"
+tools.punch.displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.4 mm"]] }
+contact = [{ slave = "pad_top", master = "punch", friction = { law = "frictionless" } }]
+boundary = [{ surface = "pad_bottom", displacement = { x = 0, y = 0 } }]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+output = { fields_every = 0, figures = false }
+"""
+
+
+def test_a_facet_that_cuts_into_a_circle_is_told_of_with_its_place(tmp_path):
+    """Deepest by hand: the facet's middle below the lowest point of the circle."""
+    case = Case.model_validate(tomllib.loads(OVER_A_CIRCLE))
+    run = run_case(case, tmp_path / "out", quiet=True)
+    warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    [line] = [one for one in warnings if "deeper in the master" in one]
+    told = re.search(r"at \(0, 0\.002\) m as drawn, lies up to (\S+) m .*, (\S+) of its", line)
+    space = run.model.problem.space
+    place = space.tabulate_dof_coordinates()
+    ends = np.isclose(place[:, 1], 2e-3) & (np.abs(place[:, 0]) < 5e-4)
+    middle = 2e-3 + run.model.problem.u.x.array.reshape(-1, 2)[ends, 1].mean()
+    depth = middle - 1.6e-3 - run.rows[-1].max_penetration
+    assert told is not None and float(told[1]) == pytest.approx(depth, rel=0.01)
+    assert float(told[2]) == pytest.approx(depth / 0.8e-3, rel=0.01)

@@ -55,6 +55,7 @@ def test_a_side_that_folds_onto_a_die_is_told_unless_a_contact_keeps_it_out(tmp_
     run = run_case(case, tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
     found = re.findall(TOLD, read_log(tmp_path / "out"))
     assert len(found) == (more is not SIDE)
+    assert "never pressed" not in read_log(tmp_path / "out")  # what is drawn as a precaution
     problem = run.model.problem
     moved = problem.space.tabulate_dof_coordinates()[:, :2]
     moved = moved + problem.u.x.array.reshape(-1, 2)[: len(moved)]

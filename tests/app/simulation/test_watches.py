@@ -19,8 +19,9 @@ from tribox.app.build.mesh_notes import locking_bodies
 from tribox.app.case.case import Case
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.run.run import run_case
-from tribox.app.simulation.contact_warnings import FEW, PairProbe, _few_facets
+from tribox.app.simulation.contact_warnings import FEW, _few_facets
 from tribox.app.simulation.failure_diagnosis import most_squeezed
+from tribox.app.simulation.pair_probe import PairProbe
 from tribox.app.simulation.watches import FlowWatch, Watches
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.friction.coulomb import FrictionlessLaw
