@@ -33,6 +33,7 @@ from tribox.geometry.surfaces.smoothing import corner_spacing
 from tribox.geometry.surfaces.surface import ContactSurface
 
 NEAR = 1.5  # facets at the rim count that are up to so many half-widths from the middle
+CUTS = 4.0  # depth of a facet over its sagitta up to which it cuts into the master, not tilts
 WHOLE = 1.0 - 1e-9  # share of a vertex's area that counts as all of it
 
 
@@ -135,17 +136,22 @@ class PairProbe:
     def _hidden(self, trial: ContactTrial, penetration: float) -> Sunk:
         """The pressed point that is deepest beyond the mean gaps, over its facet; collective.
 
-        The share is of the facet's length, undeformed.
+        The share is of the facet's length, undeformed. Facets that tilt at the rim do not count.
         """
-        slave, at = self.surface.slave, -1
         felt = trial.projection.on_surface & (trial.pressure > 0.0)
-        beyond = np.where(felt, -trial.kinematics.gap - penetration, 0.0)
-        share = beyond / slave.facet_length
-        found = Sunk()
-        if share.any() and share[at := int(np.argmax(share))] > 0.0:
-            place = tuple(map(float, slave.position[at]))
-            found = Sunk(float(share[at]), float(beyond[at]), place)
+        depth = self._by_facet(np.where(felt, -trial.kinematics.gap - penetration, 0.0))
+        depth = np.where(depth < CUTS * self._bow(trial)[:, None], depth, 0.0).reshape(-1)
+        share = depth / self.surface.slave.facet_length[self._order]
+        at, found = int(np.argmax(share)) if len(share) else -1, Sunk()
+        if at >= 0 and share[at] > 0.0:
+            place = self.surface.slave.position[self._order[at]]
+            found = Sunk(float(share[at]), float(depth[at]), tuple(map(float, place)))
         return deepest_of(self._comm, found)
+
+    def _bow(self, trial: ContactTrial) -> Floats:
+        """By how much (f,), m, each facet bows away from the master: the gap's nonlinear part."""
+        gap = np.where(trial.projection.on_surface, trial.kinematics.gap, 0.0)
+        return np.ptp(np.einsum("fpq,fq->fp", self._bent, self._by_facet(gap)), axis=1)
 
     def _depths(self, trial: ContactTrial) -> tuple[float, float, float, float]:
         """Largest penetration, the largest over facet length, mean and spread; collective."""
@@ -241,15 +247,12 @@ class PairProbe:
         """Open share inside the patch, scatter within its facets, mean sagitta, m; collective."""
         weight, pressure = self.surface.slave.weight, trial.pressure
         inside = self._inside(patch)
-        # The standard deviation of the pressure about the mean of its own facet; and what of the
-        # gaps along a facet is not linear, which is how far it bows away from the master.
+        # The standard deviation of the pressure about the mean of its own facet.
         area = self._by_facet(weight)
         total = area.sum(axis=1)
         mean = (area * self._by_facet(pressure)).sum(axis=1) / total
         apart = self._by_facet(pressure) - mean[:, None]
         spread = np.sqrt((area * apart**2).sum(axis=1) / total)
-        gap = np.where(trial.projection.on_surface, trial.kinematics.gap, 0.0)
-        bow = np.ptp(np.einsum("fpq,fq->fp", self._bent, self._by_facet(gap)), axis=1)
         # Pressures count away from the rim alone, where they fall to nothing in any contact; the
         # bow wherever a facet presses.
         some, deep = (area * self._by_facet(part) for part in (patch, inside))
@@ -258,7 +261,7 @@ class PairProbe:
             float(weight @ inside),
             float(deep.sum(axis=1) @ spread),
             float(deep.sum(axis=1) @ mean),
-            float(some.sum(axis=1) @ bow),
+            float(some.sum(axis=1) @ self._bow(trial)),
             float(some.sum()),
         )
         return over(sums[0], sums[1]), over(sums[2], sums[3]), over(sums[4], sums[5])
