@@ -247,8 +247,11 @@ class ImplicitStepper:
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
         else:
-            more, reason = self._tried(step, self._pressed)
+            more, reason = newton.solve(step)  # from what springs found
             self._trial_floating, share = (), 0.0
+            if reason <= 0:
+                iterations += more
+                more, reason = self._tried(step, self._pressed)
         return iterations + more, reason, share
 
     def _sprung(
