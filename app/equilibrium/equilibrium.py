@@ -371,7 +371,10 @@ class Equilibrium:
             self._evaluate_contacts(x, step)
             contact_squared = self._contact_forces(f)
         for springs in self._springs(step):
-            f.array[:] += springs.force(x.array_r)
+            pulls = springs.force(x.array_r)
+            f.array[:] += pulls
+            if springs.weak:  # nothing else may act on what they hold
+                outside = outside - pulls
         self.unbalanced = f.array_r.copy()
         unbalanced, given = self._forces(self.unbalanced), self._forces(outside)
         self.reference_force = reference_force(unbalanced, given, contact_squared, self.constraints)

@@ -58,11 +58,11 @@ class StepMode:
     def with_penalty_scale(
         self, contacts: Sequence[ContactTerm], penalty_scale: float, adhesive_facets: float = 0.0
     ) -> StepMode:
-        """The same with another penalty scale and adhesive gap."""
+        """The same with a penalty ``penalty_scale`` times as high, and another adhesive gap."""
         changed = [
             replace(
                 mode,
-                penalty_scale=penalty_scale,
+                penalty_scale=penalty_scale * mode.penalty_scale,
                 adhesive_gap=adhesive_facets * term.surface.facet_length,
             )
             for term, mode in self.pairs(contacts)

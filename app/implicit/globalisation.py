@@ -10,7 +10,7 @@ is relaxed last (:mod:`tribox.app.implicit.relaxation`).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -196,6 +196,42 @@ class SoftContact:
         return iterations, reason
 
 
+@dataclass(frozen=True, slots=True)
+class FirmSprings:
+    """Newton's method with far stiffer springs on bodies that float first, then with weaker ones.
+
+    A body that a tool moves aside turns, and the turn is found by a linear step: the stress that
+    this leaves is some millions of times the pressure that weak springs answer, so that the body
+    bounces off the tool, and by the next iteration back. Springs not much weaker than the body let
+    it be placed; from there it moves hardly any more.
+    """
+
+    def run(self, attempt: Attempt) -> tuple[int, int]:
+        """See :class:`Phase`."""
+        newton, trial, springs = attempt.newton, attempt.trial, attempt.step.holding
+        assert springs is not None
+        attempt.return_to_start()
+        found, firm, softer, iterations = trial.array_r.copy(), FIRMEST, SOFTER, 0
+        while True:
+            held = replace(springs, stiffness=firm * springs.stiffness)
+            more, reason = newton.solve(attempt.step.held(held), patient=True)
+            iterations += more
+            if reason > 0 and firm == 1.0:
+                return iterations, reason
+            if reason > 0:
+                found = trial.array_r.copy()
+            elif firm == FIRMEST or softer < LEAST_SOFTER:
+                return iterations, reason
+            else:
+                trial.array[:] = found
+                firm, softer = firm * softer, softer**0.5
+            firm = max(1.0, firm / softer)
+
+
+# Of the springs of bodies that float: how much stiffer they are at first, the factor by which they
+# become softer, and the least of that.
+FIRMEST, SOFTER, LEAST_SOFTER = 1e5, 10.0, 1.5
+
 # Of the oil's viscosity: where it begins, what it grows by, and the least of that.
 THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
 
@@ -232,7 +268,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
     if floats:
-        return (*held, SoftContact(), inside)
+        return (FirmSprings(),)
     if rubs and is_moved(attempt) and attempt.newton.inside.opening is None:
         return (*held, SoftContact(), inside)
     if attempt.pressed and attempt.newton.inside.softly and not flows:

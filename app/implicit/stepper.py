@@ -36,7 +36,7 @@ from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
-FIRMER = 100.0  # stiffness of springs that rounding disturbs no more, over that of weak ones
+CARRIED = 0.01  # penalty scale of contacts that carry a body by next to no force
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
@@ -221,9 +221,9 @@ class ImplicitStepper:
 
         A tool that moves a body through a clearance carries it along by no force, to a place that
         is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
-        stiffness of its contacts, or of ``FIRMER`` times that where rounding opens and closes what
-        they press: thin bodies, tools at an angle. Where contacts press by more than these springs
-        do, as between two tools, the step is solved as it is.
+        stiffness of its contacts. These are softer meanwhile, or rounding would open and close what
+        so little presses. Where contacts press by more than these springs do, as between two tools,
+        the step is solved as it is.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
@@ -234,12 +234,9 @@ class ImplicitStepper:
             newton.evaluate(step)
             if not weak.floating(problem.roundoff / SHARE):
                 return iterations, reason, 0.0
-        for firm in (weak.firm, FIRMER * weak.firm):
-            most, trials = float(firm.max()), problem.trials
-            more, reason, share = self._sprung(step, most, trials, firm)
-            iterations += more
-            if reason > 0:
-                break
+        most, softly = float(weak.firm.max()), step.with_penalty_scale(problem.contacts, CARRIED)
+        more, reason, share = self._sprung(softly, most, problem.trials, weak.firm)
+        iterations += more
         others_press = weak.contact_force() > UNAIDED * share * most
         self._carried = 0.0 if others_press else share * most
         if reason <= 0 or not others_press:
@@ -247,8 +244,11 @@ class ImplicitStepper:
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
         else:
-            more, reason = self._tried(step, self._pressed)
+            more, reason = newton.solve(step)  # from what springs found
             self._trial_floating, share = (), 0.0
+            if reason <= 0:
+                iterations += more
+                more, reason = self._tried(step, self._pressed)
         return iterations + more, reason, share
 
     def _sprung(

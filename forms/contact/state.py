@@ -64,8 +64,8 @@ class ContactMode:
     """How a contact is evaluated; the default is the contact as it is.
 
     The other modes serve the search for a solution: what is committed was evaluated at a penalty
-    scale of one, with oil that is not thinned, without an adhesive gap, and with friction that has
-    its stiffness.
+    scale of one (but for bodies that tools only carry along), with oil that is not thinned, without
+    an adhesive gap, and with friction that has its stiffness.
     """
 
     # whether the friction law feels time; without, the film carries no stress
