@@ -357,6 +357,13 @@ class PlaneTool(Tool):
     point: _Point = Field(description="a point of the plane, [x, y] or [x, y, z]")
     normal: _Direction = Field(description="normal out of the tool, towards the body")
 
+    @field_validator("normal")
+    @classmethod
+    def _as_the_point(cls, normal: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        """The normal in the plane of its point: a letter has three components."""
+        in_plane = len(info.data.get("point", normal)) == 2 and not any(normal[2:])
+        return normal[:2] if in_plane else normal
+
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         yield "point", self.point
         yield "normal", self.normal

@@ -113,9 +113,9 @@ class EnergyWatch(Remembers):
         if not np.isfinite(stored):
             raise folded(self._problem, time)
         if not stored <= self._limit * self._supplied + self._roundoff:
+            times = stored / self._supplied if self._supplied > 0.0 else np.inf
             raise ExplicitError(
-                f"the energy runs away ({stored:.3g} J/m stored, {self._supplied:.3g} J/m ever "
-                "supplied), fastest",
+                f"the energy runs away ({times:.3g} times all that was ever supplied), fastest",
                 place_of_largest(np.nan_to_num(moving, nan=np.inf), self._problem.space),
                 time,
             )

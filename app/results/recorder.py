@@ -18,6 +18,7 @@ from tribox.app.build.model import Model
 from tribox.app.case.stage import LoadStep, solver_of
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.explicit.energies import energy_roundoff
+from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.results.claim import command
 from tribox.app.results.directory import GrowingTable, write_json
@@ -157,8 +158,10 @@ class Recorder(Observer):
                         f"{onset:.3g} Pa: the film carries less than eta_b V/D (a lower "
                         "film_onset_pressure)"
                     )
-        if state.inertia:
-            self.warnings += notes_on_inertia(self.model.case, load_step, state.inertia[-1])
+        if isinstance(state.stepper, ExplicitStepper):
+            masses, inertia = state.stepper.masses, state.inertia[-1]
+            added = masses.added / masses.original
+            self.warnings += notes_on_inertia(self.model.case, load_step, inertia, added)
             self.warnings += notes_on_bouncing(state, load_step)
         if steady is False:
             self.warnings.append(

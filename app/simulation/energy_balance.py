@@ -266,6 +266,7 @@ class EnergyBalance:
 # -- Kinetic against strain energy of explicit load steps, and what is said of it ------------------
 
 REST = 1e-3  # kinetic over strain energy up to which a relaxed body counts as at rest
+UNFELT = 1e-3  # added over original mass up to which motion is that of the bodies' own mass
 
 
 @dataclass(slots=True)
@@ -289,10 +290,16 @@ class Inertia:
         self.last = kinetic / strain if strain > 0.0 else 0.0
 
 
-def notes_on_inertia(case: Case, load_step: LoadStep, inertia: Inertia) -> Iterator[str]:
-    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest."""
+def notes_on_inertia(
+    case: Case, load_step: LoadStep, inertia: Inertia, added: float
+) -> Iterator[str]:
+    """Warnings after an explicit load step: scaled mass that is felt, and bodies not at rest.
+
+    Args:
+        added: mass that scaling added, over that of the bodies.
+    """
     limit = case.solver.kinetic_limit
-    if case.solver.mass_scaling is not None and inertia.ratio > limit:
+    if added > UNFELT and inertia.ratio > limit:
         yield (
             f"stage {load_step.label}: kinetic energy is {inertia.ratio:.2g} of the strain "
             f"energy, above kinetic_limit = {limit:g}: the scaled mass is felt (less mass_scaling, "

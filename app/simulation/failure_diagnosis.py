@@ -32,7 +32,7 @@ from tribox.app.simulation.pair_bodies import (
     pressure_kind,
 )
 from tribox.app.simulation.surface_ends import reaches_end, slid_off
-from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edges
+from tribox.app.simulation.surface_faults import SOFTER, Findings, catches, rests_on_edges
 from tribox.forms.bodies.deformation import volume_ratios
 from tribox.forms.bodies.materials import contact_shear_modulus, oedometric_modulus
 from tribox.forms.bodies.solid import Solid
@@ -307,8 +307,8 @@ def explain(
     trials = [what for _, what in findings]
     if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
-        if problem.flows and problem.contacts and not findings:
-            trials.append(f"where metal may have snapped, {DYNAMICS}")
+        if problem.contacts and not findings:
+            trials += [SOFTER, f"where bodies may have snapped, {DYNAMICS}"]
     problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
 

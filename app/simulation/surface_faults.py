@@ -32,6 +32,7 @@ BENT, CLEARLY_BENT, SHARP = 1e-3, 0.01, 0.35
 FACING = 0.2  # cosine from which on normals face each other
 SAME = 1e-6  # of the size of a surface, below which two places are the same
 SMOOTH = 'smoothing_angle = "30 deg"'
+SOFTER = "a tenth of the penalty (penalty_factor; the run tells what a soft one costs)"
 
 
 def names_of(contacts: Sequence[Contact], index: int) -> tuple[str, str]:
@@ -78,7 +79,7 @@ def catches(problem: Equilibrium, contacts: Sequence[Contact]) -> Findings:
             yield (
                 f"contact.{index}: {slave} {'catches' if here else 'may catch'} on the facets of "
                 f"{master}, which meet at up to {np.degrees(angle):.2g} degrees where it presses",
-                f"{SMOOTH} for contact.{index}{_needs(problem)}",
+                f"{SMOOTH} for contact.{index}{_needs(problem)}, or {SOFTER}",
             )
 
 

@@ -205,7 +205,7 @@ def _check_one_group_each(gmsh: ModuleType, dim: int, source: str) -> None:
             names = " and ".join(repr(_name_of(gmsh, d, tag, source) or int(tag)) for tag in tags)
             raise MeshError(
                 f"{source}: {_ENTITY[d]} {entity} is in the physical groups {names}; "
-                "it may be in one only"
+                "it may be in one only: make groups that do not overlap, and name each in the case"
             )
 
 

@@ -317,7 +317,7 @@ def body_without_a_group():
         (lambda: BLOCKS.build(), {"version": 2.2, "save_all": True}, "save without Mesh.SaveAll"),
         (unnamed_group, {}, "physical group 12 .* has no name"),
         (forgotten_face, {"save_all": True}, "[0-9]+ cells are in no named body"),
-        (two_groups, {}, "face 2 is in the physical groups 'all' and 'right'"),
+        (two_groups, {}, "'all' and 'right'; it may be in one only: make groups that do not over"),
         (two_groups, {"version": 2.2}, "face 2 is in the physical groups 'all' and 'right'"),
         (third_order, {}, "first and second order are read"),
         (inverted, {}, "at 1 facets both cells lie on the same side"),
