@@ -317,7 +317,7 @@ class ClaimedRun:
         for note in (*found.notes, *version_notes(found.about)):
             reporter.say(f"note: {note}")
         reporter.tell(started_line(found, simulation))
-        ends = [(one["time"], one["dt"]) for one in self.recorder.load_steps]
+        ends = [one["time"] for one in self.recorder.load_steps]
         explicit = simulation.explicit
         reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 
