@@ -270,23 +270,20 @@ class Together(Observer):
 
 
 class Log:
-    """``log.txt``; lines that could not be written wait for the next that can."""
+    """``log.txt``, after what it holds of a run that goes on."""
 
     def __init__(self, path: Path, saving: Saving, resumed: bool = False) -> None:
-        self._keep = path.stat().st_size if resumed and path.is_file() else 0
-        self._path, self._saving = path, saving
+        keep = path.stat().st_size if resumed and path.is_file() else 0
+        self._saving = saving
         self._file: GrowingFile | None = None
-        self._waiting = ""
-        self.write()
+        with saving:
+            self._file = GrowingFile(path, keep=keep)
 
     def write(self, *lines: str) -> None:
         """Append lines, folded where they are long."""
-        self._waiting += "".join(folded(line) + "\n" for line in lines)
-        with self._saving:
-            if self._file is None:
-                self._file = GrowingFile(self._path, keep=self._keep)
-            self._file.append(self._waiting)
-            self._waiting = ""
+        if self._file is not None:
+            with self._saving:
+                self._file.append("".join(folded(line) + "\n" for line in lines))
 
 
 # -- How far a run has come within the stage at hand: on a terminal a bar --------------------------

@@ -218,7 +218,7 @@ class ClaimedRun:
                 probes = ProbeRecorder(simulation.model, directory, self.saving, after)
                 checkpointer = Checkpointer(simulation, self.recorder, probes, directory)
                 everybody = Together(*told, probes, interruption, checkpointer)
-                self._run(probes, checkpointer, interruption, everybody)
+                self._run(checkpointer, interruption, everybody)
                 interruption.restore()
                 self.draw()
                 self._say_end()
@@ -260,7 +260,6 @@ class ClaimedRun:
 
     def _run(
         self,
-        probes: ProbeRecorder,
         checkpointer: Checkpointer,
         interruption: Interruption,
         observer: Observer,
@@ -295,8 +294,6 @@ class ClaimedRun:
             if stopped:
                 raise KeyboardInterrupt from error
             raise
-        finally:
-            probes.close()
         recorder.close(simulation, "done")
 
     # -- what is told -------------------------------------------------------------------------
