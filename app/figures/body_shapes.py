@@ -66,7 +66,7 @@ def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str)
         values = np.concatenate([nodal[corners].mean(axis=1) for corners in cells])
     scalar = _scalar(values.reshape(len(values), -1), component, name)
     known = FIELDS.get(array)
-    label = array if known is None else f"{known.name} {known.symbol}".rstrip()
+    label = array if known is None else known.words
     suffix = f"_{component}" if component else ""
     if known is not None and not component and values.ndim > 1:
         label = f"{known.name} |{known.symbol}|"

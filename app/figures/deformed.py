@@ -19,6 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
+from tribox.app.figures import style
 from tribox.app.figures.body_shapes import (
     Bodies,
     CellField,
@@ -48,23 +49,7 @@ from tribox.app.figures.scenes import (
     veil_of,
     with_room,
 )
-from tribox.app.figures.style import (
-    CASE_STYLE,
-    CONTACT_PRESSURE,
-    TRACTION,
-    Floats,
-    Unit,
-    axis_names,
-    body_names,
-    fitting,
-    heading,
-    pair_names,
-    panels_in,
-    save,
-    stage_ends,
-    unit_of_velocity,
-    velocity_text,
-)
+from tribox.app.figures.style import Floats, Unit
 from tribox.app.figures.tractions import (
     Ints,
     draw_tractions,
@@ -97,15 +82,15 @@ def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
     states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []
-    names = body_names(results)
+    names = style.body_names(results)
     drawn = [read_bodies(results.fields(state.step), names, field) for state in states]
     scale = common_scale([one.field for one in drawn])
     draw = _figure if results.case.contact else _bodies_alone
     draw = _figure_in_space if drawn[0].dim == 3 else draw
     files = [figures / f"{state.name}.png" for state in states]
-    with rc_context(CASE_STYLE):
+    with rc_context(style.CASE_STYLE):
         for state, bodies, file in zip(states, drawn, files, strict=True):
-            save(draw(results, state, bodies, scale), file)
+            style.save(draw(results, state, bodies, scale), file)
     return files
 
 
@@ -114,7 +99,7 @@ def draw_mesh(results: Results, figures: Path) -> list[Path]:
     if not len(results.steps):
         return []
     first = int(results.steps[0])
-    moved = read_bodies(results.fields(first), body_names(results), "displacement")
+    moved = read_bodies(results.fields(first), style.body_names(results), "displacement")
     numbers = CellField(np.asarray(moved.body % PALE, dtype=np.float64), "", "", "body")
     bodies = replace(moved, position=moved.reference, field=numbers)
     scale = ColourScale(Normalize(-0.5, PALE - 0.5), "Pastel2", Unit(0, ""), "neither")
@@ -125,8 +110,8 @@ def draw_mesh(results: Results, figures: Path) -> list[Path]:
         nodes = results.contact(first) if results.case.contact else None
         figure, stretched = _mesh_figure(results, bodies, scale, nodes)
         words += f"cells{stretched}"
-    figure.suptitle(heading(results, words), fontsize=9)
-    save(figure, figures / "mesh.png")
+    figure.suptitle(style.heading(results, words), fontsize=9)
+    style.save(figure, figures / "mesh.png")
     return [figures / "mesh.png"]
 
 
@@ -134,12 +119,12 @@ def _mesh_figure(
     results: Results, bodies: Bodies, scale: ColourScale, nodes: meshio.Mesh | None
 ) -> tuple[Figure, str]:
     """The bodies with their cells in the plane, and what to say of their proportions."""
-    frame = frame_round([bodies], axis_names(results))
+    frame = frame_round([bodies], style.axis_names(results))
     figure = Figure(figsize=(8.4, frame.height_over(7.4, 2.0, 8.0) + 1.2), layout="constrained")
     axes = figure.subplots()
     draw_bodies(axes, bodies, scale, frame)
     if nodes is not None:
-        names = pair_names(results)
+        names = style.pair_names(results)
         reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
         for pair in pairs_shown(nodes, len(names), MOST_PAIRS):
             lines = reference[facets_of(nodes, pair)] * frame.unit.factor
@@ -155,8 +140,8 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
     nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     points = results.contact_points(state.step)
     lines = tool_lines(results, state.step)
-    frame = with_room(frame_round([bodies], axis_names(results)), lines)
-    names = pair_names(results)
+    frame = with_room(frame_round([bodies], style.axis_names(results)), lines)
+    names = style.pair_names(results)
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
     near = close_up(frame, nodes)
     figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
@@ -171,12 +156,12 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
     whole = [top] if beside is None else [top, beside]
     figure.colorbar(cells, ax=whole, label=scale.label(bodies.field), extend=scale.extend,
                     shrink=0.9, pad=0.02, fraction=0.05, aspect=25)  # fmt: skip
-    figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
+    figure.suptitle(style.heading(results, state.title + frame.words), fontsize=9)
     # Tractions of each pair, in the same unit in all panels
     total = len(names)
     data = nodes.point_data
-    stress = fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
-    length = fitting(np.ptp(data["reference"], axis=0), "m")
+    stress = style.fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
+    length = style.fitting(np.ptp(data["reference"], axis=0), "m")
     for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
         draw_tractions(axes, nodes, points, pair, length, stress)
         axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
@@ -197,12 +182,12 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
 
 def _bodies_alone(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies of a case without contact."""
-    frame = frame_round([bodies], axis_names(results))
+    frame = frame_round([bodies], style.axis_names(results))
     figure = Figure(figsize=(8.0, frame.height_over(6.4, 2.0, 7.0) + 1.0), layout="constrained")
     axes = figure.subplots()
     cells = draw_bodies(axes, bodies, scale, frame)
     figure.colorbar(cells, ax=axes, label=scale.label(bodies.field), extend=scale.extend)
-    figure.suptitle(heading(results, state.title + frame.words), fontsize=9)
+    figure.suptitle(style.heading(results, state.title + frame.words), fontsize=9)
     return figure
 
 
@@ -226,7 +211,7 @@ def _layout(frame: Frame, pairs: int, closer: bool) -> tuple[Figure, Axes, Axes 
     across = closer and not frame.is_tall
     shape = (1, 2) if across else (2, 1) if closer else (1, 1)
     first, *others = room.subplots(*shape, squeeze=False).flat
-    panels = panels_in(below, rows, columns, pairs)
+    panels = style.panels_in(below, rows, columns, pairs)
     return figure, first, others[0] if others else None, panels[:pairs]
 
 
@@ -246,14 +231,14 @@ def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
 
 def _figure_in_space(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies from outside, and beside them the pressure of each pair."""
-    names, tools = pair_names(results), tool_triangles(results, state.step)
+    names, tools = style.pair_names(results), tool_triangles(results, state.step)
     room = room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), tools)
     scene = scene_of(bodies, scale, *room)
     view = View(scene, facets_seen(scene), veil_of(scene, tools))
     if not names:
         figure = Figure(figsize=(7.0, 5.5), layout="constrained")
         _draw_bodies(figure, view, bodies, scale)
-        figure.suptitle(heading(results, state.title), fontsize=9)
+        figure.suptitle(style.heading(results, state.title), fontsize=9)
         return figure
     nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
     pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_IN_SPACE)}
@@ -262,8 +247,8 @@ def _figure_in_space(results: Results, state: State, bodies: Bodies, scale: Colo
     figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(6.0, 4.8 * columns))
     _draw_bodies(left, view, bodies, scale)
-    figure.suptitle(heading(results, state.title), fontsize=9)
-    panels = panels_in(right, rows, columns, len(pairs))
+    figure.suptitle(style.heading(results, state.title), fontsize=9)
+    panels = style.panels_in(right, rows, columns, len(pairs))
     draw_pairs(right, panels[: len(pairs)], nodes, pairs)
     return figure
 
@@ -334,18 +319,18 @@ def draw_pairs(
 ) -> None:
     """Pressure and friction of each pair, in the same colours in all panels."""
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
-    stress = fitting(pressure, "Pa")
+    stress = style.fitting(pressure, "Pa")
     top = float(pressure.max()) * stress.factor or 1.0
     for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
         plan = seen_along_normal(nodes, pair)
-        unit = fitting(np.ptp(plan.across[np.unique(plan.facets)], axis=0), "m")
+        unit = style.fitting(np.ptp(plan.across[np.unique(plan.facets)], axis=0), "m")
         draw_pressure(axes, nodes, plan, unit, stress, top)
         draw_friction(axes, nodes, plan, unit)
         axes.set_title(name, fontsize=9, color=pair_colour(pair))
         axes.set(xlabel=f"{plan.names[0]} ({unit.name})", ylabel=f"{plan.names[1]} ({unit.name})")
         axes.set_aspect("equal", adjustable="box")
         axes.grid(False)
-    label = f"{CONTACT_PRESSURE.name} {CONTACT_PRESSURE.symbol} ({stress.name})"
+    label = f"{style.CONTACT_PRESSURE.words} ({stress.name})"
     bar = ScalarMappable(Normalize(0.0, top), "inferno")
     figure.colorbar(bar, ax=list(panels), label=label, orientation="horizontal", shrink=0.7,
                     pad=0.02, aspect=35)  # fmt: skip
@@ -427,11 +412,11 @@ def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> Non
     shown = shown[:: max(1, len(shown) // ARROWS)]
     place = plan.across[own[shown]] * unit.factor
     along = traction[shown] @ plan.axes.T
-    stress = fitting([largest], "Pa")
+    stress = style.fitting([largest], "Pa")
     axes.quiver(*place.T, *(along * stress.factor).T, color="#7fd4ff", width=0.004, pivot="mid",
                 zorder=3)  # fmt: skip
     axes.annotate(
-        f"arrows: {TRACTION.name} {TRACTION.symbol} on the master, up to {stress.text(largest)}",
+        f"arrows: {style.TRACTION.words} on the master, up to {stress.text(largest)}",
         (0.0, -0.17), xycoords="axes fraction", fontsize=8, color="0.35", annotation_clip=False,
     )  # fmt: skip
 
@@ -468,7 +453,7 @@ def states_to_draw(results: Results) -> list[State]:
     history = results.table("history")
     last = int(outputs[-1])
     names, notes = {last: "deformed"}, {last: [ENDINGS.get(results.summary.get("status", ""), "")]}
-    ends = stage_ends(results)
+    ends = style.stage_ends(results)
     for number, (stage, end) in enumerate(ends[:-1], 1):
         step = _nearest(outputs, end)
         names.setdefault(step, f"deformed-{number}-{re.sub(r'[^A-Za-z0-9.+=_%µμ-]+', '_', stage)}")
@@ -518,9 +503,9 @@ def title_of(results: Results, step: int, notes: Sequence[str] = ()) -> str:
     found = history.where("step", step).records() if len(history) else []
     if not found:
         return "; ".join([f"step {step}", *words])
-    row, unit = found[0], unit_of_velocity(results)
+    row, unit = found[0], style.unit_of_velocity(results)
     velocity, time = float(row.get("velocity", 0.0)), float(row["time"])
-    moving = f" at {velocity_text(velocity, unit)}" if abs(velocity) > 0.0 else ""
+    moving = f" at {style.velocity_text(velocity, unit)}" if abs(velocity) > 0.0 else ""
     when, total = time_text(time, float(row.get("dt", 0.0))), int(history["step"][-1])
     said = f"stage {row['stage']}{moving}, t = {when}, step {step} of {total}"
     return "; ".join([said, *words])

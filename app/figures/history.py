@@ -12,33 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.case.stage import solver_of
-from tribox.app.figures.style import (
-    COLOURS,
-    DISPLACEMENT,
-    DRIVEN_PATH,
-    ENERGY,
-    FILLS,
-    FRICTION_FORCE,
-    MOMENT,
-    NORMAL_FORCE,
-    RATIO,
-    REACTION,
-    RED,
-    STEP,
-    TIME,
-    Floats,
-    Longs,
-    Unit,
-    colour_of,
-    dashes_of,
-    fitting,
-    heading,
-    panels_in,
-    save,
-    thin_log_ticks,
-    unit_of_velocity,
-    velocity_text,
-)
+from tribox.app.figures import style
+from tribox.app.figures.style import Floats, Longs, Unit, fitting
 from tribox.app.results.reading import Table, joined
 
 if TYPE_CHECKING:
@@ -58,7 +33,10 @@ def forces_figure(results: Results) -> Figure:
     count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
     figure = Figure(figsize=(7.5, 1.4 + 2.0 * count), layout="constrained")
     panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
-    forces = fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N")
+    forces = (
+        fitting(history["normal_force"], "N"),
+        fitting(history["friction_force"], "N"),
+    )
     lines = list(_lines(results))
     for label, colour, width, rows, table in lines:
         x = at.values[rows]
@@ -68,15 +46,15 @@ def forces_figure(results: Results) -> Figure:
         ratio = np.full(len(normal), np.nan)
         ratio[pressed] = friction[pressed] / normal[pressed]
         shown = forces[0].of(normal), forces[1].of(friction), ratio
-        style: dict[str, Any] = {"color": colour, "lw": width, "label": label}
-        style |= {"marker": "."} if len(x) < 3 else {}
+        look: dict[str, Any] = {"color": colour, "lw": width, "label": label}
+        look |= {"marker": "."} if len(x) < 3 else {}
         for axes, values in zip(panels, shown, strict=False):
-            axes.plot(x, values, **style)
+            axes.plot(x, values, **look)
     if len(lines) == 1:  # added up over several pairs it acts nowhere
         _draw_resultant(panels[1:2], at.values, history, forces[1])
     units = (*forces, Unit(0, ""))
     for axes, quantity, unit in zip(
-        panels, (NORMAL_FORCE, FRICTION_FORCE, RATIO), units, strict=False
+        panels, (style.NORMAL_FORCE, style.FRICTION_FORCE, style.RATIO), units, strict=False
     ):
         axes.set_ylabel(quantity.label(unit.name))
     _fit_scales(panels, history)
@@ -101,14 +79,14 @@ def _lines(results: Results) -> Iterator[tuple[str, str, float, Longs, Table]]:
     names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
     whole = np.arange(len(history)), history
     if len(names) < 2:
-        yield (str(names[0]) if names else "contact", COLOURS[0], 1.4, *whole)
+        yield (str(names[0]) if names else "contact", style.COLOURS[0], 1.4, *whole)
         return
     yield ("all pairs", "0.25", 1.4, *whole)
     place = {int(step): k for k, step in enumerate(history["step"])}
     for number, name in enumerate(names[:MOST_PAIRS]):
         table = contacts.where("pair", name).where("step", *place)
         rows = np.array([place[int(step)] for step in table["step"]], dtype=np.int64)
-        yield (str(name), COLOURS[number % len(COLOURS)], 1.1, rows, table)
+        yield (str(name), style.COLOURS[number % len(style.COLOURS)], 1.1, rows, table)
 
 
 def _draw_resultant(panels: Sequence[Axes], at: Floats, history: Table, unit: Unit) -> None:
@@ -134,7 +112,7 @@ def _fit_scales(panels: Sequence[Axes], history: Table) -> None:
         if log and axes is not panels[0]:
             axes.set_yscale("log")
             axes.set_ylim(bottom=max(values[values > LEAST * largest].min() / 2.0, 0.0))
-            thin_log_ticks(axes)
+            style.thin_log_ticks(axes)
         elif not (values < -NOUGHT * largest).any():
             axes.set_ylim(bottom=0.0)
 
@@ -167,14 +145,16 @@ def energies_figure(results: Results) -> Figure:
 
     name = "external work" + " and initial kinetic energy" * moving_first
     axes.plot(x, whole(supplied), color="k", lw=2.5, alpha=0.35, label=name)
-    axes.stackplot(x, *map(whole, parts.values()), labels=list(parts), colors=FILLS, alpha=0.6)
-    axes.plot(x, whole(error), color=RED, lw=1, label="not accounted for")
+    axes.stackplot(
+        x, *map(whole, parts.values()), labels=list(parts), colors=style.FILLS, alpha=0.6
+    )
+    axes.plot(x, whole(error), color=style.RED, lw=1, label="not accounted for")
     at.mark(axes, named=True)
     gap = float(np.max(np.abs(error))) / largest
     words = f"largest gap between work and its uses: {gap:.1e} of the work"
-    figure.suptitle(heading(results, words), fontsize=9)
+    figure.suptitle(style.heading(results, words), fontsize=9)
     axes.set_xlabel(at.label)
-    axes.set_ylabel(ENERGY.label(unit.name))
+    axes.set_ylabel(style.ENERGY.label(unit.name))
     figure.legend(loc="outside lower center", ncols=4, fontsize=8)
     return figure
 
@@ -258,7 +238,7 @@ def abscissa_of(results: Results) -> Abscissa:
     path = np.cumsum(np.abs(np.diff(driven, prepend=0.0)))
     if any(stage.velocities for stage in results.case.stage) and path[-1] > 0.0:
         unit = fitting(path, "m")
-        label = DRIVEN_PATH.label(unit.name)
+        label = style.DRIVEN_PATH.label(unit.name)
         moved = history["stage"][int(np.argmax(path > STILL * path[-1]))]
         still = int(np.argmax(history["stage"] == moved))
         if still:
@@ -269,7 +249,7 @@ def abscissa_of(results: Results) -> Abscissa:
         return _made(results, unit.of(path), label)
     if not _uneven(history, time):
         unit = fitting(time, "s")
-        return _made(results, unit.of(time), TIME.label(unit.name))
+        return _made(results, unit.of(time), style.TIME.label(unit.name))
     idle = _idle_rows(results)
     since = time - time[max(idle - 1, 0)]
     if 0 < idle < len(time) and not _uneven(history.rows(slice(idle, None)), since[idle:]):
@@ -278,7 +258,7 @@ def abscissa_of(results: Results) -> Abscissa:
         before = ", ".join(dict.fromkeys(history["stage"][:idle]))
         label = f"time since the end of {before}, which is not to scale ({unit.name})"
         return _made(results, unit.of(since), label)
-    return _made(results, history["step"], STEP.name)
+    return _made(results, history["step"], style.STEP.name)
 
 
 def _idle_rows(results: Results) -> int:
@@ -303,11 +283,11 @@ def _made(results: Results, values: Floats, label: str) -> Abscissa:
     rows = zip(history["stage"], history["velocity"], strict=True)
     keys = [(stage, velocity if stage in several else 0.0) for stage, velocity in rows]
     begins = [i for i, key in enumerate(keys) if i == 0 or key != keys[i - 1]]
-    starts, unit = [], unit_of_velocity(results)
+    starts, unit = [], style.unit_of_velocity(results)
     for i in begins:
         stage, velocity = keys[i]
         before = float(values[i - 1]) if i else _begin(values)
-        name = velocity_text(velocity, unit) if stage in several else str(stage)
+        name = style.velocity_text(velocity, unit) if stage in several else str(stage)
         starts.append((before, name))
     return Abscissa(values, label, tuple(starts))
 
@@ -366,22 +346,22 @@ def curves_of(results: Results, table: Table) -> list[Curve]:
     most = max((_largest(table, f"force_{i}") for i in letters), default=0.0)
     curves = [
         Curve(name, f"displacement_{i}", f"force_{i}",
-              f"{DISPLACEMENT.name} {DISPLACEMENT.symbol}_{i}",
-              f"{REACTION.name} {REACTION.symbol}_{i}", "m", "N")
+              f"{style.DISPLACEMENT.words}_{i}",
+              f"{style.REACTION.words}_{i}", "m", "N")
         for (name, i), way in travel.items()
         if way > HARDLY_MOVED * largest and _largest(table, f"force_{i}", name) > IDLE * most
     ]  # fmt: skip
     for boundary in results.case.boundary:
         turned = boundary.rotation
         if turned is not None and boundary.surface in names and f"moment_{turned.axis}" in table:
-            about = f"{MOMENT.name} {MOMENT.symbol}_{turned.axis}"
-            time = f"{TIME.name} {TIME.symbol}"
+            about = f"{style.MOMENT.words}_{turned.axis}"
+            time = style.TIME.words
             curves.append(
                 Curve(boundary.surface, "time", f"moment_{turned.axis}", time, about, "s", "N m")
             )
     for name, tool in results.case.tools.items():
         if tool.rotation is not None and tool.rotation.moment is None:
-            labels = "rotation", f"driving {MOMENT.name}"
+            labels = "rotation", f"driving {style.MOMENT.name}"
             curves.append(Curve(name, "rotation", "driving_moment", *labels, "rad", "N m"))
     return curves[:MOST_PANELS]
 
@@ -401,20 +381,23 @@ def force_displacement_figure(results: Results) -> Figure | None:
     columns = min(len(curves), 2)
     rows = -(-len(curves) // columns)
     figure = Figure(figsize=(4.4 * columns + 0.4, 3.3 * rows + 0.5), layout="constrained")
-    panels = panels_in(figure, rows, columns, len(curves))
+    panels = style.panels_in(figure, rows, columns, len(curves))
     for axes, curve in zip(panels, curves, strict=False):
         _draw(axes, curve, table)
     handles, labels = panels[0].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
     words = "force of the surroundings on each moved surface or tool"
-    figure.suptitle(heading(results, words), fontsize=9)
+    figure.suptitle(style.heading(results, words), fontsize=9)
     return figure
 
 
 def _draw(axes: Axes, curve: Curve, surfaces: Table) -> None:
     table = surfaces.where("surface", curve.surface)
-    x_unit, y_unit = fitting(table[curve.x], curve.x_unit), fitting(table[curve.y], curve.y_unit)
+    x_unit, y_unit = (
+        fitting(table[curve.x], curve.x_unit),
+        fitting(table[curve.y], curve.y_unit),
+    )
     x, y = x_unit.of(table[curve.x]), y_unit.of(table[curve.y])
     stages = list(dict.fromkeys(table["stage"]))
     of = table["stage"]
@@ -423,8 +406,8 @@ def _draw(axes: Axes, curve: Curve, surfaces: Table) -> None:
         # With the last point of the stage before, so that the curve has no gaps.
         rows = np.concatenate([rows[:1] - 1, rows]) if rows[0] else rows
         marker = "" if len(rows) > 40 else "."
-        axes.plot(x[rows], y[rows], marker=marker, ls=dashes_of(number), ms=4, lw=1.1,
-                  color=colour_of(number), label=str(stage))  # fmt: skip
+        axes.plot(x[rows], y[rows], marker=marker, ls=style.dashes_of(number), ms=4, lw=1.1,
+                  color=style.colour_of(number), label=str(stage))  # fmt: skip
     axes.set_title(curve.surface, fontsize=9)
     axes.set_xlabel(f"{curve.x_label} ({x_unit.name})")
     axes.set_ylabel(f"{curve.y_label} ({y_unit.name})")
@@ -453,21 +436,26 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
             files.append(figures / picture)
             figure = phase_figure(rows, surface, axis)
             figure.suptitle(case.title, fontsize=9)
-            save(figure, files[-1])
+            style.save(figure, files[-1])
     return files
 
 
 def phase_figure(rows: Table, surface: str, axis: str) -> Figure:
     """The force on a sprung surface over time, and its velocity against that force."""
     time, force, speed = (rows[name] for name in ("time", f"force_{axis}", f"velocity_{axis}"))
-    times, forces, speeds = fitting(np.ptp(time), "s"), fitting(force, "N"), fitting(speed, "m/s")
+    times, forces, speeds = (
+        fitting(np.ptp(time), "s"),
+        fitting(force, "N"),
+        fitting(speed, "m/s"),
+    )
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    left.plot(times.of(time - time[0]), forces.of(force), color=COLOURS[0], lw=1)
-    named = f"{REACTION.name} of the spring on {surface}, {REACTION.symbol}_{axis} ({forces.name})"
-    left.set_xlabel(f"{TIME.name} since the first explicit row ({times.name})")
+    left.plot(times.of(time - time[0]), forces.of(force), color=style.COLOURS[0], lw=1)
+    force_on = f"{style.REACTION.name} of the spring on {surface}"
+    named = f"{force_on}, {style.REACTION.symbol}_{axis} ({forces.name})"
+    left.set_xlabel(f"{style.TIME.name} since the first explicit row ({times.name})")
     left.set_ylabel(named)
-    right.plot(forces.of(force), speeds.of(speed), color=COLOURS[1], lw=0.8)
+    right.plot(forces.of(force), speeds.of(speed), color=style.COLOURS[1], lw=0.8)
     right.set_xlabel(named)
     right.set_ylabel(f"velocity of {surface} in {axis} ({speeds.name})")
     return figure

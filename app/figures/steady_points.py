@@ -13,23 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tribox.app.case.case import Case
-from tribox.app.figures.style import (
-    COLOURS,
-    CROSSES,
-    MEAN_TRACTION,
-    SHEAR_RATE,
-    VELOCITY,
-    VISCOSITY,
-    Floats,
-    Unit,
-    columns,
-    cross_out,
-    look_of,
-    save,
-    thin_log_ticks,
-    titled,
-    velocity_unit,
-)
+from tribox.app.figures import style
+from tribox.app.figures.style import Floats, Unit
 from tribox.forms.closed_forms.homogeneous_sliding import (
     effective_viscosity,
     steady_traction,
@@ -60,7 +45,7 @@ def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str =
     """
     contact = case.contact[0]
     assert contact.map is not None and contact.given_film is not None
-    speed, viscosity, friction, normal, area, mu, steady = columns(
+    speed, viscosity, friction, normal, area, mu, steady = style.columns(
         sorted(load_steps, key=lambda load_step: abs(load_step["velocity"])),
         *("velocity", "effective_viscosity", "friction_force", "normal_force"),
         *("contact_area", "mu", "steady"),
@@ -93,7 +78,7 @@ def film_numbers(films: Iterable[float], law: FrictionMapParameters) -> dict[flo
     ``films``: m, thicknesses above D_min.
     """
     shares = {film: (film - law.D_min) / (law.D_max - law.D_min) for film in films}
-    usual, further = range(len(USUAL_SHARES)), range(len(USUAL_SHARES), len(COLOURS))
+    usual, further = range(len(USUAL_SHARES)), range(len(USUAL_SHARES), len(style.COLOURS))
 
     def wanted(share: float) -> list[int]:
         own = [k for k in usual if abs(min(share, 1.0) - USUAL_SHARES[k]) < 1e-3]
@@ -121,13 +106,13 @@ def draw_steady(series: list[Series], figures: Path, case: str = "") -> list[Pat
     drawn = {"effective_viscosity.png": _viscosity_figure(wet, case)} if wet else {}
     drawn["friction_map.png"] = _map_figure(series, case)
     for name, figure in drawn.items():
-        save(figure, figures / name)
+        style.save(figure, figures / name)
     return [figures / name for name in drawn]
 
 
 def _unsteady_words(series: list[Series]) -> str:
     """What to say of the grey crosses, where there are some."""
-    return "" if all(one.steady.all() for one in series) else f" ({CROSSES})"
+    return "" if all(one.steady.all() for one in series) else f" ({style.CROSSES})"
 
 
 def _curve_speeds(series: list[Series]) -> Floats:
@@ -146,7 +131,7 @@ def broken(values: Floats, speed: Floats, at: float) -> Floats:
 
 def _unit(series: list[Series]) -> Unit:
     """The unit of all their velocities."""
-    return velocity_unit(np.concatenate([one.speed for one in series]))
+    return style.velocity_unit(np.concatenate([one.speed for one in series]))
 
 
 def with_room(axes: Axes, level: float, share: float = 0.3) -> None:
@@ -175,14 +160,14 @@ def _viscosity_figure(series: list[Series], case: str) -> Figure:
     for axes in (left, right):
         mark_bulk(axes, eta, named=axes is left)
     with_room(left, eta)
-    left.set_xlabel(VELOCITY.label(unit.name))
-    left.set_ylabel(f"{VISCOSITY.name} {VISCOSITY.symbol} = |Σ T| D/(A V) ({VISCOSITY.unit})")
-    right.set_xlabel(SHEAR_RATE.label())
+    left.set_xlabel(style.VELOCITY.label(unit.name))
+    left.set_ylabel(f"{style.VISCOSITY.words} = |Σ T| D/(A V) ({style.VISCOSITY.unit})")
+    right.set_xlabel(style.SHEAR_RATE.label())
     left.legend(frameon=True, framealpha=0.9, edgecolor="none")
     for axes in (left, right):
-        thin_log_ticks(axes)
+        style.thin_log_ticks(axes)
     words = f"points: computed steady states{_unsteady_words(series)}; lines: closed form"
-    figure.suptitle(titled(case, f"{words}; dotted: V*"), fontsize=9)
+    figure.suptitle(style.titled(case, f"{words}; dotted: V*"), fontsize=9)
     return figure
 
 
@@ -191,7 +176,7 @@ def _viscosity_curve(
 ) -> None:
     """Points and closed form of one series, over the speed times ``scale``."""
     number, place = numbers
-    look = look_of(number)
+    look = style.look_of(number)
     colour = look["color"]
     star = float(threshold_speed(one.thickness, one.parameters))
     curve = effective_viscosity(speed, one.thickness, one.pressure, one.mu, one.parameters)
@@ -204,7 +189,7 @@ def _viscosity_curve(
         mfc="none" if place % 2 else colour,
         label=one.label,
     )
-    cross_out(axes, one.speed * scale, one.viscosity, ~one.steady)
+    style.cross_out(axes, one.speed * scale, one.viscosity, ~one.steady)
     if speed[0] < star < speed[-1] and one.thickness < one.parameters.D_max:
         axes.axvline(star * scale, color=colour, ls=":", lw=1)
 
@@ -215,7 +200,7 @@ def _map_figure(series: list[Series], case: str) -> Figure:
     speed, unit = _curve_speeds(series), _unit(series)
     numbers = series_numbers([one.thickness for one in series], series[0].parameters)
     for number, one in zip(numbers, series, strict=True):
-        look = look_of(number)
+        look = style.look_of(number)
         colour, marker = look["color"], look["marker"]
         star = float(threshold_speed(one.thickness, one.parameters))
         curve = steady_traction(speed, one.thickness, one.pressure, one.mu, one.parameters)
@@ -225,14 +210,14 @@ def _map_figure(series: list[Series], case: str) -> Figure:
         for chosen, fill in ((~viscous, colour), (viscous, "w")):
             x, y = unit.of(one.speed[chosen]), one.traction[chosen] / 1e6
             axes.loglog(x, y, marker, ms=5, color=colour, mfc=fill)
-        cross_out(axes, unit.of(one.speed), np.asarray(one.traction / 1e6), ~one.steady)
+        style.cross_out(axes, unit.of(one.speed), np.asarray(one.traction / 1e6), ~one.steady)
         axes.plot([], [], **look, ms=5, lw=1, label=one.label)
     axes.plot([], [], "o", color="0.4", label="filled: frictional or mixed (V < V*)")
     axes.plot([], [], "o", color="0.4", mfc="w", label="empty: viscous (V > V* or D ≥ D_max)")
-    axes.set_xlabel(VELOCITY.label(unit.name))
-    axes.set_ylabel(MEAN_TRACTION.label("MPa"))
+    axes.set_xlabel(style.VELOCITY.label(unit.name))
+    axes.set_ylabel(style.MEAN_TRACTION.label("MPa"))
     words = f"friction map: computed points{_unsteady_words(series)} on the closed form"
-    figure.suptitle(titled(case, words), fontsize=9)
+    figure.suptitle(style.titled(case, words), fontsize=9)
     axes.legend(fontsize=8)
-    thin_log_ticks(axes)
+    style.thin_log_ticks(axes)
     return figure

@@ -11,24 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tribox.app.figures import style
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.steady_points import series_numbers
-from tribox.app.figures.style import (
-    CROSSES,
-    HERSEY,
-    RATIO,
-    VELOCITY,
-    Floats,
-    Unit,
-    cross_out,
-    fitting,
-    look_of,
-    pair_names,
-    stage_ends,
-    thin_log_ticks,
-    titled,
-    velocity_unit,
-)
+from tribox.app.figures.style import Floats, Unit
 from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
@@ -95,12 +81,12 @@ def _film_series(results: Results, label: str, pair: int) -> list[StribeckSeries
 
     Its slip speed is that of the surfaces, whatever drives them.
     """
-    contacts, name = results.table("contacts"), pair_names(results)[pair]
+    contacts, name = results.table("contacts"), style.pair_names(results)[pair]
     if not len(contacts):
         return []
     rows = contacts.where("pair", name)
     load_steps = results.table("load_steps")
-    ends = {step for _, step in stage_ends(results)}
+    ends = {step for _, step in style.stage_ends(results)}
     unsettled: set[int] = set()
     if "steady" in load_steps:
         ends |= set(map(int, load_steps["step"]))
@@ -184,14 +170,14 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
         height_ratios=[2.0, 1.0] if shared else None,
     )  # fmt: skip
     panels = rows[0]
-    speeds = velocity_unit(np.concatenate([one.speed for one in series]))
+    speeds = style.velocity_unit(np.concatenate([one.speed for one in series]))
     _draw(panels[0], series, [speeds.of(one.speed) for one in series])
-    panels[0].set_xlabel(VELOCITY.label(speeds.name))
-    panels[0].set_ylabel(RATIO.label())
+    panels[0].set_xlabel(style.VELOCITY.label(speeds.name))
+    panels[0].set_ylabel(style.RATIO.label())
     if film:
-        lengths = fitting(np.concatenate([one.hersey for one in series]), "m")
+        lengths = style.fitting(np.concatenate([one.hersey for one in series]), "m")
         _draw(panels[1], series, [lengths.of(one.hersey) for one in series])
-        panels[1].set_xlabel(f"{HERSEY.label(lengths.name)}, p = N/A")
+        panels[1].set_xlabel(f"{style.HERSEY.label(lengths.name)}, p = N/A")
     for column, axes in enumerate(rows[1] if shared else ()):
         _draw_shares(axes, series, speeds if column == 0 else lengths, column == 0)
         axes.set_xlabel(panels[column].get_xlabel())
@@ -199,10 +185,10 @@ def stribeck_figure(series: list[StribeckSeries], case: str = "") -> Figure | No
     if shared:
         rows[1][0].set_ylabel("load on asperities (-)")
     unsteady = not all(one.settled.all() for one in series)
-    words = f"; {CROSSES}" if unsteady else ""
+    words = f"; {style.CROSSES}" if unsteady else ""
     if any(len(_parts(one)) > 1 for one in series):
         words += "; lines end where V* lies between two points"
-    figure.suptitle(titled(case, f"friction at the end of each velocity{words}"), fontsize=9)
+    figure.suptitle(style.titled(case, f"friction at the end of each velocity{words}"), fontsize=9)
     if len(series) > 1:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center",
                       fontsize=8)  # fmt: skip
@@ -214,7 +200,7 @@ def _draw_shares(axes: Axes, series: list[StribeckSeries], unit: Unit, speed: bo
     for number, one in zip(_numbers(series), series, strict=True):
         if one.dry is not None:
             x = unit.of(one.speed if speed else one.hersey)
-            axes.plot(x, one.dry, **look_of(number), lw=0.8, ms=4)
+            axes.plot(x, one.dry, **style.look_of(number), lw=0.8, ms=4)
     axes.set_ylim(-0.03, 1.03)
 
 
@@ -229,11 +215,11 @@ def _draw(axes: Axes, series: list[StribeckSeries], places: list[Floats]) -> Non
     for number, one, x in zip(_numbers(series), series, places, strict=True):
         for part in _parts(one):
             label = one.label if part.start == 0 else ""
-            axes.plot(x[part], one.ratio[part], **look_of(number), lw=0.8, ms=5, label=label)
-        cross_out(axes, x, one.ratio, ~one.settled)
+            axes.plot(x[part], one.ratio[part], **style.look_of(number), lw=0.8, ms=5, label=label)
+        style.cross_out(axes, x, one.ratio, ~one.settled)
     ratios = np.concatenate([one.ratio for one in series])
     if spans_decades(ratios):
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)
-    thin_log_ticks(axes)
+    style.thin_log_ticks(axes)

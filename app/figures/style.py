@@ -253,11 +253,14 @@ class Quantity:
     symbol: str  # plain text, "" without
     unit: str  # SI, "" of a plain number
 
+    @property
+    def words(self) -> str:
+        """Name and symbol."""
+        return f"{self.name} {self.symbol}".rstrip()
+
     def label(self, unit: str | None = None) -> str:
         """Text of an axis."""
-        shown = self.unit if unit is None else unit
-        words = f"{self.name} {self.symbol}".rstrip()
-        return f"{words} ({shown or '-'})"
+        return f"{self.words} ({(self.unit if unit is None else unit) or '-'})"
 
 
 TIME = Quantity("time", "t", "s")

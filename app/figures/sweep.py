@@ -12,25 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tribox.app.case.quantities import QuantityError, split_quantity
+from tribox.app.figures import style
 from tribox.app.figures.history import DECADES, LEAST, NOUGHT, spans_decades
-from tribox.app.figures.style import (
-    CROSSES,
-    FRICTION_FORCE,
-    NORMAL_FORCE,
-    RATIO,
-    Floats,
-    Quantity,
-    Unit,
-    cross_out,
-    fitting,
-    heading,
-    look_of,
-    marker_of,
-    panels_in,
-    thin_log_ticks,
-    unit_of_velocity,
-    velocity_text,
-)
+from tribox.app.figures.style import Floats, Quantity, Unit
 
 if TYPE_CHECKING:
     from tribox.app.results import Results
@@ -94,12 +78,12 @@ class SweepLine:
 def sweep_lines(results: Results, swept: SweptValues) -> list[SweepLine]:
     """One line for each stage or velocity that at least one run has come to."""
     table = results.table("sweep").where("label", *swept.places)
-    lines, unit = [], unit_of_velocity(results)
+    lines, unit = [], style.unit_of_velocity(results)
     for stage, velocity in dict.fromkeys(zip(table["stage"], table["velocity"], strict=True)):
         rows = table.where("stage", stage).where("velocity", velocity)
         at = np.array([swept.places[label] for label in rows["label"]])
         order = np.argsort(at, kind="stable")
-        speed = velocity_text(velocity, unit)
+        speed = style.velocity_text(velocity, unit)
         name = f"{stage}, {speed}" if velocity else str(stage)
         normal, friction, steady = (
             rows[column][order] for column in ("normal_force", "friction_force", "steady")
@@ -129,8 +113,8 @@ def sweep_figure(results: Results) -> Figure | None:
     figure = Figure(figsize=(8.2, 7.4), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     units = (
-        fitting(np.concatenate([line.normal for line in lines]), "N"),
-        fitting(np.concatenate([line.friction for line in lines]), "N"),
+        style.fitting(np.concatenate([line.normal for line in lines]), "N"),
+        style.fitting(np.concatenate([line.friction for line in lines]), "N"),
         Unit(0, ""),
     )
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(lines)))
@@ -142,13 +126,13 @@ def sweep_figure(results: Results) -> Figure | None:
         ):
             _draw(axes, swept, line, unit.of(_whole(values)), colours[number], number)
     for axes, unit, quantity in zip(
-        panels, units, (NORMAL_FORCE, FRICTION_FORCE, RATIO), strict=True
+        panels, units, (style.NORMAL_FORCE, style.FRICTION_FORCE, style.RATIO), strict=True
     ):
         axes.set_ylabel(quantity.label(unit.name))
         _scales(axes, swept)
     panels[-1].set_xlabel(swept.label)
     words = "" if len(lines) == len(found) else f" ({len(lines)} of {len(found)} shown)"
-    crosses = f"; {CROSSES}" * any(line.unsettled.any() for line in lines)
+    crosses = f"; {style.CROSSES}" * any(line.unsettled.any() for line in lines)
     title = f"at the end of each stage or velocity{words}{crosses}"
     figure.suptitle(f"{results.case.title}\n{title}".strip(), fontsize=9)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
@@ -221,18 +205,18 @@ def comparison_figure(results: Results) -> Figure | None:
     columns = min(len(found), 2)
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(4.6 * columns + 0.4, 3.0 * rows + 0.7), layout="constrained")
-    panels = panels_in(figure, rows, columns, len(found))
+    panels = style.panels_in(figure, rows, columns, len(found))
     for axes, one in zip(panels, found, strict=False):
-        unit = fitting(np.concatenate([y for _, y in one.lines.values()]), one.quantity.unit)
+        unit = style.fitting(np.concatenate([y for _, y in one.lines.values()]), one.quantity.unit)
         for number, (name, (x, y)) in enumerate(one.lines.items()):
-            look = look_of(number) | ({"ls": "none"} if swept.texts else {})
+            look = style.look_of(number) | ({"ls": "none"} if swept.texts else {})
             axes.plot(x, unit.of(y), **look, lw=0.9, ms=5, label=name)
         axes.set_ylabel(one.quantity.label(unit.name))
         _scales(axes, swept, from_zero=one.quantity.unit in ("N", "N m"))
         axes.set_xlabel(swept.label)
         axes.legend(fontsize=8)
     words = "forces: largest at the end of a load step; angles and thickness: at the end of the run"
-    figure.suptitle(heading(results, words), fontsize=9)
+    figure.suptitle(style.heading(results, words), fontsize=9)
     return figure
 
 
@@ -246,9 +230,9 @@ def _draw(
     axes: Axes, swept: SweptValues, line: SweepLine, values: Floats, colour: Any, number: int
 ) -> None:
     joined = "none" if swept.texts else "-"
-    axes.plot(line.places, values, marker=marker_of(number), ls=joined, lw=0.9, ms=5, color=colour,
-              mfc="none" if number % 2 else colour, label=line.label)  # fmt: skip
-    cross_out(axes, line.places, values, line.unsettled)
+    axes.plot(line.places, values, marker=style.marker_of(number), ls=joined, lw=0.9, ms=5,
+              color=colour, mfc="none" if number % 2 else colour, label=line.label)  # fmt: skip
+    style.cross_out(axes, line.places, values, line.unsettled)
 
 
 def _scales(axes: Axes, swept: SweptValues, *, from_zero: bool = True) -> None:
@@ -265,7 +249,7 @@ def _scales(axes: Axes, swept: SweptValues, *, from_zero: bool = True) -> None:
         axes.margins(y=0.2)
     if swept.is_log:
         axes.set_xscale("log")
-    thin_log_ticks(axes)
+    style.thin_log_ticks(axes)
     places = sorted(set(swept.places.values()))
     if swept.texts:
         axes.set_xticks(places, swept.texts)

@@ -14,19 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tribox.app.figures.style import (
-    COLOURS,
-    CONTACT_PRESSURE,
-    TRACTION,
-    Floats,
-    Unit,
-    colour_of,
-    fitting,
-    pair_names,
-    stage_ends,
-    thin_log_ticks,
-    titled,
-)
+from tribox.app.figures import style
+from tribox.app.figures.style import Floats, Unit
 from tribox.geometry.surfaces.facets import chains
 
 if TYPE_CHECKING:
@@ -204,12 +193,12 @@ def draw_tractions(
         axes.set_yticks([])
         return
     shown = [
-        ("pressure", CONTACT_PRESSURE, COLOURS[0]),
-        ("tangential_traction", TRACTION, COLOURS[1]),
+        ("pressure", style.CONTACT_PRESSURE, style.COLOURS[0]),
+        ("tangential_traction", style.TRACTION, style.COLOURS[1]),
     ]
     for name, quantity, colour in shown:
         arc, values = line.broken(np.asarray(nodes.point_data[name], dtype=np.float64))
-        label = f"{quantity.name} {quantity.symbol}"
+        label = quantity.words
         axes.plot(length.of(arc), stress.of(values), color=colour, lw=1.3, label=label)
     if points is not None and len(points.points) <= MOST_POINTS:
         data = points.point_data
@@ -251,7 +240,7 @@ def film_figure(results: Results) -> Figure | None:
     """
     table = results.case.contact
     pairs = [n for n, one in enumerate(table) if one.film is not None and one.film.is_unknown]
-    ends = [(name, step) for name, step in stage_ends(results) if step in results.steps]
+    ends = [(name, step) for name, step in style.stage_ends(results) if step in results.steps]
     if not pairs or not ends:
         return None
     few = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), MOST_STAGES)).round().astype(int))
@@ -264,11 +253,11 @@ def film_figure(results: Results) -> Figure | None:
         film = table[pair].film
         assert film is not None
         _draw_films(column, shown, pair, film.sigma or 0.0)
-        column[0].set_title(pair_names(results)[pair] if len(pairs) > 1 else "", fontsize=9)
+        column[0].set_title(style.pair_names(results)[pair] if len(pairs) > 1 else "", fontsize=9)
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
     words = "the film, and what it and the asperities carry, at the end of stages"
-    figure.suptitle(titled(results.case.title, words), fontsize=9)
+    figure.suptitle(style.titled(results.case.title, words), fontsize=9)
     return figure
 
 
@@ -289,19 +278,19 @@ def _draw_films(
     # Films are thin by far where they carry, and there alone they are of interest.
     inside = np.concatenate([line.arc[on] for line, on in lines])
     reach = max(float(np.ptp(inside)) if len(inside) else 0.0, 1e-12)
-    length = fitting(lines[0][0].arc, "m")
+    length = style.fitting(lines[0][0].arc, "m")
     low = inside.min() - 0.4 * reach if len(inside) else 0.0
     high = inside.max() + 0.4 * reach if len(inside) else lines[0][0].arc[-1]
     low, high = max(low, 0.0), min(high, float(lines[0][0].arc[-1]))
     near = [h[(at >= low) & (at <= high) & np.isfinite(h)] for at, h in films]
     least = min((float(h.min()) for h in near if len(h)), default=1.0)
     most = max((float(h.max()) for h in near if len(h)), default=1.0)
-    thin = fitting([least * 10.0], "m")
-    stress = fitting(np.concatenate([p for both in pressures for p in both]), "Pa")
+    thin = style.fitting([least * 10.0], "m")
+    stress = style.fitting(np.concatenate([p for both in pressures for p in both]), "Pa")
     for number, ((name, _), (at, h), (wet, dry)) in enumerate(
         zip(shown, films, pressures, strict=True)
     ):
-        colour = colour_of(number)
+        colour = style.colour_of(number)
         panels[0].plot(length.of(at), thin.of(h), color=colour, lw=1.3, label=name)
         panels[1].plot(length.of(at), stress.of(wet), color=colour, lw=1.3)
         if sigma > 0.0:
@@ -319,4 +308,4 @@ def _draw_films(
     words = "film p_f, asperities p_a dashed" if sigma > 0.0 else "film p_f"
     panels[1].set_ylabel(f"{words} ({stress.name})")
     panels[1].set_xlabel(f"undeformed arc length of the slave ({length.name})")
-    thin_log_ticks(panels[0])
+    style.thin_log_ticks(panels[0])

@@ -17,20 +17,9 @@ from numpy.typing import NDArray
 from tribox.app.case.friction import MAP, TABLES
 from tribox.app.case.toml_files import toml_text
 from tribox.app.errors import tell
+from tribox.app.figures import style
 from tribox.app.figures.steady_points import film_numbers
-from tribox.app.figures.style import (
-    CASE_STYLE,
-    LOCAL_RATIO,
-    SLIP,
-    TRACTION,
-    VELOCITY,
-    VISCOSITY,
-    Floats,
-    colour_of,
-    marker_of,
-    save,
-    thin_log_ticks,
-)
+from tribox.app.figures.style import Floats
 from tribox.app.fit.calibration import Calibration
 from tribox.app.fit.data import TribometerData
 from tribox.app.fit.model import (
@@ -352,10 +341,10 @@ def _columns(data: TribometerData, result: FitResult) -> dict[str, Floats | None
 
 
 AXES = {
-    "traction": TRACTION.label("kPa"),
-    "force": TRACTION.label("kPa"),
-    "friction_coefficient": LOCAL_RATIO.label(),
-    "effective_viscosity": f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})",
+    "traction": style.TRACTION.label("kPa"),
+    "force": style.TRACTION.label("kPa"),
+    "friction_coefficient": style.LOCAL_RATIO.label(),
+    "effective_viscosity": f"{style.VISCOSITY.words} = T D/V ({style.VISCOSITY.unit})",
 }
 ONE_LEVEL = 1.1
 """Measured loads, or velocities, no further apart than by this factor are one in the figure."""
@@ -381,7 +370,7 @@ class _Group:
 def draw_fit(data: TribometerData, result: FitResult, figures: Path, name: str) -> None:
     """Draw ``fit.png``: data and law over velocity, or over slip, and the residuals."""
     kinds = [over for over in (True, False) if (data.steady == over).any()]
-    with rc_context(CASE_STYLE):
+    with rc_context(style.CASE_STYLE):
         figure = Figure(figsize=(7.2 * len(kinds), 6.4))
         panels = figure.subplots(
             2, len(kinds), sharex="col", squeeze=False, height_ratios=[2.6, 1.0]
@@ -394,7 +383,7 @@ def draw_fit(data: TribometerData, result: FitResult, figures: Path, name: str) 
             names = ", ".join(e.coordinate.name for e in result.estimates if e.warning)
             text += f"\nnot determined: {names}"
         figure.suptitle(text, fontsize=9, y=0.89, va="bottom")
-        save(figure, figures / "fit.png")
+        style.save(figure, figures / "fit.png")
 
 
 def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, steady: bool) -> None:
@@ -420,21 +409,21 @@ def _panel(top: Axes, bottom: Axes, data: TribometerData, result: FitResult, ste
     top.legend(fontsize=8, frameon=True, framealpha=0.9, edgecolor="none", **place)
     bottom.axhline(0.0, color="k", lw=0.8)
     bottom.set_ylabel("ln(data/law)")
-    bottom.set_xlabel(VELOCITY.label() if steady else SLIP.label("µm"))
+    bottom.set_xlabel(style.VELOCITY.label() if steady else style.SLIP.label("µm"))
     largest = float(np.max(np.abs(bottom.get_ylim())))
     bottom.set_ylim(-largest, largest)
-    thin_log_ticks(top)
+    style.thin_log_ticks(top)
 
 
 def _marks(groups: Sequence[_Group], law: Parameters) -> list[tuple[str, str]]:
     """Colour and marker of each group: those of its film in other figures, where films differ."""
     films = [group.thickness for group in groups]
     if not isinstance(law, FrictionMapParameters) or len(set(films)) < len(films):
-        return [(colour_of(k), marker_of(k)) for k in range(len(groups))]
+        return [(style.colour_of(k), style.marker_of(k)) for k in range(len(groups))]
     numbers = film_numbers([film for film in films if film > law.D_min], law)
     dry = ("0.45", "x")
     return [
-        (colour_of(numbers[film]), marker_of(numbers[film])) if film in numbers else dry
+        (style.colour_of(numbers[film]), style.marker_of(numbers[film])) if film in numbers else dry
         for film in films
     ]
 

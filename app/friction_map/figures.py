@@ -13,26 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from tribox.app.figures import style
 from tribox.app.figures.steady_points import broken, film_numbers, mark_bulk, with_room
-from tribox.app.figures.style import (
-    COLOURS,
-    LOCAL_RATIO,
-    RED,
-    SLIP,
-    STYLE,
-    TIME,
-    TRACTION,
-    VELOCITY,
-    VISCOSITY,
-    Floats,
-    colour_of,
-    fitting,
-    look_of,
-    plain_number,
-    save,
-    thin_log_ticks,
-    titled,
-)
+from tribox.app.figures.style import Floats
 from tribox.app.friction_map.material_tests import Curve, FrictionMapResult, Track
 from tribox.app.friction_map.setup import MapSetup
 from tribox.forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
@@ -55,9 +38,9 @@ def draw_map(setup: MapSetup, result: FrictionMapResult, figures: Path) -> None:
         "start_stop": lambda: _start_stop(setup, result.start_stop, films),
         "velocity_jump": lambda: _jump(setup, result.jump, films),
     }
-    with rc_context(STYLE):
+    with rc_context(style.STYLE):
         for name, draw in made.items():
-            save(draw(), figures / f"{name}.png", tight=False)
+            style.save(draw(), figures / f"{name}.png", tight=False)
 
 
 # -- steady sliding -------------------------------------------------------------------------------
@@ -71,7 +54,7 @@ def _number(setup: MapSetup, film: float) -> int | None:
 
 def _colour(setup: MapSetup, film: float) -> str:
     number = _number(setup, film)
-    return "0.45" if number is None else colour_of(number)
+    return "0.45" if number is None else style.colour_of(number)
 
 
 def _marks(setup: MapSetup, film: float) -> dict[str, Any]:
@@ -79,7 +62,7 @@ def _marks(setup: MapSetup, film: float) -> dict[str, Any]:
     number = _number(setup, film)
     if number is None:
         return {"color": _colour(setup, film), "marker": "x", "ls": (0, (1, 1))}
-    return look_of(number)
+    return style.look_of(number)
 
 
 def _film_label(setup: MapSetup, film: float) -> str:
@@ -116,7 +99,7 @@ def _draw_steady(
 def _explain(setup: MapSetup, axes: Axes, star: bool) -> None:
     text = "points: law stepped to steady sliding; lines: closed form"
     text += "; dotted: V*" if star else ""
-    axes.set_title(titled(setup.title, text), fontsize=8.5, y=1.0)
+    axes.set_title(style.titled(setup.title, text), fontsize=8.5, y=1.0)
 
 
 def _mark_stars(setup: MapSetup, axes: Axes, curves: Sequence[Curve]) -> bool:
@@ -144,7 +127,7 @@ def _finish(axes: Axes, x: str, y: str, place: str, title: str) -> None:
         fontsize=8, loc=place, title=title, title_fontsize=8, frameon=True, framealpha=0.9,
         edgecolor="none",
     )  # fmt: skip
-    thin_log_ticks(axes)
+    style.thin_log_ticks(axes)
 
 
 def _under(setup: MapSetup) -> str:
@@ -157,7 +140,7 @@ def _by_film(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
         marks = _marks(setup, curve.film)
         _draw_steady(setup, axes, curve, marks, _film_label(setup, curve.film))
     _explain(setup, axes, _mark_stars(setup, axes, curves))
-    _finish(axes, VELOCITY.label(), TRACTION.label("kPa"), "lower right", _under(setup))
+    _finish(axes, style.VELOCITY.label(), style.TRACTION.label("kPa"), "lower right", _under(setup))
     return figure
 
 
@@ -165,7 +148,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     figure, axes = _log_log()
     for number, curve in enumerate(curves):
         label = f"p = {curve.pressure / 1e6:.3g} MPa"
-        _draw_steady(setup, axes, curve, look_of(number), label)
+        _draw_steady(setup, axes, curve, style.look_of(number), label)
     _explain(setup, axes, False)
     star = _star(setup, setup.film)
     if setup.speeds[0] < star < setup.speeds[-1]:
@@ -175,7 +158,7 @@ def _by_load(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
             textcoords="offset points", ha="right", va="top", fontsize=9, color="0.3",
         )  # fmt: skip
     film = _film_label(setup, setup.film)
-    _finish(axes, VELOCITY.label(), TRACTION.label("kPa"), "upper left", film)
+    _finish(axes, style.VELOCITY.label(), style.TRACTION.label("kPa"), "upper left", film)
     return figure
 
 
@@ -190,8 +173,8 @@ def _viscosity(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     eta = setup.parameters.eta_b
     mark_bulk(axes, eta)
     with_room(axes, min(eta, *(float(curve.viscosity.min()) for curve in wet)), 0.2)
-    name = f"{VISCOSITY.name} {VISCOSITY.symbol} = T D/V ({VISCOSITY.unit})"
-    _finish(axes, VELOCITY.label(), name, "upper right", _under(setup))
+    name = f"{style.VISCOSITY.words} = T D/V ({style.VISCOSITY.unit})"
+    _finish(axes, style.VELOCITY.label(), name, "upper right", _under(setup))
     return figure
 
 
@@ -210,7 +193,7 @@ def _stribeck(setup: MapSetup, curves: Sequence[Curve]) -> Figure:
     axes.set_xlim(ends)
     _explain(setup, axes, False)
     x = "viscous stress of the bulk fluid V η_b/D (kPa)"
-    _finish(axes, x, TRACTION.label("kPa"), "lower right", _under(setup))
+    _finish(axes, x, style.TRACTION.label("kPa"), "lower right", _under(setup))
     return figure
 
 
@@ -226,10 +209,12 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
     mu = p.friction.coefficient(path)
     # Slip is permanent slip and the elastic deformation of the asperities, mu p/K_T.
     slip = np.concatenate([[0.0], path + mu * setup.pressure / p.K_T])
-    axes.plot(slip * 1e6, np.concatenate([[0.0], mu]), color=COLOURS[0], lw=1, label="closed form")
+    axes.plot(
+        slip * 1e6, np.concatenate([[0.0], mu]), color=style.COLOURS[0], lw=1, label="closed form"
+    )
     axes.plot(
         track.slip[::4, 0] * 1e6, track.traction[::4, 0] / setup.pressure, "o", ms=MARKER_SIZE,
-        mfc="none", color=RED, label="law stepped from rest",
+        mfc="none", color=style.RED, label="law stepped from rest",
     )  # fmt: skip
     axes.axhline(p.mu_s, color="0.5", lw=0.8, ls="--", zorder=0)
     axes.annotate(f"μ_s = {p.mu_s:g}", (1.0, p.mu_s), xycoords=("axes fraction", "data"),
@@ -242,9 +227,9 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
     axes.set_ylim(0.0, 1.15 * p.mu_s or 1.0)
     axes.set_xlim(left=0.0)
     words = f"dry contact under {setup.pressure / 1e6:g} MPa; the rise is elastic, over μp/K_T"
-    axes.set_title(titled(setup.title, words), fontsize=8.5, y=1.0)
-    axes.set_xlabel(SLIP.label("µm"))
-    axes.set_ylabel(LOCAL_RATIO.label())
+    axes.set_title(style.titled(setup.title, words), fontsize=8.5, y=1.0)
+    axes.set_xlabel(style.SLIP.label("µm"))
+    axes.set_ylabel(style.LOCAL_RATIO.label())
     axes.legend(loc="lower right", fontsize=8)
     return figure
 
@@ -274,7 +259,7 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     panels = figure.subplots(
         len(films) + 1, 1, sharex=True, height_ratios=[*(1.0 for _ in films), 0.55]
     )
-    unit = fitting(track.time[-1], "s")
+    unit = style.fitting(track.time[-1], "s")
     time = unit.of(track.time)
     for q, (axes, film) in enumerate(zip(panels[:-1], films, strict=True)):
         _traction_panel(axes, setup, film, time, track.traction[:, q], _colour(setup, film))
@@ -284,9 +269,9 @@ def _start_stop(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figu
     speed = np.concatenate([[0.0], track.speed[:, 0]])
     panels[-1].step(np.concatenate([[0.0], time]), speed, color="0.25", where="pre", lw=1.2)
     _name_ordinate(panels[-1], "V (m/s)")
-    panels[-1].yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_number(value)))
+    panels[-1].yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.plain_number(value)))
     figure.suptitle(setup.title, fontsize=9, y=0.96)
-    panels[-1].set_xlabel(TIME.label(unit.name))
+    panels[-1].set_xlabel(style.TIME.label(unit.name))
     figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure
 
@@ -319,7 +304,7 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
     panels = figure.subplots(len(films), 1, sharex=True, squeeze=False)
     slip = track.slip[:, 0] * 1e6
     figure.suptitle(setup.title, fontsize=9, y=0.96)
-    two = lambda speed: plain_number(float(f"{speed:.2g}"))  # noqa: E731
+    two = lambda speed: style.plain_number(float(f"{speed:.2g}"))  # noqa: E731
     named = [f"{name}\n{two(track.speed[first, 0])} m/s" for name, first, _ in _phases(track)]
     spans = _phases(track)
     names = [label for label, (_, a, b) in zip(named, spans, strict=True) for _ in range(b - a)]
@@ -328,6 +313,6 @@ def _jump(setup: MapSetup, track: Track, films: tuple[float, ...]) -> Figure:
         for _, first, _ in spans[1:]:
             axes.axvline(slip[first - 1], color="0.6", lw=0.8, ls=":", zorder=0)
     _name_phases(panels[0, 0], replace(track, phase=tuple(names)), slip)
-    panels[-1, 0].set_xlabel(SLIP.label("µm"))
+    panels[-1, 0].set_xlabel(style.SLIP.label("µm"))
     figure.subplots_adjust(left=WIDE_MARGIN, right=0.97)
     return figure

@@ -11,14 +11,13 @@ import json
 import os
 import re
 import stat
-import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from tribox.app.errors import InputError, OutputError
 
-LOCK, RESERVE, CHECKPOINTS = "tribox.lock", "tribox.reserve", "checkpoints"
+LOCK, CHECKPOINTS = "tribox.lock", "checkpoints"
 PROBE_TABLES = (  # points, bodies, contact, shape of surfaces, their nodes
     *("probes.csv", "body_probes.csv", "contact_probes.csv"),
     *("shape_probes.csv", "surface_probes.csv"),
@@ -29,7 +28,7 @@ OWN = (
     *("fields.pvd", "contact.pvd", "contact_points.pvd", "tools.pvd", "mesh.msh"),
     *("friction_map.csv", "load_map.csv", "film_map.csv", "slip_weakening.csv"),
     *("start_stop.csv", "velocity_jump.csv", "fit.json", "fit.csv", "friction.toml"),
-    *("body.toml", "verification.md", RESERVE),
+    *("body.toml", "verification.md"),
 )
 _SERIES = re.compile(r"\d+\.vtu(\.part)?")
 # Files below the directories that tribox makes; names of figures may end in those of fields.
@@ -310,26 +309,6 @@ def _digits(row: Sequence[Any]) -> list[Any]:
     return [repr(v) if isinstance(v, float) else v for v in row]
 
 
-class Place:
-    """A file or directory that somebody may delete, and put another one there."""
-
-    def __init__(self, path: Path, flags: int = os.O_RDONLY) -> None:
-        """Open it: as long as it is open the system gives its number to no other.
-
-        Raises:
-            OSError: it cannot be opened.
-        """
-        self.path = path
-        opened = os.open if flags == os.O_RDONLY else open_own
-        self.descriptor = opened(path, flags | os.O_CLOEXEC, 0o666)
-        weakref.finalize(self, os.close, self.descriptor)
-
-    def check(self) -> None:
-        """See that it is still there; FileNotFoundError if it is not."""
-        if not os.path.samestat(os.fstat(self.descriptor), self.path.stat()):
-            raise FileNotFoundError(errno.ENOENT, "another one is there", str(self.path))
-
-
 class GrowingFile:
     """A file that text is appended to while a run goes on: all of a piece or nothing of it."""
 
@@ -341,26 +320,36 @@ class GrowingFile:
         Raises:
             OSError: it cannot be written.
         """
-        self._place = Place(path, os.O_WRONLY | os.O_CREAT)
-        os.ftruncate(self._place.descriptor, keep)
-        self._size = keep
+        self._path, self._size = path, keep
+        with self._opened(os.O_CREAT) as file:
+            os.ftruncate(file, keep)
         self.append(text)
+
+    @contextlib.contextmanager
+    def _opened(self, flags: int = 0) -> Iterator[int]:
+        """Context with its descriptor; by its name, so that a file that is gone is missed."""
+        descriptor = open_own(self._path, os.O_WRONLY | flags)
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)
 
     def sync(self) -> None:
         """See that the text is on the disk."""
-        os.fsync(self._place.descriptor)
+        with self._opened() as file:
+            os.fsync(file)
 
     def append(self, text: str) -> None:
         """Append a text; OSError if the disk is full, or the file is gone; nothing was appended."""
-        self._place.check()
-        data, file = memoryview(text.encode()), self._place.descriptor
+        data = memoryview(text.encode())
         end = self._size + len(data)
-        try:
-            while data:
-                data = data[os.pwrite(file, data, end - len(data)) :]
-        except OSError as error:
-            os.ftruncate(file, self._size)
-            raise OSError(error.errno, error.strerror, str(self._place.path)) from None
+        with self._opened() as file:
+            try:
+                while data:
+                    data = data[os.pwrite(file, data, end - len(data)) :]
+            except OSError as error:
+                os.ftruncate(file, self._size)
+                raise OSError(error.errno, error.strerror, str(self._path)) from None
         self._size = end
 
 

@@ -64,7 +64,6 @@ class ProbeRecorder(Observer):
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
         self._files: dict[Path, GrowingTable] = {}
-        self._waiting: dict[Path, list[tuple[object, ...]]] = {}
         self._compared = after is None
         if after is not None and self._problem.comm.rank == 0:
             with self._saving:
@@ -110,26 +109,17 @@ class ProbeRecorder(Observer):
                 self._refuse_other_columns()
                 self._compared = True
             for path, rows in new.items():
-                self._waiting.setdefault(path, []).extend(rows)
                 with self._saving:
-                    self._write(path)
+                    self._write(path, rows)
 
-    def close(self) -> None:
-        """Write rows that could not be written before; not collective."""
-        for path in self._waiting:
-            with self._saving:
-                self._write(path)
-
-    def _write(self, path: Path) -> None:
-        """Append the rows that wait; there are none but on the first rank."""
-        rows = self._waiting[path]
+    def _write(self, path: Path, rows: list[tuple[object, ...]]) -> None:
+        """Append rows; there are none but on the first rank."""
         if not rows:
             return
         columns = (*KEYS, *self._tables[path].columns)
         if path not in self._files:
             self._files[path] = GrowingTable(path, columns, self._after)
         self._files[path].extend(rows)
-        rows.clear()
 
 
 def _tables(model: Model) -> dict[str, Table]:

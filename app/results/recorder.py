@@ -25,7 +25,7 @@ from tribox.app.results.directory import GrowingTable, write_json
 from tribox.app.results.inputs import NOTHING, KeptInputs, host, kernels, versions, write_case
 from tribox.app.results.output_files import OutputFiles
 from tribox.app.results.probes import final_shapes
-from tribox.app.results.saving import Reserve, Saving
+from tribox.app.results.saving import Saving
 from tribox.app.simulation.energy_balance import notes_on_inertia
 from tribox.app.simulation.explicit_stage import notes_on_bouncing
 from tribox.app.simulation.history import COLUMNS, UNBALANCED, Row, energy_gap
@@ -86,18 +86,16 @@ class Recorder(Observer):
         self._penalty = [_extent(self.comm, t.penalty) for t in model.problem.contacts]
         self.warnings: list[str] = list(model.notes)
         self._tables: RunTables | None = None
-        self._reserve: Reserve | None = None
         if resumed is not None:
             self.load_steps = list(resumed["load_steps"])
             self.warnings += resumed["warnings"]
             self.resumed = list(resumed["resumed"])
         with self.saving:
             if self.first:
-                write_case(self.model.case, self.directory, self._kept)
+                write_case(self.model.case, self.directory, kept)
                 # Of a run that was killed at that moment; with it no status would be written.
                 (self.directory / "summary.json.part").unlink(missing_ok=True)
                 self.mark("running")
-                self._reserve = Reserve(self.directory)
         times = None if resumed is None else {int(step): time for step, time in resumed["times"]}
         self._files = OutputFiles(model, directory, self.saving, times)
 
@@ -107,7 +105,6 @@ class Recorder(Observer):
         ``status``: running, interrupted or failed, and why it failed.
         """
         path = self.directory / "summary.json"
-        self.saving.place.check()
         # From the handler of a signal this may come while such a summary is being written.
         if self.first and not path.with_name(path.name + ".part").exists():
             write_json(path, self._known(status) | {"failure": failure})
@@ -180,8 +177,6 @@ class Recorder(Observer):
             OutputError: something could not be written, and nothing else had failed.
         """
         unwritten = self.saving.problem_of_all(self.comm)
-        if self._reserve is not None:
-            self._reserve.release()
         balance = force_balance(simulation)
         if simulation.state.step:
             if unwritten is None:
@@ -192,7 +187,6 @@ class Recorder(Observer):
         explicit = {} if simulation.explicit is None else simulation.explicit.summary()
         shares = self.comm.gather(self._share())
         with self.saving:
-            self._regain_directory()
             self._write_tables(simulation.state)
         self._files.write_indices()
         problem = self.saving.problem_of_all(self.comm)
@@ -202,7 +196,6 @@ class Recorder(Observer):
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
             with self.saving:
-                self.saving.place.check()
                 write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
         if failure is None or failure == problem:
             self.saving.raise_together(self.comm)
@@ -243,21 +236,10 @@ class Recorder(Observer):
         ``status``: interrupted or failed, and why it failed.
         """
         with self.saving:
-            if self._reserve is not None:
-                self._reserve.release()
             self._write_tables(simulation.state)
             if self.first:
                 self._files.write_indices()
             self.mark(status, failure)
-
-    def _regain_directory(self) -> None:
-        """Begin again in a directory that somebody has deleted: the history is still here."""
-        if not self.first:
-            return
-        self.saving.regain_directory()
-        if not (self.directory / "history.csv").exists():
-            write_case(self.model.case, self.directory, self._kept)
-            self._tables = None
 
     def _write_tables(self, state: RunState) -> None:
         if self.first:

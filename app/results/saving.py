@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +10,7 @@ from typing import Self, TypeVar
 from mpi4py import MPI
 
 from tribox.app.errors import InputError, OutputError
-from tribox.app.results.directory import RESERVE, Place, open_own, unwritable
+from tribox.app.results.directory import unwritable
 
 # -- What one rank does for all of them ------------------------------------------------------------
 
@@ -42,8 +40,6 @@ def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
 
 # -- Writing that fails on one rank: kept until all ranks can end the run together -----------------
 
-SIZE = 1 << 20  # bytes, more than rows and summary of a step take
-
 
 class Saving:
     """Context that keeps an error of writing, so that its rank goes on to meet the others.
@@ -52,12 +48,10 @@ class Saving:
 
     Attributes:
         problem: what the first write that failed said; None: all went well.
-        place: of the results.
     """
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
-        self.place = Place(directory)
         self.problem: str | None = None
 
     def __enter__(self) -> Self:
@@ -82,17 +76,6 @@ class Saving:
         """Keep what could not be written; the first time counts."""
         self.problem = self.problem or problem
 
-    def regain_directory(self) -> None:
-        """Make the directory again if it is gone.
-
-        Raises:
-            OSError: it cannot be made, or another one is there.
-        """
-        if not self._directory.exists():
-            self._directory.mkdir(parents=True)
-            self.place = Place(self._directory)
-        self.place.check()
-
     def problem_of_all(self, comm: MPI.Comm) -> str | None:
         """What the first rank that could not write says; collective."""
         if not comm.allreduce(self.problem is not None, op=MPI.LOR):
@@ -108,21 +91,3 @@ class Saving:
         problem = self.problem_of_all(comm)
         if problem is not None:
             raise OutputError(problem)
-
-
-class Reserve:
-    """A file that keeps room on the disk for the last rows and the summary; for one rank."""
-
-    def __init__(self, directory: Path) -> None:
-        """Make it; OSError if there is no room."""
-        self._path = directory / RESERVE
-        descriptor = open_own(self._path, os.O_WRONLY | os.O_CREAT, 0o644)
-        try:
-            os.posix_fallocate(descriptor, 0, SIZE)
-        finally:
-            os.close(descriptor)
-
-    def release(self) -> None:
-        """Give the room away."""
-        with contextlib.suppress(OSError):
-            self._path.unlink()

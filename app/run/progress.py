@@ -21,14 +21,14 @@ from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.run_state import Interval, Observer, RunState
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
     from rich.progress import Progress
 
 LINE_EVERY = 2.0  # s between two lines on an explicit run
 
 
 class Reporter(Observer):
-    """Prints one line per step, or moves bars on a terminal; keeps all lines in the log.
+    """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
 
     An explicit run, with its many steps, has a line every two seconds.
 
@@ -58,23 +58,18 @@ class Reporter(Observer):
         moving = self._console is not None and ranks_around() == 1 and not quiet
         if moving and self._console is not None:
             moving = self._console.file.isatty() and not self._console.is_dumb_terminal
-        self._bars = StageBars(case, self._console if moving else None)
+        self._bar = StageBar(case, self._console if moving else None)
 
-    def go_on(self, state: RunState, ends: Iterable[tuple[float, float]], steps: int) -> None:
-        """A run goes on that had come somewhere.
-
-        Args:
-            ends: s, time and last step of each load step that had ended.
-        """
-        dt = state.rows[-1].dt if state.rows else state.time
-        self._bars.go_on(ends, state.time, dt)
+    def go_on(self, state: RunState, ends: Iterable[float], steps: int) -> None:
+        """A run goes on that had come somewhere; ``ends``: s, of load steps that had ended."""
+        self._bar.go_on(ends, state.time)
         self._pace.speed(steps)
 
     def say(self, line: str, *, always: bool = True) -> None:
         """Print a line and log it; lines not ``always`` printed stay in the log on a terminal."""
         line = self._once(line)
         self._log.write(line)
-        if always or not (self._bars.shown or self._quiet):
+        if always or not (self._bar.shown or self._quiet):
             self._print(line)
 
     def tell(self, line: str) -> None:
@@ -98,7 +93,7 @@ class Reporter(Observer):
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
         """One line of the step's forces and Newton iterations; or, now and then, of a row."""
-        self._bars.at(row.time, row.dt)
+        self._bar.at(row.time)
         if isinstance(result, Interval):
             if self._pace.is_due():
                 self._explicit_line(state, row, result)
@@ -111,13 +106,13 @@ class Reporter(Observer):
             f"Newton {row.newton_iterations} ({residual}){linear}",
             always=False,
         )
-        said = f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(self._bars.cuts)}"
-        self._bars.show(said)
+        said = f"step {row.step}  {self._forces(state, row)}  {residual}  {_cuts(self._bar.cuts)}"
+        self._bar.show(said)
 
     def within(self, state: RunState, load_step: LoadStep, steps: int) -> None:
         """A line where no row has come for a while."""
-        moved = state.time - self._bars.time
-        self._bars.at(state.time, moved)
+        moved = state.time - self._bar.time
+        self._bar.at(state.time)
         if self._pace.is_due():
             speed = self._pace.speed(steps)
             when = time_text(state.time, moved)
@@ -125,7 +120,7 @@ class Reporter(Observer):
                 f"time step {steps}  {load_step.stage.name:<10s} t {when}  {speed:.0f} steps/s",
                 always=False,
             )
-            self._bars.show(f"time step {steps}, {speed:.0f} steps/s")
+            self._bar.show(f"time step {steps}, {speed:.0f} steps/s")
 
     def _explicit_line(self, state: RunState, row: Row, interval: Interval) -> None:
         speed = self._pace.speed(interval.total)
@@ -136,7 +131,7 @@ class Reporter(Observer):
             f"time step {interval.total} of {interval.dt:.3g} s, {speed:.0f} steps/s",
             always=False,
         )
-        self._bars.show(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
+        self._bar.show(f"row {row.step}  {self._forces(state, row)}  {ratio}  {speed:.0f} steps/s")
 
     def _forces(self, state: RunState, row: Row) -> str:
         """Speed, if anything moves, and forces of a step; the work where there is no contact."""
@@ -163,9 +158,9 @@ class Reporter(Observer):
             bonded = pair["pair"] in self._tied
             forces = _bond(pair) if bonded else _at_end(pair)
             self.tell(f"  {pair['pair']}: {forces}{_viscosity(pair['effective_viscosity'])}")
-        self._bars.end_load_step()
-        if self._bars.ended:
-            self._bars.show("all stages done; writing results and figures")
+        self._bar.end_load_step()
+        if self._bar.ended:
+            self._bar.show("all stages done; writing results and figures")
 
     def cut(self, state: RunState, dt: float, result: StepResult) -> None:
         """Say that a step is tried again shorter."""
@@ -175,12 +170,12 @@ class Reporter(Observer):
             f"({reason_of(result)}): cut in two",
             always=False,
         )
-        self._bars.cuts += 1
-        self._bars.show(f"step of {dt:.3g} s cut in two, {_cuts(self._bars.cuts)}")
+        self._bar.cuts += 1
+        self._bar.show(f"step of {dt:.3g} s cut in two, {_cuts(self._bar.cuts)}")
 
     def close(self) -> None:
-        """Take the bars away."""
-        self._bars.close()
+        """Take the bar away."""
+        self._bar.close()
 
 
 def _terminal() -> Console | None:
@@ -275,87 +270,67 @@ class Together(Observer):
 
 
 class Log:
-    """``log.txt``; lines that could not be written wait for the next that can."""
+    """``log.txt``, after what it holds of a run that goes on."""
 
     def __init__(self, path: Path, saving: Saving, resumed: bool = False) -> None:
-        self._keep = path.stat().st_size if resumed and path.is_file() else 0
-        self._path, self._saving = path, saving
+        keep = path.stat().st_size if resumed and path.is_file() else 0
+        self._saving = saving
         self._file: GrowingFile | None = None
-        self._waiting = ""
-        self.write()
+        with saving:
+            self._file = GrowingFile(path, keep=keep)
 
     def write(self, *lines: str) -> None:
         """Append lines, folded where they are long."""
-        self._waiting += "".join(folded(line) + "\n" for line in lines)
-        with self._saving:
-            if self._file is None:
-                self._file = GrowingFile(self._path, keep=self._keep)
-            self._file.append(self._waiting)
-            self._waiting = ""
+        if self._file is not None:
+            with self._saving:
+                self._file.append("".join(folded(line) + "\n" for line in lines))
 
 
-# -- How far a run has come within its stages: on a terminal a bar for each ------------------------
+# -- How far a run has come within the stage at hand: on a terminal a bar --------------------------
 
-MOST_BARS = 6  # stages shown at a time
 BAR_WIDTH, NAME_WIDTH = 20, 24  # characters
 PACE_OVER = 3600.0  # s, over which the pace is taken that says what time is left
 
 
-class StageBars:
-    """The stages of a run one after the other; bars of them stay below its lines and vanish.
+class StageBar:
+    """The stages of a run one after the other; a bar of the one at hand stays below its lines.
 
     Attributes:
         time: s, that the run has come to; cuts: steps cut in the stage at hand.
     """
 
     def __init__(self, case: Case, console: Console | None) -> None:
-        """Begin with the first stage; bars are shown if there is a console."""
+        """Begin with the first stage; the bar is shown if there is a console."""
         self._stages, self._conductance = case.stage, case.film_conductance
         self._number = self.cuts = 0
-        self.time = 0.0
-        self._details = ""
-        self._bars: Progress | None = None
+        self.time, self._said = 0.0, ""
+        self._bar: Progress | None = None
         if console is not None:
-            self._show_on(console)
-        self._begin()
+            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+            from rich.table import Column
 
-    def _show_on(self, console: Console) -> None:
-        from rich.console import Group
-        from rich.live import Live
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-        from rich.table import Column
-        from rich.text import Text
-
-        # Where the terminal is narrow, names and places are cut, not bars and times.
-        name, place = (
-            TextColumn(f"{{task.{what}}}", markup=False, table_column=column)
-            for what, column in (
-                ("description", Column(no_wrap=True, overflow="ellipsis", max_width=NAME_WIDTH)),
-                ("fields[place]", Column(no_wrap=True, overflow="ellipsis", ratio=1)),
+            # Where the terminal is narrow, name and place are cut, not bar and time.
+            name = Column(no_wrap=True, overflow="ellipsis", max_width=NAME_WIDTH)
+            place = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+            self._bar = Progress(
+                TextColumn("{task.description}", markup=False, table_column=name),
+                BarColumn(BAR_WIDTH),
+                TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
+                TextColumn("{task.fields[said]}", markup=False, table_column=place),
+                console=console,
+                transient=True,
+                expand=True,
+                redirect_stderr=False,
+                refresh_per_second=4,
+                speed_estimate_period=PACE_OVER,
             )
-        )
-        left = TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True))
-        bars = Progress(
-            name, BarColumn(BAR_WIDTH), left, place, speed_estimate_period=PACE_OVER, expand=True
-        )
-
-        def rendered() -> RenderableType:
-            return Group(bars, Text(self._details, no_wrap=True, overflow="ellipsis"))
-
-        self._bars = bars
-        self._live = Live(
-            console=console,
-            transient=True,
-            refresh_per_second=4,
-            get_renderable=rendered,
-            redirect_stderr=False,
-        )
-        self._live.start()
+            self._bar.start()
+        self._begin()
 
     @property
     def shown(self) -> bool:
-        """Whether there are bars."""
-        return self._bars is not None
+        """Whether there is a bar."""
+        return self._bar is not None
 
     @property
     def ended(self) -> bool:
@@ -370,62 +345,56 @@ class StageBars:
         self._load_steps = max(1, len(self._velocities))
         self._began = self._turned = self.time  # s, of the stage and the load step at hand
         self._done = self.cuts = 0
-        if self._bars is not None:
-            name = f"{self._number}/{len(self._stages)} {stage.name}"
-            self._task = self._bars.add_task(name, total=1.0, place="")
-            for old in self._bars.task_ids[:-MOST_BARS]:
-                self._bars.update(old, visible=False)
+        self._draw(0.0)
 
-    def at(self, time: float, dt: float) -> None:
-        """The run has come to ``time`` (s), by a step of ``dt`` (s)."""
+    def _draw(self, share: float) -> None:
+        """A bar of its own for the stage at hand: what was before says nothing of its pace."""
+        if self._bar is not None:
+            for old in self._bar.task_ids:
+                self._bar.remove_task(old)
+            name = f"{self._number}/{len(self._stages)} {self._stages[self._number - 1].name}"
+            self._task = self._bar.add_task(name, total=1.0, said=self._said)
+            self._bar.update(self._task, completed=share)
+
+    def at(self, time: float) -> None:
+        """The run has come to ``time``, s."""
         self.time = time
-        if self._bars is not None and not self.ended:
-            share, place = self._come_to(dt)
-            self._bars.update(self._task, completed=share, place=place)
+        if self._bar is not None and not self.ended:
+            self._bar.update(self._task, completed=self._share())
 
-    def _come_to(self, dt: float) -> tuple[float, str]:
-        """Share of the stage that is done, until steady at least so much, and where that is."""
+    def _share(self) -> float:
+        """Of the stage, that is done; of what runs until steady, at least so much."""
         stage = self._stages[self._number - 1]
         if stage.duration is not None:
-            own = self.time - self._began
-            place = f"{time_text(own, dt).removesuffix(' s')}/{stage.duration:g} s"
-            return min(max(own / stage.duration, 0.0), 1.0), place
+            return min(max((self.time - self._began) / stage.duration, 0.0), 1.0)
         way = (self.time - self._turned) * abs(self._velocities[self._done])  # m, at this velocity
         steps = way / stage.slip_step if stage.slip_step else 0.0
-        place = f"load step {self._done + 1}/{self._load_steps}, step {steps:.0f}/{stage.max_steps}"
-        return (self._done + min(steps / stage.max_steps, 1.0)) / self._load_steps, place
+        return (self._done + min(steps / stage.max_steps, 1.0)) / self._load_steps
 
     def end_load_step(self) -> None:
         """A load step of the stage at hand has ended, and perhaps the stage."""
         self._done, self._turned = self._done + 1, self.time
-        if not self.ended:
-            return
-        if self._bars is not None:
-            self._bars.update(self._task, completed=1.0, place="done")
-        if self._number < len(self._stages):
+        if self.ended and self._number < len(self._stages):
             self._begin()
+        elif self.ended and self._bar is not None:
+            self._bar.update(self._task, completed=1.0)
 
-    def go_on(self, ends: Iterable[tuple[float, float]], time: float, dt: float) -> None:
-        """A run goes on that had come somewhere.
-
-        Args:
-            ends: s, time and last step of each load step that had ended.
-            time: s, to which it had come; dt: s, its last step.
-        """
+    def go_on(self, ends: Iterable[float], time: float) -> None:
+        """A run goes on that had come to ``time``, s; ``ends``: s, of load steps that had ended."""
         for end in ends:
-            self.at(*end)
+            self.at(end)
             self.end_load_step()
-        self.at(time, dt)
-        if self._bars is not None and not self.ended:
-            # What was done before says nothing of the pace.
-            self._bars.reset(self._task)
-            self._bars.tasks[-1].completed = self._come_to(dt)[0]
+        self.at(time)
+        if not self.ended:
+            self._draw(self._share())
 
-    def show(self, details: str) -> None:
+    def show(self, said: str) -> None:
         """Say something of the step at hand."""
-        self._details = details
+        self._said = said
+        if self._bar is not None:
+            self._bar.update(self._task, said=said)
 
     def close(self) -> None:
-        """Take the bars away."""
-        if self._bars is not None:
-            self._live.stop()
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()

@@ -218,7 +218,7 @@ class ClaimedRun:
                 probes = ProbeRecorder(simulation.model, directory, self.saving, after)
                 checkpointer = Checkpointer(simulation, self.recorder, probes, directory)
                 everybody = Together(*told, probes, interruption, checkpointer)
-                self._run(probes, checkpointer, interruption, everybody)
+                self._run(checkpointer, interruption, everybody)
                 interruption.restore()
                 self.draw()
                 self._say_end()
@@ -260,7 +260,6 @@ class ClaimedRun:
 
     def _run(
         self,
-        probes: ProbeRecorder,
         checkpointer: Checkpointer,
         interruption: Interruption,
         observer: Observer,
@@ -295,8 +294,6 @@ class ClaimedRun:
             if stopped:
                 raise KeyboardInterrupt from error
             raise
-        finally:
-            probes.close()
         recorder.close(simulation, "done")
 
     # -- what is told -------------------------------------------------------------------------
@@ -317,7 +314,7 @@ class ClaimedRun:
         for note in (*found.notes, *version_notes(found.about)):
             reporter.say(f"note: {note}")
         reporter.tell(started_line(found, simulation))
-        ends = [(one["time"], one["dt"]) for one in self.recorder.load_steps]
+        ends = [one["time"] for one in self.recorder.load_steps]
         explicit = simulation.explicit
         reporter.go_on(simulation.state, ends, explicit.steps if explicit else 0)
 

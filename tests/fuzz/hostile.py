@@ -83,30 +83,15 @@ quantities = st.builds(
     st.sampled_from(["", " ", "  ", "\t"]),
     st.sampled_from(UNITS),
 )
-SHAPES = [
-    *("[]", "{}", "[[]]", "[{}]", '["a"]', '["a", "b"]', '[["a"]]', '{ a = "b" }', '[{ a = "b" }]'),
-    *('{ kind = ["a"] }', "{ law = {} }", "[true]", "[0]", "{ 0 = 0 }"),
-]
-
-
-def shapes_of(text: str) -> list[Any]:
-    """Lists and tables that hold a text, or are made of its name."""
-    return [[text], [text, text], [[text]], [{"name": text}], {"name": text}, {text: text}]
-
-
-shapes = st.sampled_from(SHAPES).map(Raw)
-"""Lists and tables, where one value is expected."""
 words = st.one_of(st.sampled_from(WORDS), st.text(max_size=8).filter(lambda t: "\ud800" not in t))
 nested = st.sampled_from(NESTED)
-flags = st.booleans()
 
 values = st.one_of(
     numbers,
     quantities,
     words,
     nested,
-    shapes,
-    flags,
+    st.booleans(),
     st.lists(st.one_of(numbers, quantities, words), max_size=4),
 )
 """Anything."""

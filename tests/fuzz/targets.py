@@ -1,6 +1,5 @@
 """What is done with one case file of the fuzzer: all that reads it, short of running it."""
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tests.fuzz.guard import OddLine, see_line
@@ -12,8 +11,6 @@ from tribox.app.case.stage import load_steps_of
 from tribox.app.errors import InputError
 
 SMALL = 300  # cells that are meshed for an input
-
-Act = Callable[[object, Path], None]
 
 
 def read_case(data: object, directory: Path) -> None:
@@ -79,7 +76,3 @@ def _cells(case: Case) -> float:
             count *= min(number, 10**6)
         total += count
     return total
-
-
-ACTS: Mapping[str, Act] = {"changed": read_case, "damaged": read_case, "built": build_case}
-"""What is done with the inputs of each kind."""

@@ -8,7 +8,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
@@ -223,33 +223,14 @@ def matches(text: str, unit: str) -> bool:
     return re.search(unit_pattern(unit), text) is not None
 
 
-numbers = st.sampled_from(["1", "-2.5", ".5", "3.", "1e3", "+4E-2", "12"])
-blanks = st.sampled_from(["", " ", "  ", "\t", "\u00a0"])
-words = st.sampled_from("meter erg E eV 1/s 1/mm femtometer exabyte degC dB".split())
-short = st.sampled_from("m mm um µm μm nm s ms min h N kN kg g Pa MPa bar K rad deg % ²m".split())
-between = st.sampled_from(" |*|/| / |·|⋅|^2/|**2*| per |²|³ |⁻¹ ".split("|"))
-tails = st.sampled_from(["", "^2", "^3", "^-1", "**2", "²", "³", "⁻²", " squared", ")"])
-firsts = st.sampled_from(["1", "square mm", "cubic meter", "(N", "sq m"])
-compounds = st.builds(
-    lambda first, operator, second, tail: first + operator + second + tail,
-    st.one_of(short, firsts),
-    between,
-    st.one_of(short, words),
-    tails,
-)
-
-
-@settings(max_examples=120, deadline=None)
-@given(numbers, blanks, st.one_of(words, compounds, short), blanks, st.sampled_from(UNITS))
-def test_what_the_program_takes_matches(number, before, text, after, unit):
-    whole = after + number + before + text + after
-    assert matches(whole, unit) or not accepts(whole, unit)
+ODD = ("eV", "exabyte", "1/s", "²m", "(N/m)", "Pa s⁻¹", "N·m", "square mm", "m per s", "m squared")
 
 
 @pytest.mark.parametrize("unit", UNITS)
 def test_spellings_in_use_and_the_unit_itself_match(unit):
-    for text in (unit, *COMMON_UNITS.get(unit, ())):
-        assert matches(f"1 {text}", unit) and matches(f"2.5e-3{text} ", unit)
+    for text in (unit, *COMMON_UNITS.get(unit, ()), *ODD):
+        assert matches(f"1 {text}", unit) and matches(f"\t+.5e-3\u00a0{text} ", unit)
+        assert matches(f"3.{text}", unit) or not accepts(f"3.{text}", unit)
     assert matches("7", unit) == matches(" -1e-9 ", unit) == (not unit) == accepts("7", unit)
 
 

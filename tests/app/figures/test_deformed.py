@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from tests.app.figures.made_results import CELLS, PAIRS, strip_contact, write_strip
-from tribox.app.figures import deformed
+from tribox.app.figures import style
 from tribox.app.figures.deformed import draw_deformed, draw_mesh
 from tribox.app.figures.plane_bodies import pair_colour
 from tribox.app.figures.run_figures import draw_figures
@@ -19,7 +19,7 @@ from tribox.app.results import read
 def kept(monkeypatch) -> dict[str, Figure]:
     """The figures themselves, by name, in place of their files."""
     found: dict[str, Figure] = {}
-    monkeypatch.setattr(deformed, "save", lambda figure, path: found.update({path.stem: figure}))
+    monkeypatch.setattr(style, "save", lambda figure, path: found.update({path.stem: figure}))
     return found
 
 

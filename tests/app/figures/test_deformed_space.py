@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.app.figures.made_results import history_row, write_index, write_rows
-from tribox.app.figures import deformed
+from tribox.app.figures import style
 from tribox.app.figures.animation import animate
 from tribox.app.figures.deformed import draw_deformed, draw_pairs, seen_along_normal
 from tribox.app.results import Results, read
@@ -79,7 +79,7 @@ def box(tmp_path_factory) -> Results:
 
 def test_picture_in_space(box, tmp_path, monkeypatch):
     kept: dict[str, Figure] = {}
-    monkeypatch.setattr(deformed, "save", lambda f, path: kept.update({path.stem: f}))
+    monkeypatch.setattr(style, "save", lambda f, path: kept.update({path.stem: f}))
     draw_deformed(box, tmp_path, "von_mises_stress")
     [figure] = kept.values()
     assert figure.get_suptitle().startswith("box on a plate\nstage press, t = 1 s, step 2 of 2; ")

@@ -177,25 +177,13 @@ def test_a_row_is_appended_whole_or_not_at_all(tmp_path, monkeypatch):
     assert [row["step"] for row in read_table(path)] == [1.0, 2.0, 3.0]
 
 
-def test_rows_do_not_go_into_the_file_of_another_run(tmp_path):
+def test_rows_do_not_go_where_their_file_has_gone(tmp_path):
     directory = tmp_path / "out"
     directory.mkdir()
-    table, saving = GrowingTable(directory / "t.csv", ("step",)), Saving(directory)
+    table = GrowingTable(directory / "t.csv", ("step",))
     shutil.rmtree(directory)
     with pytest.raises(FileNotFoundError):
         table.extend([(1,)])
-    with pytest.raises(FileNotFoundError):
-        saving.place.check()
-    directory.mkdir()
-    (directory / "t.csv").write_text("step\n")
-    with pytest.raises(FileNotFoundError, match="another one is there"):
-        table.extend([(1,)])
-    with pytest.raises(FileNotFoundError, match="another one is there"):
-        saving.regain_directory()
-    assert (directory / "t.csv").read_text() == "step\n"
-    shutil.rmtree(directory)
-    saving.regain_directory()
-    saving.place.check()
 
 
 def test_the_first_error_is_kept_and_others_pass(tmp_path):

@@ -3,10 +3,7 @@
 import errno
 import json
 import os
-import re
 import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,16 +14,15 @@ from unittest.mock import patch
 import pytest
 
 from tests.app.conftest import BLOCK
-from tests.ranks import LIMIT
 from tribox.app.case.case import Case
 from tribox.app.errors import OutputError
-from tribox.app.results import read
-from tribox.app.results.directory import RESERVE, GrowingFile
+from tribox.app.results.directory import GrowingFile
 from tribox.app.run.progress import Together
 from tribox.app.run.run import run_case
 
 FROM = 4  # the step from which the disk is full, or the directory gone
 APPEND, STEP = GrowingFile.append, Together.step
+KINDS = ("tables", "field", "contact", "gone")
 
 
 def no_room(*arguments: object) -> None:
@@ -34,125 +30,71 @@ def no_room(*arguments: object) -> None:
 
 
 @contextmanager
-def full(directory: Path, what: str) -> Iterator[None]:
-    """A disk that has no room but what the reserve takes, after the step before ``FROM``."""
+def spoilt(directory: Path, kind: str) -> Iterator[None]:
+    """From the step ``FROM`` on there is no room for files of a kind, or the directory is gone."""
     now = False
 
     def step(self: Together, *arguments: Any) -> None:
         nonlocal now
         now = arguments[1].step >= FROM
-        STEP(self, *arguments)
-
-    def append(self: GrowingFile, text: str) -> None:
-        if now and (directory / RESERVE).exists():
-            no_room()
-        APPEND(self, text)
-
-    with patch.object(Together, "step", step):
-        if what == "tables":
-            with patch.object(GrowingFile, "append", append):
-                yield
-        else:
-            name = "tribox.app.results.output_files.write_vtu"
-
-            def write(path: Path, *arguments: Any) -> None:
-                if what in path.parent.name and arguments[-1] >= FROM:
-                    no_room()
-
-            with patch(name, write):
-                yield
-
-
-@contextmanager
-def deleted(directory: Path) -> Iterator[None]:
-    """A results directory that somebody deletes after the step before ``FROM``."""
-
-    def step(self: Together, *arguments: Any) -> None:
-        if arguments[1].step == FROM:
+        if now and kind == "gone":
             shutil.rmtree(directory, ignore_errors=True)
         STEP(self, *arguments)
 
-    with patch.object(Together, "step", step):
-        yield
+    def append(self: GrowingFile, text: str) -> None:
+        if now and kind == "tables":
+            no_room()
+        APPEND(self, text)
+
+    def write(path: Path, *arguments: Any) -> None:
+        if kind in path.parent.name and arguments[-1] >= FROM:
+            no_room()
+
+    with patch.object(Together, "step", step), patch.object(GrowingFile, "append", append):
+        if kind in ("field", "contact"):
+            with patch("tribox.app.results.output_files.write_vtu", write):
+                yield
+        else:
+            yield
 
 
-def ended(comm, directory: Path, where) -> dict[str, Any]:
-    """What is left of a small run, and what it raised on all ranks."""
-    case = Case.model_validate(tomllib.loads(BLOCK))
-    said = "nothing"
-    with where:
-        try:
-            run_case(case, directory, quiet=True, comm=comm)
-        except OutputError as error:
-            said = str(error).removeprefix(f"{directory}: ")
-    all_said = comm.allgather(said)
-    summary = json.loads((directory / "summary.json").read_text())
-    tables = {path.stem: path.read_text().count("\n") - 1 for path in directory.glob("*.csv")}
-    files = sorted(path.name for path in directory.iterdir())
-    return {"said": all_said, "files": files, "tables": tables, "status": summary["status"]}
+def ended(comm, root: Path) -> dict[str, Any]:
+    """What small runs leave, and what they raise on all ranks."""
+    case, found = Case.model_validate(tomllib.loads(BLOCK)), {}
+    for kind in KINDS:
+        directory, said = root / kind, "nothing"
+        with spoilt(directory, kind):
+            try:
+                run_case(case, directory, quiet=True, comm=comm)
+            except OutputError as error:
+                said = str(error).removeprefix(f"{directory}: ")
+        tables = {path.stem: path.read_text().count("\n") - 1 for path in directory.glob("*.csv")}
+        summary = directory / "summary.json"
+        found[kind] = {
+            "said": comm.allgather(said),
+            "files": sorted(path.name for path in directory.glob("*")),
+            "tables": tables,
+            "status": json.loads(summary.read_text())["status"] if summary.exists() else None,
+        }
+    return found
 
 
-def full_disk(comm, directory: Path) -> dict[str, Any]:
-    kinds = ("tables", "field", "contact")
-    return {kind: ended(comm, directory / kind, full(directory / kind, kind)) for kind in kinds}
+def rows(steps: int) -> dict[str, int]:
+    """Of each table, after so many steps."""
+    of_two = dict.fromkeys(("bodies", "surfaces"), 2 * steps)
+    return of_two | {"history": steps, "contacts": steps, "progress": FROM}
 
 
-def directory_gone(comm, directory: Path) -> dict[str, Any]:
-    return ended(comm, directory / "out", deleted(directory / "out"))
-
-
-ROWS = {"history": FROM, "contacts": FROM, "bodies": 2 * FROM, "surfaces": 2 * FROM}
-
-
-@pytest.mark.mpi(full_disk, 2)
+@pytest.mark.mpi(ended, 2)
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_a_full_disk_keeps_the_history_on_all_ranks(on_ranks, ranks):
-    for kind, found in on_ranks(full_disk, ranks).items():
-        assert found["said"] == ranks * ["cannot be written (No space left on device)"], kind
-        assert found["tables"] == ROWS | {"progress": FROM} and found["status"] == "failed"
-        assert not [n for n in found["files"] if n.startswith("tribox.") or n.endswith(".part")]
-
-
-@pytest.mark.mpi(directory_gone, 2)
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_of_a_directory_that_is_deleted_the_history_is_written_again(on_ranks, ranks):
-    found = on_ranks(directory_gone, ranks)
-    assert found["said"] == ranks * ["cannot be written (No such file or directory: log.txt)"]
-    assert found["tables"] == ROWS | {"progress": 0} and found["status"] == "failed"
-    assert "case.toml" in found["files"]
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 1.5 MB; made by root only."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1500k", "none", str(disk)]
-    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("needs the right to mount")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
-
-
-@pytest.mark.mpi
-@pytest.mark.long
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_a_disk_that_becomes_full_in_truth(small_disk, case_file, block, environment, ranks):
-    out = small_disk / "out"
-    words = ["run", str(case_file(block)), "--out", str(out), "--np", str(ranks)]
-    words += ["--set", "stage.1.steps=500"]
-    told = subprocess.run(
-        [sys.executable, "-m", "tribox", *words],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
-    assert told.returncode == 4
-    said = re.escape(f"tribox: {out}: cannot be written (No space left on device")
-    assert re.fullmatch(said + r"(: \w+\.csv)?\)\n", told.stderr)  # a table, if it came first
-    results = read(out)
-    assert results.summary["status"] == "failed" and len(results.history) >= 1
-    assert results.summary["steps"] == len(results.history) == len(results.contacts)
-    assert len(results.fields().points)
+def test_a_full_disk_keeps_the_history_and_ends_all_ranks(on_ranks, ranks):
+    """What is lost is the step that could not be written; of a directory that is gone, all."""
+    found = on_ranks(ended, ranks)
+    gone = found.pop("gone")
+    assert gone["said"][0].startswith("cannot be written (No such file or directory: ")
+    assert gone["said"] == ranks * gone["said"][:1] and not gone["tables"]
+    for kind, left in found.items():
+        assert left["said"] == ranks * ["cannot be written (No space left on device)"], kind
+        assert left["tables"] == rows(FROM - (kind == "tables"))
+        assert left["status"] == "failed"
+        assert not [n for n in left["files"] if n.startswith("tribox.") or n.endswith(".part")]

@@ -18,7 +18,7 @@ from tribox.app.implicit.stepper import StepResult
 from tribox.app.report import contents
 from tribox.app.results import read
 from tribox.app.results.saving import Saving
-from tribox.app.run.progress import Reporter, StageBars
+from tribox.app.run.progress import Reporter, StageBar
 from tribox.app.run.run import run_case
 from tribox.app.run.sweep_runs import is_passing
 from tribox.app.simulation.history import COLUMNS, Row
@@ -96,7 +96,7 @@ def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, mo
     reporter.say("results in " + "d" * 120)
     reporter.close()
     log, shown = (tmp_path / "log.txt").read_text(), stream.getvalue()
-    for text, width in ((log, 100), (re.sub(r"\x1b\[[^A-Za-z]*[A-Za-z]|\r", "", shown), 40)):
+    for text, width in ((log, 100), (re.sub(r"\x1b\[[^A-Za-z]*[A-Za-z]", "", shown), 40)):
         lines = text.splitlines()
         assert max(len(line) for line in lines if "ddd" not in line) <= width
         assert text.count("corners 0.25") == 3 and text.count("smooth the") == 1
@@ -106,7 +106,7 @@ def test_advice_is_given_once_and_no_line_is_wide(case_file, block, tmp_path, mo
     assert said[2] == "note: contact.2: corners 0.25 m apart, with a peak each"
 
 
-def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
+def test_a_terminal_keeps_only_lines_that_stay_and_shows_a_bar(told):
     log, terminal = told(Terminal())
     lines = unfolded(log).splitlines()
     passing = [line for line in lines if is_passing(line)]
@@ -123,16 +123,15 @@ def test_a_terminal_keeps_only_lines_that_stay_and_shows_bars(told):
 def test_of_a_run_that_goes_on_the_stages_stand_where_they_were(case_file, block):
     """What was done before counts as done, and says nothing of the pace."""
     console = Console(file=Terminal(), width=100, highlight=False, force_terminal=True)
-    bars = StageBars(load_case(case_file(block)), console)
-    bars.go_on([(1.0, 1.0 / 3.0)], 1.25, 0.05)
-    before, here = bars._bars.tasks
-    assert before.completed == 1.0 and before.fields["place"] == "done"
+    bar = StageBar(load_case(case_file(block)), console)
+    bar.go_on([1.0], 1.25)
+    [here] = bar._bar.tasks
+    assert here.description == "2/2 slide" and not bar.ended
     assert here.completed == pytest.approx(0.25) and here.time_remaining is None
-    assert here.fields["place"] == "0.25/1 s" and not bars.ended
-    bars.at(2.0, 0.05)
-    bars.end_load_step()
-    assert bars.ended and here.completed == 1.0
-    bars.close()
+    bar.at(2.0)
+    bar.end_load_step()
+    assert bar.ended and here.completed == 1.0
+    bar.close()
 
 
 # -- What is told of rigid tools at the end of a run: on the terminal, and in the report -----------

@@ -17,7 +17,7 @@ from tests.app.read_log import read_log
 from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import LIMIT, called
 from tribox.app.results import read
-from tribox.app.results.directory import LOCK, RESERVE
+from tribox.app.results.directory import LOCK
 from tribox.app.run.process import is_first_rank, ranks_around
 
 STEP = re.compile(r"(\[.*\] )?(step|row|time step) +\d+ ")
@@ -90,7 +90,7 @@ def statuses(out: Path) -> dict[str, str]:
 def assert_tidy(out: Path) -> None:
     """All processes are gone, and so are the files that only a run that goes on has."""
     assert not of_run(out)
-    assert not [p for p in out.rglob("*") if p.name in (LOCK, RESERVE) or p.suffix == ".part"]
+    assert not [p for p in out.rglob("*") if p.name == LOCK or p.suffix == ".part"]
 
 
 def assert_stopped(process: subprocess.Popen[str], out: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import benchmarks.verify.report as verification
 from benchmarks.verify.contact import block_slide, cattaneo_mindlin, fit_ellipse, hertz_line
@@ -18,15 +17,8 @@ from benchmarks.verify.report import (
     plane_strain_stress,
     run_verify,
 )
-from benchmarks.verify.result import CASES as DIRECTORY
 from benchmarks.verify.result import Check, Line, Panel, Verification, compare
-from tribox.app.build.mesh import make_mesh
-from tribox.app.build.model import build_model
-from tribox.app.case.reading import check_case, load_case
 from tribox.app.errors import InputError, SolutionError
-from tribox.app.simulation.run_state import Observer
-from tribox.app.simulation.simulation import Simulation
-from tribox.geometry.meshes.gmsh_model import gmsh_session
 
 COARSE = (
     "geometry.contact_size=22 um",
@@ -247,69 +239,3 @@ def test_the_command(tribox):
     done = tribox("verify", "friction-law", "--out", "report", process=True)
     assert done.returncode == 0, done.stderr
     assert "checks of 1 cases passed" in done.stdout and "report in report" in done.stdout
-
-
-# --- the generators in case files ----------------------------------------------------------------
-
-WRONG = [
-    ("hertz-line", "geometry.cylinder.radius=-1 mm", "geometry.cylinder.radius = "),
-    ("hertz-line", "geometry.block.contact_width=20 mm", "geometry.block: contact_width = 0.02 m"),
-    ("hertz-line", "geometry.contact_size=0.4 mm", "geometry.cylinder: contact_size = 0.0004 m"),
-    ("hertz-line", "geometry.growth=0.5", "geometry.growth = 0.5: must be >= 1 and <= 2"),
-    ("hertz-line", "geometry.upper.radius=1", 'key "upper" in geometry does not go with kind'),
-    ("cattaneo-mindlin", "geometry.lower.radius=0.1 mm", "geometry.lower: contact_width = "),
-    ("cattaneo-mindlin", "geometry.lower.width=1", 'unknown key "width" in geometry.lower'),
-    ("cattaneo-mindlin", "boundary.0.surface=bottm", 'did you mean "bottom"?'),
-    ("cattaneo-mindlin", "geometry.contact_size=0.01 nm", "contact_size = 1e-11 m"),
-]
-
-
-@pytest.mark.parametrize(("name", "override", "message"), WRONG)
-def test_errors_name_the_key(name, override, message):
-    lines = check_case(DIRECTORY / f"{name}.toml", [override])
-    assert lines and message in lines[0], lines
-
-
-@cache
-def pressed(*overrides: str, text: str | None = None, path=None) -> float:
-    """Normal force of a coarse cylinder on a block."""
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-    case = load_case(path or DIRECTORY / "hertz-line.toml", overrides)
-    simulation = Simulation(build_model(case, MPI.COMM_SELF))
-    simulation.run(Observer())
-    return simulation.rows[-1].normal_force
-
-
-def test_either_body_may_be_the_slave():
-    swap = ("contact.0.slave=aluminium_contact", "contact.0.master=elastomer_contact")
-    same = ("bodies.aluminium.E=5 MPa", "bodies.aluminium.nu=0.49", "contact.0.penalty_factor=1")
-    forces = [pressed(*COARSE_BLOCK, *same, *more) for more in ((), swap)]
-    assert forces[0] == pytest.approx(forces[1], rel=5e-3)
-
-
-@pytest.mark.parametrize("what", ["elastomer", "both contacts"])
-def test_the_direction_in_which_a_mesh_numbers_its_facets_does_not_matter(tmp_path, what):
-    case = load_case(DIRECTORY / "hertz-line.toml", COARSE_BLOCK)
-    dim = 2 if "contact" not in what else 1
-    names = ["elastomer_contact", "aluminium_contact"] if what == "both contacts" else [what]
-    with gmsh_session("turned") as gmsh:
-        case.geometry.shape().build()
-        for d, tag in gmsh.model.getPhysicalGroups(dim):
-            if gmsh.model.getPhysicalName(d, tag) in names:
-                parts = gmsh.model.getEntitiesForPhysicalGroup(d, tag)
-                gmsh.model.mesh.reverse([(d, part) for part in parts])
-        gmsh.write(str(tmp_path / "turned.msh"))
-    text = (DIRECTORY / "hertz-line.toml").read_text(encoding="utf-8")
-    head, rest = text.split("[geometry]")
-    rest = rest[rest.index("[bodies") :]
-    text = f'{head}[geometry]\nmesh = "turned.msh"\nthickness = "1 mm"\n{rest}'
-    turned = pressed("stage.0.steps=2", text=text, path=tmp_path / "turned.toml")
-    assert turned == pytest.approx(pressed(*COARSE_BLOCK), rel=1e-7)
-
-
-def test_zones_of_one_body_go_before_those_of_both():
-    case = load_case(DIRECTORY / "hertz-line.toml", [*COARSE, "geometry.block.contact_size=60 um"])
-    named = make_mesh(case, MPI.COMM_SELF)
-    assert len(named.facets("elastomer_contact")) == 32
-    assert len(named.facets("aluminium_contact")) == 12
