@@ -395,7 +395,8 @@ class Loads:
         else:
             given = table.force or TimeTable.constant(0.0)
             scale = inward / self.thickness
-        reached = ReachedForce(platen, table.displacement_stages if table.hold_force else ())
+        held_after = table.displacement_stages if table.hold_force else ()
+        reached = ReachedForce(platen, f"the platen on {surface}", held_after)
         if table.hold_force:
             self.remembering.append(reached)
         travel, stages, acts = table.displacement, table.displacement_stages, self._acts(boundary)

@@ -14,6 +14,7 @@ from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Snapshot, scattered
 from tribox.app.equilibrium.unknowns import NodalLoad, Platen, Prescribed
+from tribox.app.errors import SolutionError
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.loads import (
     BodyForce,
@@ -114,12 +115,19 @@ class ReachedForce(Remembering):
     """The force that the displacement of a platen, or of a tool's component, has led to."""
 
     part: Platen | Prescribed  # what is moved
+    name: str  # of that
     stages: tuple[str, ...]  # in which its displacement is given
     # N (per unit thickness), along its direction, at the end of the last of them; None before
     force: float | None = None
 
     def begin(self, change: StageChange) -> None:
         if change.before in self.stages and change.now not in self.stages:
+            if change.problem.evaluated.carries:
+                raise SolutionError(
+                    f"stage {change.now}: {self.name} has no force to hold: up to time "
+                    f"{change.time:.6g} s tools only carry what nothing presses on; let "
+                    f"stage {change.before} go on until it is pressed"
+                )
             self.force = change.problem.reaction(self.part)
 
     def snapshot(self, owned: int) -> Snapshot:

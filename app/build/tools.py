@@ -297,7 +297,7 @@ def _move(tools: Tools, name: str, part: Prescribed, how: _Slot) -> None:
     tools.nodal_loads.append(load)
     kept = MovedOn(part, TimeTable.constant(0.0), _stays(tools.case, name, how))
     moved = MovedOn(part, how.speed or TimeTable.constant(0.0), lambda stage: stage in how.given)
-    reached = ReachedForce(part, how.given if how.holds else ())
+    reached = ReachedForce(part, f"tool {name}", how.given if how.holds else ())
     loads.remembering += [kept, moved, reached]
     first = tools.case.stage[0].name
     part.acts = first in how.given or kept.acts(first)

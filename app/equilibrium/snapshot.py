@@ -214,9 +214,10 @@ def to_bodies(solids: Sequence[Solid], kept: Sequence[Snapshot | None]) -> None:
 def of_step(terms: Sequence[ContactTerm], step: StepMode) -> Snapshot:
     """How a step is evaluated."""
     holding = step.holding
-    springs = None
+    springs: Snapshot | None = None
     if holding is not None:
-        springs = {"stiffness": Nodal(holding.stiffness), "place": Nodal(holding.place)}
+        at = {"stiffness": Nodal(holding.stiffness), "place": Nodal(holding.place)}
+        springs = {**at, "weak": holding.weak}
     modes = []
     for pair, mode in enumerate(step.modes):
         frozen = mode.frozen_facets
