@@ -49,6 +49,14 @@ def notes_on(case: Case) -> list[str]:
         for name, body in case.bodies.items()
         if body.shear_modulus < SOFT
     ]
+    touching = {name for contact in case.contact for name in (contact.slave, contact.master)}
+    notes += [
+        f"boundary.{index}.pressure: acts on {boundary.surface} where it touches too: pressures "
+        "and forces of the contact are without it, and where the contact recedes beyond the named "
+        "surface none acts"
+        for index, boundary in enumerate(case.boundary)
+        if boundary.pressure is not None and boundary.surface in touching
+    ]
     return notes + [
         f"contact.{index}: {note}"
         for index, contact in enumerate(case.contact)

@@ -40,6 +40,7 @@ MATERIAL_LAWS = (RUBBER, *LAWS)
 ASSUMED_RUBBER = {"K": 2e9}
 """The order of rubbers (Wood & Martin, J. Res. NBS 68A (1964) 259)."""
 ASSUMED_METAL = {"nu": 0.33}
+SOFTEST_METAL = 1e9  # Pa, E below which rows without a time are those of an elastomer
 _OF_RUBBER: dict[str, Quantity] = {
     "K": Quantity("Pa", gt=0.0),
     "reference": TEMPERATURE,
@@ -282,6 +283,12 @@ def _with_notes(result: MaterialResult) -> MaterialResult:
             notes.append(f"more than {MOST_BRANCHES} branches might fit still better; none tried")
         return dataclasses.replace(result, notes=tuple(notes))
     problem = fit.problem
+    if fit.values["E"] < SOFTEST_METAL:
+        notes.insert(
+            0,
+            f"E = {fit.values['E']:.3g} Pa is that of an elastomer: its rows need a time, from "
+            "which neo-Hooke with branches is fitted; constants of other strain energies are not",
+        )
     hidden = problem.strain[~problem.rows]
     if hidden.size:
         notes.append(

@@ -43,11 +43,17 @@ def test_a_dynamic_coefficient_without_a_rate_has_no_effect(film):
     assert "mu_d = 0.1 has no effect while B = 0" in note
 
 
-def test_tension_and_thick_films_are_noted(film):
+def test_tension_wet_contacts_and_thick_films_are_noted(film):
     boundary = tomllib.loads(film)["boundary"]
     boundary[1]["platen"]["pressure"] = "-1 Pa"
     [note] = notes_on(case(film, boundary=boundary))
     assert note.startswith("boundary.1.platen.pressure: falls to -1 Pa")
+    boundary = [*tomllib.loads(film)["boundary"], {"surface": "elastomer_contact"}]
+    boundary[-1]["pressure"] = "1 bar"
+    [note] = notes_on(case(film, boundary=boundary))
+    assert "pressure: acts on elastomer_contact where it touches too" in note
+    boundary[-1]["surface"] = "elastomer_left"
+    assert notes_on(case(film, boundary=boundary)) == []
     data = tomllib.loads(film)
     data["contact"][0]["film"]["thickness"] = "100 mm"
     assert any("thin films" in note for note in notes_on(Case.model_validate(data)))

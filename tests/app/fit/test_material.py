@@ -362,7 +362,10 @@ def test_of_a_pull_the_section_holds_back_stresses_as_comments(tmp_path):
     text = body_section(result, file)
     assert "\n# kinematic = " in text and "kinematic" not in tomllib.loads(text)["bodies"]["metal"]
     notes = fit_material(file, MaterialOptions(law="voce", fixed=["E=70 GPa"])).notes
-    assert "no row flows after a turn" in notes[-1]
+    assert "no row flows after a turn" in notes[-1] and "elastomer" not in notes[0]
+    file = write(tmp_path / "rubber.csv", "true_strain,true_stress [Pa]", strain, 1e-4 * stress)
+    [note, *_] = fit_material(file, MaterialOptions(law="voce", branches=0)).notes
+    assert "Pa is that of an elastomer: its rows need a time, from which neo-Hooke" in note
 
 
 def test_what_has_not_relaxed_at_last_is_a_comment(tmp_path):
