@@ -291,13 +291,15 @@ class PlacesOfPart:
 
     def take(self, A: PETSc.Mat, part: PETSc.Mat) -> None:
         """Put the values of ``A`` into ``part``."""
+        take = library(SOURCE).tribox_take_entries
+        take.argtypes, take.restype = [ctypes.c_int64, *[ctypes.c_void_p] * 3], None
         parts = zip(_parts_of(A), _parts_of(part), self._places, strict=True)
         for whole, mine, (places, count) in parts:
             with (
                 _values_of_part(whole, count) as values,
                 _values_of_part(mine, len(places)) as out,
             ):
-                np.take(values, places, out=out, mode="clip")  # which needs no room between
+                take(len(places), *(array.ctypes.data for array in (places, values, out)))
         part.stateIncrease()  # or a solver would keep its factors
 
 

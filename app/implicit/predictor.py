@@ -192,7 +192,7 @@ class Predictor:
         factorisations it took.
         """
         left = self._residual_norm(trial, step)
-        if left <= FAR_OFF * self.problem.reference_force:
+        if left <= FAR_OFF * self._force_at_nodes():
             return 0
         held_fast = trial.array_r.copy()
         x.copy(trial)
@@ -201,6 +201,19 @@ class Predictor:
         if np.isfinite(left) and not self._residual_norm(trial, step) < left:
             trial.array[:] = held_fast
         return 1
+
+    def _force_at_nodes(self) -> float:
+        """Force that norms of residuals are compared with, N, of none in all; collective.
+
+        A platen's force is that of all nodes: the finer the mesh, the less is a residual beside it.
+        """
+        problem = self.problem
+        if not any(platen.acts for platen in problem.platens):
+            return problem.reference_force
+        pairs = zip(problem.contacts, problem.committed, strict=True)
+        squared = sum(term.forces_at_nodes(trial)[2] for term, trial in pairs)
+        contacts = float(np.sqrt(self._sum(np.array([squared]))[0]))
+        return min(problem.reference_force, contacts)
 
     def _unload(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
         """Put the step of bodies that do not flow on into ``trial``, if that is far off.

@@ -7,6 +7,19 @@
 
 #include <stdint.h>
 
+/* The first of the places from `low` to before `high` whose number is not below `wanted`, or `high`. */
+static inline int32_t first_place(const int32_t *numbers, int32_t low, int32_t high, int32_t wanted)
+{
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (numbers[middle] < wanted)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
 void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indptr,
                         const int32_t *columns, const int32_t *before, const int32_t *unknown,
                         int32_t *start, uint8_t *found)
@@ -17,21 +30,16 @@ void tribox_cell_places(int64_t cells, int corners, int dim, const int32_t *indp
             const int32_t first = indptr[unknown[row]], end = indptr[unknown[row] + 1];
             for (int b = 0; b < corners; ++b) {
                 const int32_t wanted = unknown[b * dim];
-                int32_t low = first, high = end;
+                int32_t low;
                 /* The rows of a node mostly have the same columns. */
                 const int32_t above = row % dim ? first + start[-corners] - indptr[unknown[row - 1]] : end;
                 const int32_t moved = before ? first + *start - before[unknown[row]] : end;
                 if (above < end && columns[above] == wanted)
-                    low = high = above;
+                    low = above;
                 else if (moved >= first && moved < end && columns[moved] == wanted)
-                    low = high = moved;
-                while (low < high) {
-                    int32_t middle = low + (high - low) / 2;
-                    if (columns[middle] < wanted)
-                        low = middle + 1;
-                    else
-                        high = middle;
-                }
+                    low = moved;
+                else
+                    low = first_place(columns, first, end, wanted);
                 *start++ = low;
                 for (int j = 0; j < dim; ++j)
                     all &= low + j < end && columns[low + j] == wanted + j;
@@ -77,19 +85,14 @@ int tribox_entry_places(int64_t entries, const int32_t *indptr, const int32_t *c
         const int beyond = column[e] < 0;
         const int32_t *ends = beyond ? other_indptr : indptr, *in = beyond ? other_columns : columns;
         const int32_t wanted = beyond ? ~column[e] : column[e], end = ends[row[e] + 1];
-        int32_t low = ends[row[e]], high = end;
+        int32_t low = end;
         if (e && row[e - 1] == row[e] && (column[e - 1] < 0) == beyond) {
             const int32_t next = (beyond ? ~places[e - 1] : places[e - 1]) + 1;
             if (next < end && in[next] == wanted)
-                low = high = next;
+                low = next;
         }
-        while (low < high) {
-            int32_t middle = low + (high - low) / 2;
-            if (in[middle] < wanted)
-                low = middle + 1;
-            else
-                high = middle;
-        }
+        if (low == end)
+            low = first_place(in, ends[row[e]], end, wanted);
         all &= low < end && in[low] == wanted;
         places[e] = beyond ? ~low : low;
     }
@@ -102,4 +105,11 @@ void tribox_add_entries(int64_t entries, const int32_t *places, const double *va
 {
     for (int64_t e = 0; e < entries; ++e)
         *(places[e] < 0 ? other + ~places[e] : own + places[e]) += values[e];
+}
+
+/* Take the values (entries) that lie at these places. */
+void tribox_take_entries(int64_t entries, const int32_t *places, const double *values, double *out)
+{
+    for (int64_t e = 0; e < entries; ++e)
+        out[e] = values[places[e]];
 }

@@ -102,9 +102,9 @@ def test_the_path_is_continued_through_uneven_steps():
     ]
 
 
-def pressed(**slide):
+def pressed(sim=None):
     """The small block after its first stage."""
-    sim = simulation(**slide)
+    sim = sim or simulation()
     for load_step in load_steps_of(sim.model.case.stage[0], None, 0.0):
         sim.state.run(load_step, Observer(), sim.implicit.advance)
     return sim
@@ -150,6 +150,24 @@ def test_sliding_start_moves_the_body_as_a_whole(monkeypatch):
     monkeypatch.setattr(Predictor, "rubbing", lambda self: False)
     assert stepper.predictor.predict(stepper.x, trial) == 1
     assert np.abs(moved() - 1.5e-4).max() > 0.5e-4
+
+
+def test_a_platens_force_hides_nothing_that_a_linear_step_leaves():
+    """What is left at nodes is small beside a force of all of them, more so on finer meshes."""
+    data = tomllib.loads(BLOCK)
+    del data["boundary"][1]["displacement"]["y"]
+    data["boundary"][1]["platen"] = {
+        "direction": "y",
+        "pressure": [["0 s", "0 MPa"], ["1 s", "0.2 MPa"]],
+    }
+    sim = pressed(built(data))
+    sim.model.set_loads(1.0 + 0.05 / 0.15, 0.0)  # by 0.05 mm
+    assert (
+        sim.implicit.stepper.predictor.predict(
+            sim.implicit.stepper.x, sim.model.problem.new_vector()
+        )
+        == 2
+    )
 
 
 def test_friction_as_load_has_no_stiffness_and_only_in_its_mode():
