@@ -11,6 +11,7 @@ import json
 import os
 import re
 import stat
+import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -309,6 +310,20 @@ def _digits(row: Sequence[Any]) -> list[Any]:
     return [repr(v) if isinstance(v, float) else v for v in row]
 
 
+class Place:
+    """A directory that somebody may delete, and put another one there."""
+
+    def __init__(self, path: Path) -> None:
+        """Open it: as long as it is open the system gives its number to no other."""
+        self._path, self._opened = path, os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        weakref.finalize(self, os.close, self._opened)
+
+    def check(self) -> None:
+        """See that it is still there; FileNotFoundError if it is not."""
+        if not os.path.samestat(os.fstat(self._opened), self._path.stat()):
+            raise FileNotFoundError(errno.ENOENT, "another one is there", str(self._path))
+
+
 class GrowingFile:
     """A file that text is appended to while a run goes on: all of a piece or nothing of it."""
 
@@ -344,6 +359,8 @@ class GrowingFile:
         data = memoryview(text.encode())
         end = self._size + len(data)
         with self._opened() as file:
+            if os.fstat(file).st_size != self._size:
+                raise FileNotFoundError(errno.ENOENT, "another one is there", str(self._path))
             try:
                 while data:
                     data = data[os.pwrite(file, data, end - len(data)) :]

@@ -23,7 +23,7 @@ from tribox.app.results.contact_points import (
     nodal_pressure,
     slave_facets,
 )
-from tribox.app.results.directory import write_text
+from tribox.app.results.directory import Place, write_text
 from tribox.app.results.fields import CellStrain, ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
@@ -52,6 +52,7 @@ class Series:
         ``times``: s, by step, of the files that are kept of a run that goes on; others are removed.
         """
         self._directory, self._name = directory, name
+        self._place = Place(directory)
         self._lines: list[str] = []
         self._next = 0.0
         if times is not None:
@@ -66,6 +67,7 @@ class Series:
 
     def path(self, step: int) -> Path:
         """The file of a step, in a directory that is made with the first of them."""
+        self._place.check()
         (self._directory / self._name).mkdir(exist_ok=True)
         return self._directory / self._name / f"{step:06d}.vtu"
 
@@ -96,6 +98,7 @@ class Series:
         """Write the index of all files so far, if there are any."""
         if not self._lines:
             return
+        self._place.check()
         began = time.monotonic()
         write_text(
             self._directory / f"{self._name}.pvd",

@@ -107,6 +107,7 @@ class Recorder(Observer):
         path = self.directory / "summary.json"
         # From the handler of a signal this may come while such a summary is being written.
         if self.first and not path.with_name(path.name + ".part").exists():
+            self.saving.place.check()
             write_json(path, self._known(status) | {"failure": failure})
 
     def attempt(
@@ -196,6 +197,7 @@ class Recorder(Observer):
             summary = self._summary(simulation, status, shares or [], balance)
             parts = {"explicit": explicit} if explicit else {}
             with self.saving:
+                self.saving.place.check()
                 write_json(self.directory / "summary.json", summary | parts | {"failure": failure})
         if failure is None or failure == problem:
             self.saving.raise_together(self.comm)
@@ -243,6 +245,7 @@ class Recorder(Observer):
 
     def _write_tables(self, state: RunState) -> None:
         if self.first:
+            self.saving.place.check()
             self._begun_tables(state).write(state)
 
     def _begun_tables(self, state: RunState) -> RunTables:

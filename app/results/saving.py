@@ -10,7 +10,7 @@ from typing import Self, TypeVar
 from mpi4py import MPI
 
 from tribox.app.errors import InputError, OutputError
-from tribox.app.results.directory import unwritable
+from tribox.app.results.directory import Place, unwritable
 
 # -- What one rank does for all of them ------------------------------------------------------------
 
@@ -48,10 +48,12 @@ class Saving:
 
     Attributes:
         problem: what the first write that failed said; None: all went well.
+        place: of the results.
     """
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
+        self.place = Place(directory)
         self.problem: str | None = None
 
     def __enter__(self) -> Self:

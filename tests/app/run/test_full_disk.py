@@ -12,6 +12,7 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
+from mpi4py import MPI
 
 from tests.app.conftest import BLOCK
 from tribox.app.case.case import Case
@@ -22,7 +23,7 @@ from tribox.app.run.run import run_case
 
 FROM = 4  # the step from which the disk is full, or the directory gone
 APPEND, STEP = GrowingFile.append, Together.step
-KINDS = ("tables", "field", "contact", "gone")
+KINDS = ("tables", "field", "contact", "gone", "replaced")
 
 
 def no_room(*arguments: object) -> None:
@@ -31,14 +32,18 @@ def no_room(*arguments: object) -> None:
 
 @contextmanager
 def spoilt(directory: Path, kind: str) -> Iterator[None]:
-    """From the step ``FROM`` on there is no room for files of a kind, or the directory is gone."""
+    """From step ``FROM`` on there is no room for files of a kind, or the directory is another."""
     now = False
 
     def step(self: Together, *arguments: Any) -> None:
         nonlocal now
         now = arguments[1].step >= FROM
-        if now and kind == "gone":
+        first = now and MPI.COMM_WORLD.rank == 0
+        if first and kind in ("gone", "replaced") and not (directory / "of_another").exists():
             shutil.rmtree(directory, ignore_errors=True)
+            if kind == "replaced":
+                directory.mkdir()
+                (directory / "of_another").touch()
         STEP(self, *arguments)
 
     def append(self: GrowingFile, text: str) -> None:
@@ -90,9 +95,11 @@ def rows(steps: int) -> dict[str, int]:
 def test_a_full_disk_keeps_the_history_and_ends_all_ranks(on_ranks, ranks):
     """What is lost is the step that could not be written; of a directory that is gone, all."""
     found = on_ranks(ended, ranks)
-    gone = found.pop("gone")
-    assert gone["said"][0].startswith("cannot be written (No such file or directory: ")
-    assert gone["said"] == ranks * gone["said"][:1] and not gone["tables"]
+    for kind, said in {"gone": "No such file or directory", "replaced": ""}.items():
+        gone = found.pop(kind)
+        assert gone["said"][0].startswith(f"cannot be written ({said}")
+        assert gone["said"] == ranks * gone["said"][:1] and not gone["tables"]
+        assert gone["files"] == ["of_another"] * (kind == "replaced")
     for kind, left in found.items():
         assert left["said"] == ranks * ["cannot be written (No space left on device)"], kind
         assert left["tables"] == rows(FROM - (kind == "tables"))
