@@ -313,7 +313,7 @@ class ContactWarnings(Remembers):
             cost = f"the normal force is about {_lost(lost)} too small"
             if self._passed[index]:
                 cost = (
-                    "as metal flows through the contact, the normal force may be about "
+                    "as a body flows through the contact, the normal force may be about "
                     f"{_lost(lost)} too large, or too small"
                 )
         elif flat > UNEVEN:

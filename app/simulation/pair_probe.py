@@ -84,7 +84,7 @@ class PairProbe:
         facet = term.surface.slave.facet
         self._order: Longs = np.argsort(facet, kind="stable")
         count = len(np.unique(facet))
-        self._shape = (count, len(facet) // max(count, 1))
+        self._shape = (count, len(facet) // count if count else 1)
         xi = self._by_facet(term.surface.slave.xi)
         linear = np.concatenate([np.ones((*xi.shape[:2], 1)), xi], axis=2)
         self._corners, self._parts = _corner_spacing(self.surface), self.surface.parts

@@ -528,7 +528,7 @@ def test_metal_that_passes_a_contact_may_be_pressed_too_hard(tmp_path):
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         found.append([line for line in summary["warnings"] if "penetration" in line])
     [line], none = found
-    assert not none and "as metal flows through the contact" in line
+    assert not none and "as a body flows through the contact" in line
     said = float(re.search(r"may be about ([\d.]+) % too large, or too small", line)[1])
     assert 0.5 < said / (100.0 * (force[0] / force[1] - 1.0)) < 2.0
 
