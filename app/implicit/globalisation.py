@@ -261,7 +261,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return (LinearStart(),)
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     if attempt.step.holding is not None:
-        return (FirmSprings(),)
+        return (FirmSprings(), inside)
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
     if near:
