@@ -272,5 +272,5 @@ def test_a_force_that_only_weak_springs_press_is_not_held():
         {"name": "press", "duration": "0.3 s", "steps": 2},
         {"name": "hold", "duration": "1 s", "steps": 1},
     ]
-    with pytest.raises(SolutionError, match="tool ram has no force to hold.*stage press"):
+    with pytest.raises(SolutionError, match=r"tool ram has no force to hold.*stage press"):
         solved(data)
