@@ -298,8 +298,7 @@ def explain(
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not findings:
         look_ahead()
-        findings = list(slid_off(problem, contacts))
-    findings = findings or list(_of_gliding(problem, loose))
+        findings = list(slid_off(problem, contacts)) or list(_of_gliding(problem, loose))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     most = result.effort.most
