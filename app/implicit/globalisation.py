@@ -260,15 +260,14 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     if not attempt.has_contacts:
         return (LinearStart(),)
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
-    floats = attempt.step.holding is not None
+    if attempt.step.holding is not None:
+        return (FirmSprings(), inside)
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
     if near:
-        return () if floats or rubs else (inside, *relaxed)
+        return () if rubs else (inside, *relaxed)
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
-    if floats:
-        return (FirmSprings(),)
     if rubs and is_moved(attempt) and attempt.newton.inside.opening is None:
         return (*held, SoftContact(), inside)
     if attempt.pressed and attempt.newton.inside.softly and not flows:

@@ -122,7 +122,7 @@ class ImplicitStepper:
     @property
     def has_carried_only(self) -> bool:
         """Whether tools have carried free bodies, and nothing has pressed in the whole run."""
-        return self._carried > 0.0 and not self.newton.largest_force
+        return self._carried > 0.0 and self.newton.largest_force <= self.problem.roundoff
 
     def _find_loose_bodies(self) -> None:
         problem = self.problem
@@ -192,7 +192,7 @@ class ImplicitStepper:
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
         self._carried = 0.0
-        if not largest and weak.firm.any():
+        if weak.firm.any() and largest <= problem.roundoff:  # of what is at rest, that is none
             return self._unpressed(step)
         may_float = self._may_float(largest)
         if may_float and weak.is_let_go(largest):

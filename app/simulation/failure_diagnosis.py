@@ -51,6 +51,7 @@ AT_LIMIT = 0.9  # friction or load over mu N from which on a body slides away
 AT_NOISE = 2.0  # residual over what rounding leaves up to which nothing else need be sought
 FIRM = 10.0  # penalty over the default from which on a lower one is worth a try
 DEFAULT_PENALTY = f"the default penalty (penalty_factor = {DEFAULT_PENALTY_FACTOR:g})"
+GLIDES = 10.0  # of all normal forces over those in a direction, from which on it is along contacts
 ALONG = 0.5  # component of the friction over all of it that a body's loose direction must have
 
 INVERSE = 16  # iterations for the eigenvalues next to zero
@@ -298,7 +299,7 @@ def explain(
     findings = gross or list(_of_state(problem, result, converged, loose, contacts))
     if not findings:
         look_ahead()
-        findings = list(slid_off(problem, contacts))
+        findings = list(slid_off(problem, contacts)) or list(_of_gliding(problem, loose))
     if not any(found for found, _ in findings) and unstable():
         findings = [SNAP]
     most = result.effort.most
@@ -374,6 +375,20 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
             f'([[boundary]] spring with direction = "{axis}"), or a smaller force, or more normal '
             f"force or friction{rates if hold.wet else ''}",
         )
+
+
+def _of_gliding(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
+    """Bodies along which nothing acts: pressed off the middle they slide away and turn."""
+    for one in (one for one in loose if not (one.turns or has_spring(problem, one))):
+        hold = hold_of(problem, one.bodies, problem.committed)
+        if hold.limit or hold.wet:
+            continue
+        if hold.across.sum() > GLIDES * hold.across[one.component]:
+            yield (
+                f"{one.text}, and contacts without friction press on it: off their middle, or "
+                "where it tilts, it slides away, and no state is at rest",
+                f"{SUPPORT}, or friction, or symmetry",
+            )
 
 
 def _of_limit_load(problem: Equilibrium, thickness: float) -> Findings:

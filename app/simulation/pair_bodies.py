@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -271,12 +271,14 @@ class Hold:
     # what a film takes off them
     limit: float
     wet: bool = False  # whether a film carries a part
+    # (i,), N (N/m), normal forces of all points, by the squares of their normals' components
+    across: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactTrial]) -> Hold:
     """What all contacts together hold a body with, at the states ``trials``; collective."""
     contacts = []
-    parts = np.zeros(2 * problem.dim + 2)
+    parts = np.zeros(3 * problem.dim + 2)
     for index, (term, trial) in enumerate(zip(problem.contacts, trials, strict=False)):
         bodies = bodies_of(problem, term)
         if (bodies.slave.name in held) == (bodies.master.name in held):
@@ -288,10 +290,12 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
         friction = -sign * (weight @ response.traction)
         dry = _dry_share(term, response.state)
         limits = [load @ (dry * term.law.coefficient(response.state)), load @ (1.0 - dry)]
-        parts += np.concatenate([friction, sign * (load @ trial.kinematics.normal), limits])
+        normal = trial.kinematics.normal
+        parts += np.concatenate([friction, sign * (load @ normal), load @ normal**2, limits])
     total: Floats = problem.comm.allreduce(parts)
-    friction, pressure = total[:-2].reshape(2, -1)
-    return Hold(tuple(contacts), friction, pressure, float(total[-2]), bool(total[-1] > 0.0))
+    friction, pressure, across = total[:-2].reshape(3, -1)
+    wet = bool(total[-1] > 0.0)
+    return Hold(tuple(contacts), friction, pressure, float(total[-2]), wet, across)
 
 
 def _dry_share(term: ContactTerm, state: FrictionState) -> Floats:

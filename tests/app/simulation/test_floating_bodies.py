@@ -214,7 +214,7 @@ class Floats(Cuts):
 
 
 def test_rounding_does_not_keep_a_tool_from_carrying_a_thin_sheet():
-    """Of 1/200 of its length, it bends under less than weak springs bear: firmer ones hold it."""
+    """Of 1/200 of its length, it bends under less than weak springs bear."""
     forces, seen = [], Floats()
     for below, above in ((2e-5, 3e-5), (0.0, 0.0)):
         data = closed_by(below)
@@ -248,3 +248,29 @@ def test_a_tool_carries_a_free_body_through_its_clearances(on_ranks):
     assert not any(at_once) and floats == 10 * [["pad"]] + 25 * [[]]
     for mine, other in zip(on_ranks(carried, 2), on_ranks(carried, 1), strict=True):
         assert mine[0] == pytest.approx(other[0], rel=1e-8) and mine[2:] == other[2:]
+
+
+def test_a_round_tool_turns_the_body_that_it_carries_off_its_middle():
+    """Weak springs answer it by less than a millionth of the stress that a linear turn leaves."""
+    forces, seen = [], Floats()
+    for clearance in (2e-5, 0.0):
+        data = closed_by(clearance)
+        round_tool = {"shape": "circle", "centre": [1.4e-3, 3e-3 + clearance], "radius": 2e-3}
+        data["tools"]["ram"] = round_tool | {"displacement": data["tools"]["ram"]["displacement"]}
+        simulation = solved(data, observer=Floats() if forces else seen)
+        forces.append([row.normal_force for row in simulation.rows])
+    floated = len([one for one in seen.floating if one])
+    assert seen.count == 0 and 0 < floated < len(forces[0]) - 1 and seen.iterations <= 400
+    assert forces[0][floated] < 1e-6 * forces[0][-1]
+    assert forces[0][-1] == pytest.approx(forces[1][-1], rel=1e-2)  # it presses elsewhere by then
+
+
+def test_a_force_that_only_weak_springs_press_is_not_held():
+    data = closed_by(1e-4)
+    data["tools"]["ram"] |= {"displacement_stages": ["press"], "hold_force": ["y"]}
+    data["stage"] = [
+        {"name": "press", "duration": "0.3 s", "steps": 2},
+        {"name": "hold", "duration": "1 s", "steps": 1},
+    ]
+    with pytest.raises(SolutionError, match=r"tool ram has no force to hold.*stage press"):
+        solved(data)
