@@ -72,11 +72,13 @@ def forces_figure(results: Results) -> Figure:
 def _lines(results: Results) -> Iterator[tuple[str, str, float, Longs, Table]]:
     """Label, colour, width, rows of the history and table of each line.
 
-    Of several pairs all together, then each; of one pair alone the history.
+    Of several pairs that ever press all together, then each; of one pair alone the history.
     """
     history = results.table("history")
     contacts = results.table("contacts")
-    names = list(dict.fromkeys(contacts["pair"])) if len(contacts) else []
+    names: list[str] = []
+    if len(contacts):
+        names = list(dict.fromkeys(contacts["pair"][contacts["normal_force"] != 0.0]))
     whole = np.arange(len(history)), history
     if len(names) < 2:
         yield (str(names[0]) if names else "contact", style.COLOURS[0], 1.4, *whole)

@@ -44,6 +44,11 @@ def test_forces_and_ratio_of_each_pair_and_of_all(strip):
     assert ratio.get_xlabel() == "time t (s)"
     assert [text.get_text() for text in normal.texts] == ["slide", "press"]
     assert set(lines_of(friction)) == {"all pairs", *PAIRS}  # no resultant over several pairs
+    alone = read(strip.directory)  # the other pair never presses
+    contacts = alone.table("contacts")
+    contacts["normal_force"][contacts["pair"] == PAIRS[1]] = 0.0
+    drawn = [*lines_of(forces_figure(alone).axes[1])]
+    assert drawn == [PAIRS[0], "resultant of the friction, signed"]
 
 
 def test_energies_are_stacked(strip):
