@@ -79,7 +79,7 @@ class ContactWarnings(Remembers):
     over_facet: Kept[list[float]]
     over_approach: Kept[list[float]]
     _answering: Kept[list[float]]  # share of the largest force that is not given
-    _passed: Kept[list[bool]]  # whether what flows passes it, at half the largest force or more
+    _passed: Kept[list[float]]  # largest force that it had while what flows passed it
     _touched: KeptAtPoints[list[Bools]]  # points that have pressed
     _deepest: Kept[list[tuple[float, float, str]]]
     _strongest: Kept[list[PairState | None]]
@@ -106,7 +106,7 @@ class ContactWarnings(Remembers):
         self._strongest, self._widest = [None] * count, [None] * count
         self._stored, self._slack = [0.0] * count, [0.0] * count
         self._sunk, self._hidden = [(Sunk(), "")] * count, [(Sunk(), "")] * count
-        self._answering, self._passed = [1.0] * count, [False] * count
+        self._answering, self._passed = [1.0] * count, [0.0] * count
         sizes = [len(term.surface.slave.weight) for term in problem.contacts]
         self._touched = [np.zeros(size, dtype=bool) for size in sizes]
         if resumed is not None:
@@ -139,8 +139,8 @@ class ContactWarnings(Remembers):
                 if not terms[index].tied:
                     self.over_approach[index] = over(state.mean * force, elastic + flown)
                     self._answering[index] = answering[index]
-            passes = stays[index] < STAYS and flown > FLOWS * elastic
-            self._passed[index] |= bool(passes and 2.0 * state.force > strongest.force)
+            if stays[index] < STAYS and flown > FLOWS * elastic:
+                self._passed[index] = max(self._passed[index], state.force)
             if widest is None or state.is_wider(widest):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, (elastic + lost) / thickness)
@@ -162,7 +162,8 @@ class ContactWarnings(Remembers):
             areas = np.stack([pressed, self._touched[index]])
             sums[index] = areas @ term.surface.slave.weight
         now, ever = self._problem.comm.allreduce(sums).T
-        return np.divide(now, ever, out=np.ones(len(trials)), where=ever > 0.0)
+        share: Floats = np.divide(now, ever, out=np.ones(len(trials)), where=ever > 0.0)
+        return share
 
     def _look_at_edges(self, row: Row, states: Sequence[PairState]) -> None:
         """Find points of either surface of a pair that are deep inside the other; collective."""
@@ -241,8 +242,13 @@ class ContactWarnings(Remembers):
 
     def _cost(self, index: int) -> float:
         """What penetration takes off the largest normal force, or may add, over what is left."""
-        factor = PASSING if self._passed[index] else 1.0
+        factor = PASSING if self._passes(index) else 1.0
         return factor * self.over_approach[index] * self._answering[index]
+
+    def _passes(self, index: int) -> bool:
+        """Whether what flows passed the contact at half its largest force or more."""
+        strongest = self._strongest[index]
+        return strongest is not None and 2.0 * self._passed[index] > strongest.force
 
     def _flattened(self, index: int) -> float:
         """What penetration takes off the peak of the pressure, over what is left of it."""
@@ -311,7 +317,7 @@ class ContactWarnings(Remembers):
         cost = "the bodies come that much too close under the given force"
         if lost > min(APPROACH, 0.5 * share):
             cost = f"the normal force is about {_lost(lost)} too small"
-            if self._passed[index]:
+            if self._passes(index):
                 cost = (
                     "as a body flows through the contact, the normal force may be about "
                     f"{_lost(lost)} too large, or too small"
