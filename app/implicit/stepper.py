@@ -223,7 +223,7 @@ class ImplicitStepper:
         is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
         stiffness of its contacts. These are softer meanwhile, or rounding would open and close what
         so little presses. Where contacts press by more than these springs do, as between two tools,
-        the step is solved as it is.
+        the step is solved as it is, unless these only turn the body.
         """
         problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
@@ -243,13 +243,32 @@ class ImplicitStepper:
             return iterations, reason, share
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
-        else:
-            more, reason = newton.solve(step)  # from what springs found
+            return iterations + more, reason, share
+        more, reason, presses = self._unaided(step)
+        if presses:
             self._trial_floating, share = (), 0.0
-            if reason <= 0:
-                iterations += more
-                more, reason = self._tried(step, self._pressed)
+        else:
+            self._carried = share * most
         return iterations + more, reason, share
+
+    def _unaided(self, step: StepMode) -> tuple[int, int, bool]:
+        """Solve a step as it is from what springs found, and whether contacts press; collective.
+
+        What springs found is put back if they do not.
+        """
+        problem, newton = self.problem, self.newton
+        found, held = self.trial.array_r.copy(), problem.evaluated
+        iterations, reason = newton.solve(step)
+        if reason <= 0:
+            more, reason = self._tried(step, self._pressed)
+            iterations += more
+        if reason > 0:
+            newton.evaluate(step)
+            if self._weak.floating(problem.roundoff / SHARE):
+                self.trial.array[:] = found
+                newton.evaluate(held)
+                return iterations, reason, False
+        return iterations, reason, True
 
     def _sprung(
         self,
