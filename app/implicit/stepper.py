@@ -225,14 +225,13 @@ class ImplicitStepper:
         so little presses. Where contacts press by more than these springs do, as between two tools,
         the step is solved as it is, unless these only turn the body.
         """
-        problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
+        problem, weak, iterations = self.problem, self._weak, 0
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
         if loaded or not carried:
             iterations, reason = self._tried(step, self._pressed and not carried, anew=carried)
             if reason <= 0 or loaded:
                 return iterations, reason, 0.0
-            newton.evaluate(step)
-            if not weak.floating(problem.roundoff / SHARE):
+            if not self._leaves_loose(step):
                 return iterations, reason, 0.0
         most, softly = float(weak.firm.max()), step.with_penalty_scale(problem.contacts, CARRIED)
         more, reason, share = self._sprung(softly, most, problem.trials, weak.firm)
@@ -262,13 +261,16 @@ class ImplicitStepper:
         if reason <= 0:
             more, reason = self._tried(step, self._pressed)
             iterations += more
-        if reason > 0:
-            newton.evaluate(step)
-            if self._weak.floating(problem.roundoff / SHARE):
-                self.trial.array[:] = found
-                newton.evaluate(held)
-                return iterations, reason, False
+        if reason > 0 and self._leaves_loose(step):
+            self.trial.array[:] = found
+            newton.evaluate(held)
+            return iterations, reason, False
         return iterations, reason, True
+
+    def _leaves_loose(self, step: StepMode) -> bool:
+        """Whether nothing but rounding presses on a free body at the trial; collective."""
+        self.newton.evaluate(step)
+        return bool(self._weak.floating(self.problem.roundoff / SHARE))
 
     def _sprung(
         self,
