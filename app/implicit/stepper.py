@@ -223,16 +223,15 @@ class ImplicitStepper:
         is as good as any other beyond the tool. Weak springs keep it there, of a millionth of the
         stiffness of its contacts. These are softer meanwhile, or rounding would open and close what
         so little presses. Where contacts press by more than these springs do, as between two tools,
-        the step is solved as it is.
+        the step is solved as it is, unless these only turn the body.
         """
-        problem, weak, newton, iterations = self.problem, self._weak, self.newton, 0
+        problem, weak, iterations = self.problem, self._weak, 0
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
         if loaded or not carried:
             iterations, reason = self._tried(step, self._pressed and not carried, anew=carried)
             if reason <= 0 or loaded:
                 return iterations, reason, 0.0
-            newton.evaluate(step)
-            if not weak.floating(problem.roundoff / SHARE):
+            if not self._leaves_loose(step):
                 return iterations, reason, 0.0
         most, softly = float(weak.firm.max()), step.with_penalty_scale(problem.contacts, CARRIED)
         more, reason, share = self._sprung(softly, most, problem.trials, weak.firm)
@@ -243,13 +242,35 @@ class ImplicitStepper:
             return iterations, reason, share
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
-        else:
-            more, reason = newton.solve(step)  # from what springs found
+            return iterations + more, reason, share
+        more, reason, presses = self._unaided(step)
+        if presses:
             self._trial_floating, share = (), 0.0
-            if reason <= 0:
-                iterations += more
-                more, reason = self._tried(step, self._pressed)
+        else:
+            self._carried = share * most
         return iterations + more, reason, share
+
+    def _unaided(self, step: StepMode) -> tuple[int, int, bool]:
+        """Solve a step as it is from what springs found, and whether contacts press; collective.
+
+        What springs found is put back if they do not.
+        """
+        problem, newton = self.problem, self.newton
+        found, held = self.trial.array_r.copy(), problem.evaluated
+        iterations, reason = newton.solve(step)
+        if reason <= 0:
+            more, reason = self._tried(step, self._pressed)
+            iterations += more
+        if reason > 0 and self._leaves_loose(step):
+            self.trial.array[:] = found
+            newton.evaluate(held)
+            return iterations, reason, False
+        return iterations, reason, True
+
+    def _leaves_loose(self, step: StepMode) -> bool:
+        """Whether nothing but rounding presses on a free body at the trial; collective."""
+        self.newton.evaluate(step)
+        return bool(self._weak.floating(self.problem.roundoff / SHARE))
 
     def _sprung(
         self,

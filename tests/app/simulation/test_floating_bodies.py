@@ -261,7 +261,7 @@ def test_a_round_tool_turns_the_body_that_it_carries_off_its_middle():
         forces.append([row.normal_force for row in simulation.rows])
     floated = len([one for one in seen.floating if one])
     assert seen.count == 0 and 0 < floated < len(forces[0]) - 1 and seen.iterations <= 400
-    assert forces[0][floated] < 1e-6 * forces[0][-1]
+    assert max(forces[0][:floated]) < 1e-6 * forces[0][-1]  # then both tools turn it flat
     assert forces[0][-1] == pytest.approx(forces[1][-1], rel=1e-2)  # it presses elsewhere by then
 
 
