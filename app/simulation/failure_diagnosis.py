@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import dolfinx
@@ -310,7 +310,7 @@ def explain(
     if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
         if problem.contacts and not findings:
-            trials += [SOFTER, f"where bodies may have snapped, {DYNAMICS}"]
+            trials += [SOFTER, *_far_slides(problem), f"where bodies may have snapped, {DYNAMICS}"]
     problem.spread(converged)
     return "; ".join([text, *(found for found, _ in findings), "try " + ", or ".join(trials)])
 
@@ -389,6 +389,14 @@ def _of_gliding(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
                 "where it tilts, it slides away, and no state is at rest",
                 f"{SUPPORT}, or friction, or symmetry",
             )
+
+
+def _far_slides(problem: Equilibrium) -> Iterator[str]:
+    """What to try for bodies that a little more load moves far, as a ring in its groove."""
+    for solid in problem.solids:
+        hold = hold_of(problem, [solid.name], problem.committed)
+        if float(np.linalg.norm(hold.friction)) > AT_LIMIT * hold.limit > 0.0:
+            yield f"longer steps where a load slides {solid.name} along, up to what stops it"
 
 
 def _of_limit_load(problem: Equilibrium, thickness: float) -> Findings:

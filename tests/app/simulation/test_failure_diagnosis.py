@@ -76,6 +76,18 @@ def test_a_residual_that_edges_of_the_master_keep_up_is_explained(pair, residual
     assert ("rest on edges between facets" in explain(problem, result, x, [])) is said
 
 
+@pytest.mark.parametrize(("shift", "said"), [(0.03, True), (1e-5, False)])
+def test_longer_steps_are_offered_where_all_slid_at_the_last_solved_step(pair, shift, said):
+    made = pair()
+    problem = made.problem(LAW)
+    x = made.displaced(lambda x: x * 0.0 + [shift, -0.01], lambda x: x * 0.0)
+    problem.residual(None, x, problem.new_vector())
+    problem.commit()
+    problem.residual(None, x, problem.new_vector())
+    text = explain(problem, StepResult(False, 30, 30, -5, [0.3]), x, [])
+    assert ("or longer steps where a load slides elastomer along, up to" in text) is said
+
+
 @pytest.mark.parametrize(("strain", "said"), [(-0.05, True), (0.05, False), (-0.0005, False)])
 def test_a_strut_past_its_buckling_load_is_told_to_snap(strain, said):
     """A strip clamped at both ends buckles from a strain of π² t²/(3 L²) = 0.002 on."""
