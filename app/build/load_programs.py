@@ -117,16 +117,17 @@ class ReachedForce(Remembering):
     stages: tuple[str, ...]  # in which its displacement is given
     # N (per unit thickness), along its direction, at the end of the last of them; None before
     force: float | None = None
+    since: str = ""  # the stage that begins with it
 
     def begin(self, change: StageChange) -> None:
         if change.before in self.stages and change.now not in self.stages:
-            self.force = change.problem.reaction(self.part)
+            self.force, self.since = change.problem.reaction(self.part), change.now
 
     def snapshot(self, owned: int) -> Snapshot:
-        return {"force": self.force}
+        return {"force": self.force, "since": self.since}
 
     def restore(self, kept: Snapshot) -> None:
-        self.force = kept["force"]
+        self.force, self.since = kept["force"], kept["since"]
 
 
 @dataclass(slots=True)

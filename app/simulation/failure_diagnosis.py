@@ -36,6 +36,7 @@ from tribox.app.simulation.surface_faults import Findings, catches, rests_on_edg
 from tribox.forms.bodies.deformation import volume_ratios
 from tribox.forms.bodies.materials import contact_shear_modulus, oedometric_modulus
 from tribox.forms.bodies.solid import Solid
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.stribeck import StribeckLaw
 from tribox.geometry.surfaces.facets import Floats
@@ -324,6 +325,7 @@ def _of_state(
     penalties = [
         (note, DEFAULT_PENALTY)
         for index, term in enumerate(problem.contacts)
+        if not isinstance(term, LubricatedTerm)  # asperities take the place of its penalty
         for note in notes_on_penalty(index, penalty_factor(problem, term), pressure_kind(term))
     ]
     nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
@@ -459,7 +461,7 @@ def _of_firm_penalties(problem: Equilibrium) -> Findings:
     """Penalties that are not far off, but worth lowering where nothing else is found."""
     for index, term in enumerate(problem.contacts):
         times = penalty_factor(problem, term) / DEFAULT_PENALTY_FACTOR
-        if times > FIRM:
+        if times > FIRM and not isinstance(term, LubricatedTerm):
             yield (
                 f"contact.{index}: the penalty is {times:.2g} times the default, and Newton's "
                 "method needs more iterations the larger it is",
