@@ -396,7 +396,7 @@ class Loads:
             given = table.force or TimeTable.constant(0.0)
             scale = inward / self.thickness
         held_after = table.displacement_stages if table.hold_force else ()
-        reached = ReachedForce(platen, f"the platen on {surface}", held_after)
+        reached = ReachedForce(platen, held_after, f"the platen on {surface}")
         if table.hold_force:
             self.remembering.append(reached)
         travel, stages, acts = table.displacement, table.displacement_stages, self._acts(boundary)

@@ -115,26 +115,27 @@ class ReachedForce(Remembering):
     """The force that the displacement of a platen, or of a tool's component, has led to."""
 
     part: Platen | Prescribed  # what is moved
-    name: str  # of that
     stages: tuple[str, ...]  # in which its displacement is given
+    holder: str = ""  # what is to hold that force then, in words; "": nothing does
     # N (per unit thickness), along its direction, at the end of the last of them; None before
     force: float | None = None
+    since: str = ""  # the stage that begins with it
 
     def begin(self, change: StageChange) -> None:
         if change.before in self.stages and change.now not in self.stages:
-            if change.problem.evaluated.carries:
+            if self.holder and change.problem.evaluated.carries:
                 raise SolutionError(
-                    f"stage {change.now}: {self.name} has no force to hold: up to time "
+                    f"stage {change.now}: {self.holder} has no force to hold: up to time "
                     f"{change.time:.6g} s tools only carry what nothing presses on; let "
                     f"stage {change.before} go on until it is pressed"
                 )
-            self.force = change.problem.reaction(self.part)
+            self.force, self.since = change.problem.reaction(self.part), change.now
 
     def snapshot(self, owned: int) -> Snapshot:
-        return {"force": self.force}
+        return {"force": self.force, "since": self.since}
 
     def restore(self, kept: Snapshot) -> None:
-        self.force = kept["force"]
+        self.force, self.since = kept["force"], kept["since"]
 
 
 @dataclass(slots=True)

@@ -294,25 +294,29 @@ def _move(tools: Tools, name: str, part: Prescribed, how: _Slot) -> None:
         tools.programs.append(follow)
         return
     load, loads = NodalLoad(part.dofs, how.share), tools.loads
-    tools.nodal_loads.append(load)
+    # What the displacement led to goes over the pieces of the first step in which the load comes.
+    given_up = NodalLoad(part.dofs, takes_over=True)
+    tools.nodal_loads += [load, given_up]
     kept = MovedOn(part, TimeTable.constant(0.0), _stays(tools.case, name, how))
     moved = MovedOn(part, how.speed or TimeTable.constant(0.0), lambda stage: stage in how.given)
-    reached = ReachedForce(part, f"tool {name}", how.given if how.holds else ())
+    reached = ReachedForce(part, how.given, f"tool {name}" if how.holds else "")
     loads.remembering += [kept, moved, reached]
     first = tools.case.stage[0].name
     part.acts = first in how.given or kept.acts(first)
 
     def program(time: float, driven: float) -> None:
-        load.factor, given = 0.0, loads.stage in how.given
+        load.factor, given_up.factor, given = 0.0, 0.0, loads.stage in how.given
         part.acts = given or kept.acts(loads.stage)
         if given:
             part.value = how.value(time, driven) if how.speed is None else moved.value(time, driven)
         elif part.acts:
             part.value = kept.value(time, driven)
-        elif reached.force is not None:
+        elif reached.force is not None and how.holds:
             load.factor = reached.force / how.share
         elif how.load is not None:
             load.factor = how.load(time)
+        if not part.acts and reached.force is not None and loads.stage == reached.since:
+            given_up.factor = (1.0 - loads.share) * reached.force
 
     tools.programs.append(program)
 

@@ -310,8 +310,10 @@ def film_map(case: Case) -> FilmMap:
 def _notes(film: Film, name: str, body: Body) -> Iterator[str]:
     """What is assumed, a line each."""
     yield "the body is taken for an elastic half plane; a layer is stiffer"
-    if getattr(body, "prony", ()) or getattr(body, "mullins", None) is not None:
-        yield f"bodies.{name}: what it remembers is left out; E* is that of its G and K"
+    if getattr(body, "prony", ()):
+        yield f"bodies.{name}: its branches are relaxed; E* is that of its long-term G"
+    if getattr(body, "mullins", None) is not None:
+        yield f"bodies.{name}: its softening is left out"
     if not film.density:
         yield f"the case gives no density: {DENSITY:g} kg/m^3 assumed"
 

@@ -484,7 +484,7 @@ def _of_firm_penalties(problem: Equilibrium) -> Findings:
     """Penalties that are not far off, but worth lowering where nothing else is found."""
     for index, term in enumerate(problem.contacts):
         times = penalty_factor(problem, term) / DEFAULT_PENALTY_FACTOR
-        if times > FIRM:
+        if times > FIRM and not isinstance(term, LubricatedTerm):
             yield (
                 f"contact.{index}: the penalty is {times:.2g} times the default, and Newton's "
                 "method needs more iterations the larger it is",

@@ -51,6 +51,8 @@ PASSED = 0.98  # share of the oil given that passes: below it the rest would pil
 FILLED = 1e-3  # of the largest pressure, at the end of a film that nothing leaves
 MOVED = 0.1  # of the way slid, by which the contact may move along the slave in a steady state
 OWN = 0.02  # of what a film carries, that a flooded reservoir's own pressure may make of it
+CONDUCTS = 0.14  # W/(m K), of oils; they lose some 3 % of their viscosity a kelvin
+WARMS = 5.0  # K, by which a film's middle may be warmer than its walls
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
@@ -455,6 +457,28 @@ def reservoirs(look: Look) -> Found:
         )
 
 
+def heat(look: Look) -> Found:
+    """Hold against what oils bear how much warmer than its walls the middle of the film is.
+
+    By τ V/8k, where both walls stay as cold as the oil that comes in (R. Bird, W. Stewart, E.
+    Lightfoot, Transport Phenomena, 2002, 10.4). It is the least, as bodies warm too.
+    """
+    step, (a, b), p = look.step, look.solver.cells.ends.T, look.solution.pressure
+    slid, film = 2.0 * np.abs(step.speed), 0.5 * (step.film[a] + step.film[b])
+    bears = np.minimum(p[a], p[b]) > LOADED * p.max(initial=0.0)
+    flow = look.solver.rheology.viscosity(slid / film, 0.5 * (p[a] + p[b]))
+    warmer = float(np.max(flow.value * slid**2 * bears, initial=0.0)) / (8.0 * CONDUCTS)
+    if warmer > WARMS:
+        yield (
+            "heat",
+            warmer,
+            f"shear warms the middle of the film by {warmer:.2g} K over its walls, if it conducts "
+            f"{CONDUCTS:g} W/(m K) ({look.when}): an oil loses some 3 % of its viscosity a kelvin, "
+            "so that film and friction come out too large; eta_b of the warm oil, or tau_0 and "
+            "critical_rate, which limit the shear",
+        )
+
+
 def lag(look: Look) -> Found:
     """Hold by how much a film changes in a step as its master slides on against the film.
 
@@ -486,7 +510,7 @@ def lag(look: Look) -> Found:
         )
 
 
-CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs, lag)
+CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs, heat, lag)
 """All that a film which carries a part of the load is held against."""
 
 

@@ -49,7 +49,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -238,6 +238,17 @@ class ReynoldsFilm:
         Raises:
             FilmError: Newton's method does not converge.
         """
+        try:
+            return self._solve(step, start)
+        except FilmError:
+            if self.rheology.barus == 0.0:
+                raise
+        # Where it is not yet known which places are full, pressures overshoot, and thicken the oil.
+        plain = replace(self, rheology=replace(self.rheology, barus=0.0))
+        return self._solve(step, plain.solve(step, start).unknown)
+
+    def _solve(self, step: FilmStep, start: Floats) -> FilmSolution:
+        """The same, without another start."""
         given = self._given(step)
         loops = self._loops(step, given, np.where(step.fixed, given.held, start))
         w, made = loops.arrays["unknown"], loops.arrays

@@ -155,6 +155,14 @@ def test_a_slider_so_slow_that_its_reservoirs_bear_a_part_is_told(tmp_path):
     more = column(directory, "normal_force") / 31776.6e-6 - 1.0
     told = re.findall(r"modulus: ([\d.]+) % of what the film carries", words_of(directory))
     assert float(told[0]) == pytest.approx(100.0 * more / (1.0 + more), rel=0.2)
+    assert "shear warms" not in words_of(directory)
+
+
+def test_a_slider_so_fast_that_its_oil_warms_is_told(tmp_path):
+    fast = 'tools.runner.velocity={x="5 m/s", y="-10 mm/s"}', "stage.0.duration=10 us"
+    directory = shipped("slider", tmp_path / "out", *fast, "stage.0.steps=1")
+    told = re.findall(r"warms the middle of the film by ([\d.]+) K", words_of(directory))
+    assert [float(one) for one in told] == pytest.approx([0.8 * 5.0**2 / (8.0 * 0.14)], rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -255,6 +255,10 @@ def test_a_tool_goes_on_by_force_from_where_its_displacement_led(mesh):
     )
     force, place = (of_tool(held, f"{what}_y").tolist() for what in ("force", "displacement"))
     assert force[1] == pytest.approx(force[0], rel=1e-8) and place[1] == pytest.approx(place[0])
+    # In a first step that is cut it is held so from the first piece on.
+    held.model.set_loads(1.25, 0.0, 0.25)
+    loads = [one.factor * np.sum(one.shares) for one in held.model.problem.nodal_loads]
+    assert sum(loads) * held.model.thickness == pytest.approx(-force[0], rel=1e-8)
     # From force to velocity and to the force so reached; the punch slides on in x.
     table = [["0 s", "0 N"], ["1 s", f"{-force[0]!r} N"]]
     mixed = {"velocity": {"y": "-10 um/s"}, "displacement_stages": ["push"], "force": {"y": table}}
