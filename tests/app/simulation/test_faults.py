@@ -9,8 +9,10 @@ import pytest
 
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
-from tribox.app.errors import InputError
+from tribox.app.errors import InputError, SolutionError
+from tribox.app.run import sweep_runs
 from tribox.app.run.building import notes_on_building
+from tribox.app.run.ranks import RunOptions
 from tribox.app.run.run import run_case
 from tribox.app.simulation.simulation import Simulation
 
@@ -59,17 +61,18 @@ def test_an_error_of_the_program_keeps_the_history(monkeypatch, case_file, block
         assert len(list(csv.DictReader(stream))) == 2
 
 
-def test_a_failed_value_of_a_sweep_leaves_the_others_collated(tribox, case_file, block):
+def test_a_failed_value_of_a_sweep_leaves_the_others_collated(case_file, block, monkeypatch):
+    """In turn, as on ranks of an mpirun, in this process."""
     sweep = '[sweep]\nkey = "boundary.1.displacement.y"\nvalues = ["-0.01 mm", "-0.6 mm"]\n'
     text = block.replace("steps = 3", "steps = 1").replace("steps = 6", "steps = 1")
-    text += "[solver]\nmin_step_fraction = 0.3\nmax_iterations = 8\n"
-    done = tribox("run", case_file(text + sweep), "--out", "out")
-    assert done.returncode == 3
-    home = case_file("").parent / "home" / "out"
-    with (home / "sweep.csv").open() as stream:
-        labels = {row["label"] for row in csv.DictReader(stream)}
-    assert labels == {"y=-0.01mm"}
-    parts = json.loads((home / "summary.json").read_text())["parts"]
+    path = case_file(text + "[solver]\nmin_step_fraction = 0.3\nmax_iterations = 8\n" + sweep)
+    out = path.parent / "out"
+    monkeypatch.setattr(sweep_runs, "ranks_around", lambda: 2)
+    with pytest.raises(SolutionError, match=r"1 runs of the sweep failed: y=-0.6mm \(stage press"):
+        sweep_runs.run_sweep(load_case(path), path, out, RunOptions())
+    with (out / "sweep.csv").open() as stream:
+        assert {row["label"] for row in csv.DictReader(stream)} == {"y=-0.01mm"}
+    parts = json.loads((out / "summary.json").read_text())["parts"]
     assert parts["y=-0.01mm"]["status"] == "done"
     assert parts["y=-0.6mm"]["status"] == "failed"
 
