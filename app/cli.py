@@ -8,7 +8,6 @@ import os
 import platform
 import sys
 from importlib.util import find_spec
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +17,7 @@ _rich = sys.modules.get("rich")
 sys.modules["rich"] = None  # type: ignore[assignment]
 import typer  # noqa: E402
 from click import UsageError  # noqa: E402
-from typer.core import TyperCommand, TyperGroup  # noqa: E402
+from typer.core import TyperGroup  # noqa: E402
 
 del sys.modules["rich"]
 if _rich is not None:
@@ -252,39 +251,20 @@ def mesh(
         write_case_mesh(case_file, overrides or [], out, force, trust)
 
 
-ANIMATIONS = ("gif", "mp4")
 # Of commands whose words are another program's.
 _PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 
 
-class _PlotCommand(TyperCommand):
-    """``--animate`` alone means a GIF; Typer knows no option whose value may be left out."""
-
-    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
-        """Complete ``--animate`` where no format follows it."""
-        words = []
-        for word, following in zip_longest(args, args[1:], fillvalue=""):
-            words.append(word)
-            if word == "--animate" and following not in ANIMATIONS:
-                words.append(ANIMATIONS[0])
-        return super().parse_args(ctx, words)
-
-
-@cli.command(cls=_PlotCommand)
+@cli.command()
 def plot(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="results directory")],
     field: Annotated[
         str,
         typer.Option(metavar="NAME", help="array of the field files that bodies are coloured by"),
     ] = "von_mises_stress",
-    animate: Annotated[
-        str | None,
-        typer.Option(metavar="[gif|mp4]", help="write an animation too, a GIF unless mp4 is named"),
-    ] = None,
+    animate: Annotated[bool, typer.Option("--animate", help="write an animation too")] = False,
 ) -> None:
     """Draw the figures of a results directory again from its files, or those of a sweep's runs."""
-    if animate is not None and animate not in ANIMATIONS:
-        raise InputError(f"--animate={animate}: must be gif or mp4")
     from tribox.app.figures.run_figures import redraw
 
     redraw(directory, field, animate)

@@ -1,16 +1,15 @@
-"""Animation of the deformed bodies of a run: a GIF, or an MP4 where there is ffmpeg."""
+"""Animation of the deformed bodies of a run: a GIF."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -44,55 +43,19 @@ SECONDS = 8.0  # that an animation of many frames takes
 SLOWEST, FASTEST = 3, 15  # frames per second
 DPI = 90
 MOST_PAIRS = 12
-# Matplotlib reads its settings from the working directory too, which may be somebody else's: the
-# program that makes films is not to be named there, nor more files for it to write.
-FFMPEG = {"animation.ffmpeg_path": "ffmpeg", "animation.ffmpeg_args": []}
 COLOURS = 128  # of a GIF
 LOOKED_AT = 8  # frames that they are chosen from
 
 
-class GifWriter(PillowWriter):
-    """Writes all frames in one palette.
-
-    Pillow would choose the colours of each frame by what fills most of it: thin lines change their
-    colours from frame to frame, and little equals the frame before, which a GIF need not repeat.
-    """
-
-    _frames: list[Image.Image]
-
-    def finish(self) -> None:
-        """Write the file."""
-        # An image with a palette that serves all frames: colours far apart, and white
-        chosen = np.unique(np.linspace(0, len(self._frames) - 1, LOOKED_AT).round().astype(int))
-        width, height = self._frames[0].size
-        sheet = Image.new("RGB", (width, height * len(chosen)))
-        for place, number in enumerate(chosen):
-            sheet.paste(self._frames[number], (0, height * place))
-        found = sheet.quantize(COLOURS - 1, Image.Quantize.MAXCOVERAGE).getpalette() or []
-        palette = Image.new("P", (1, 1))
-        palette.putpalette([*found[: 3 * (COLOURS - 1)], 255, 255, 255])
-        frames = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in self._frames]
-        frames[0].save(
-            self.outfile,
-            save_all=True,
-            append_images=frames[1:],
-            duration=int(1000 / self.fps),
-            loop=0,
-        )
-
-
 def animate(results: Results, path: Path, field: str) -> int:
-    """Write an animation of the field outputs of a run: fixed colours, fixed frame.
+    """Write a GIF of the field outputs of a run: fixed colours, fixed frame.
 
     Returns:
         Number of its frames.
 
     Raises:
-        InputError: fewer than two outputs, no such array, or an MP4 without ffmpeg.
+        InputError: fewer than two outputs, or no such array.
     """
-    kind = path.suffix[1:]
-    if kind == "mp4" and shutil.which("ffmpeg") is None:
-        raise InputError("--animate mp4: there is no ffmpeg here; --animate gif needs none")
     steps = frames_of(np.asarray(results.steps, dtype=np.int64))
     if len(steps) < 2:
         raise InputError(
@@ -102,18 +65,38 @@ def animate(results: Results, path: Path, field: str) -> int:
     names = body_names(results)
     states = [read_bodies(results.fields(step), names, field) for step in steps]
     scale = common_scale([state.field for state in states])
-    rate = int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST))
-    writer: AbstractMovieWriter = GifWriter(rate) if kind == "gif" else FFMpegWriter(rate)
-    with rc_context(CASE_STYLE | FFMPEG), written_whole(path, f".part{path.suffix}") as part:
+    frames = []
+    with rc_context(CASE_STYLE), written_whole(path) as part:
         figure, draw = (_in_space if states[0].dim == 3 else _in_the_plane)(
             results, steps, states, scale
         )
-        with writer.saving(figure, str(part), DPI):
-            for number, step in enumerate(steps):
-                draw(number)
-                figure.suptitle(heading(results, title_of(results, step)), fontsize=8)
-                writer.grab_frame()
+        canvas = FigureCanvasAgg(figure)
+        for number, step in enumerate(steps):
+            draw(number)
+            figure.suptitle(heading(results, title_of(results, step)), fontsize=8)
+            canvas.draw()
+            frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))
+        _save(frames, part, int(np.clip(len(steps) / SECONDS, SLOWEST, FASTEST)))
     return len(steps)
+
+
+def _save(frames: list[Image.Image], path: Path, rate: int) -> None:
+    """Write all frames, ``rate`` of them per second, in one palette.
+
+    Pillow would choose the colours of each frame by what fills most of it: thin lines change their
+    colours from frame to frame, and little equals the frame before, which a GIF need not repeat.
+    """
+    # An image with a palette that serves all frames: colours far apart, and white
+    chosen = np.unique(np.linspace(0, len(frames) - 1, LOOKED_AT).round().astype(int))
+    width, height = frames[0].size
+    sheet = Image.new("RGB", (width, height * len(chosen)))
+    for place, number in enumerate(chosen):
+        sheet.paste(frames[number], (0, height * place))
+    found = sheet.quantize(COLOURS - 1, Image.Quantize.MAXCOVERAGE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*found[: 3 * (COLOURS - 1)], 255, 255, 255])
+    first, *rest = (f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
+    first.save(path, "gif", save_all=True, append_images=rest, duration=1000 // rate, loop=0)
 
 
 def frames_of(steps: NDArray[np.int64]) -> list[int]:
@@ -127,7 +110,7 @@ def frames_of(steps: NDArray[np.int64]) -> list[int]:
 def _page(scale: ColourScale, states: list[Bodies], shape: float) -> tuple[Figure, Axes]:
     """A page with a colour bar; its size stays, since all frames must be of one size."""
     width = 7.2 if shape < 1.2 else 5.6
-    figure = Figure(figsize=(width, float(np.clip(width * shape + 1.2, 3.0, 7.5))))
+    figure = Figure(figsize=(width, float(np.clip(width * shape + 1.2, 3.0, 7.5))), dpi=DPI)
     axes = figure.subplots()
     figure.subplots_adjust(left=0.1, right=0.86, bottom=0.12, top=0.86)
     bar = figure.add_axes((0.885, 0.14, 0.02, 0.68))

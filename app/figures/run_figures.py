@@ -126,10 +126,10 @@ def _series_label(case: Case, label: str) -> str:
 # -- What ``tribox plot`` does: the figures of a results directory again, and its animation --------
 
 
-def redraw(directory: Path, field: str, animate: str | None) -> None:
+def redraw(directory: Path, field: str, animate: bool) -> None:
     """Draw the figures of a run from its files, or those of a sweep and of its runs.
 
-    ``animate``: kind of the animation that is written too, gif or mp4; None: none.
+    ``animate``: whether an animation is written too.
 
     Raises:
         InputError: the files cannot be used, or there is no such array.
@@ -141,10 +141,10 @@ def redraw(directory: Path, field: str, animate: str | None) -> None:
         if one is not results and one.directory.is_symlink():
             raise InputError(f"{one.directory}: is a link, and tribox writes through none")
         draw_figures(one, field)
-        if animate is not None and one.case.sweep is None:
+        if animate and one.case.sweep is None:
             from tribox.app.figures.animation import animate as write_animation
 
-            path = one.directory / "figures" / f"{named_after('animation', field)}.{animate}"
+            path = one.directory / "figures" / f"{named_after('animation', field)}.gif"
             frames = write_animation(one, path, field)
             print(f"{path}: {frames} frames")
     print(f"figures in {directory / 'figures'}")

@@ -1,11 +1,7 @@
 """Animations: how many frames, of what size, in which colours."""
 
-import shutil
-from contextlib import suppress
-
 import numpy as np
 import pytest
-from matplotlib import rcParams
 from PIL import Image
 
 from tests.app.figures.made_results import write_strip
@@ -59,25 +55,3 @@ def test_one_output_is_no_animation(tmp_path):
     results = read(write_strip(tmp_path / "out", outputs=(5,)))
     with pytest.raises(InputError, match="1 field output; an animation needs two or more"):
         animate(results, tmp_path / "a.gif", "von_mises_stress")
-
-
-def test_an_mp4_needs_ffmpeg(strip, tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(InputError, match="no ffmpeg here"):
-        animate(strip, tmp_path / "a.mp4", "von_mises_stress")
-
-
-def test_the_directory_at_hand_does_not_choose_the_program_that_makes_films(
-    strip, tmp_path, monkeypatch
-):
-    """Matplotlib takes settings from ./matplotlibrc, as if they were read here."""
-    ran = tmp_path / "ran"
-    script = tmp_path / "evil"
-    script.write_text(f"#!/bin/sh\ntouch {ran}\nexit 1\n")
-    script.chmod(0o755)
-    monkeypatch.setitem(rcParams, "animation.ffmpeg_path", str(script))
-    monkeypatch.setitem(rcParams, "animation.ffmpeg_args", [str(tmp_path / "more.mp4")])
-    monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/ffmpeg")
-    with suppress(FileNotFoundError):  # there need not be any
-        animate(strip, tmp_path / "a.mp4", "von_mises_stress")
-    assert not ran.exists() and not (tmp_path / "more.mp4").exists()
