@@ -71,10 +71,8 @@ class RoundOffWatch(Remembers):
         self._residual = self._force = 0.0
         self._loaded = False
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
+    def step(self, row: Row, result: StepResult) -> None:
         """Look at a converged step; collective."""
-        if isinstance(result, Interval):
-            return
         force = self._problem.reference_force
         self._force = max(self._force, force)
         pressed = bool(self._problem.contacts) and row.max_penetration > self._touching
@@ -156,10 +154,8 @@ class FloatingWatch(Remembers):
     def __init__(self, thickness: float) -> None:
         self.found, self._thickness = {}, thickness
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
+    def step(self, row: Row, result: StepResult) -> None:
         """Look at a converged step."""
-        if isinstance(result, Interval):
-            return
         for body in result.floating:
             when = f"first at {row.when}"
             one = self.found.setdefault(body, Floating(when))
@@ -193,9 +189,9 @@ class RelaxationWatch(Remembers):
     def __init__(self) -> None:
         self._steps, self._when = 0, ""
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
+    def step(self, row: Row, result: StepResult) -> None:
         """Look at a converged step."""
-        if isinstance(result, StepResult) and result.relaxed:
+        if result.relaxed:
             self._steps += 1
             self._when = self._when or row.when
 
@@ -220,10 +216,8 @@ class LinearWatch:
     def __init__(self) -> None:
         self._effort, self._when = Effort(), {"most": "", "stiff": ""}
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
+    def step(self, row: Row, result: StepResult) -> None:
         """Look at a converged step."""
-        if isinstance(result, Interval):
-            return
         self._effort = result.effort
         for name, when in self._when.items():
             if getattr(self._effort, name) and not when:
@@ -478,13 +472,14 @@ class Watches:
             "collapse": CollapseWatch(problem),
             "films": FilmWatch(problem),
         }
-        self._of_results: dict[str, Any] = {
-            "late": LateFilm(model),
+        self._late = LateFilm(model)
+        self._of_steps: dict[str, Any] = {  # implicit ones
+            "roundoff": self.roundoff,
             "floating": FloatingWatch(model.thickness),
             "relaxation": RelaxationWatch(),
             "linear": LinearWatch(),
         }
-        self._named = {**self._of_rows, **self._of_results, "roundoff": self.roundoff}
+        self._named = {**self._of_rows, "late": self._late, **self._of_steps}
         self.told: set[str] = set() if kept is None else set(kept["told"])
         if kept is not None:
             for name, watch in self._named.items():
@@ -492,12 +487,13 @@ class Watches:
 
     def step(self, row: Row, result: StepResult | Interval) -> None:
         """Look at a converged step; collective."""
-        self.roundoff.step(row, result)
         self.contacts.step(row, self._thickness, balanced=isinstance(result, StepResult))
         for watch in self._of_rows.values():
             watch.step(row)
-        for other in self._of_results.values():
-            other.step(row, result)
+        self._late.step(row, result)
+        if isinstance(result, StepResult):
+            for other in self._of_steps.values():
+                other.step(row, result)
 
     def first_time(self, what: str) -> bool:
         """Whether this has not been told yet; it counts as told from now on."""
