@@ -36,81 +36,6 @@ TRIES, PAUSE = 5, 0.05  # who only looks whether a directory is locked holds it 
 _HELD = (errno.EAGAIN, errno.EACCES)
 
 
-class DirectoryLock:
-    """Holds ``tribox.lock`` in a results directory; the kernel frees it however the process ends.
-
-    Where the file system knows no such locks, the process and the host named in it decide.
-    """
-
-    def __init__(self, directory: Path) -> None:
-        self._directory, self._path = directory, directory / LOCK
-        self._descriptor: int | None = None
-        self._made: list[Path] = []
-
-    @property
-    def held(self) -> bool:
-        """Whether this process holds it."""
-        return self._descriptor is not None
-
-    def take(self) -> None:
-        """Lock the directory, which is made if missing.
-
-        Raises:
-            InputError: another process that lives holds it.
-            OutputError: the directory cannot be made or written.
-        """
-        try:
-            missing = [self._directory, *self._directory.parents]
-            self._made = [path for path in missing if not path.exists()]
-            self._directory.mkdir(parents=True, exist_ok=True)
-            for tries in range(TRIES):
-                if self._try():
-                    break
-                if tries + 1 == TRIES:
-                    raise InputError(in_use(self._directory, _told(self._path)))
-                time.sleep(PAUSE)
-            assert self._descriptor is not None
-            owner = {
-                "pid": os.getpid(),
-                "host": platform.node(),
-                "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-                "command": command() or " ".join(["tribox", *sys.argv[1:]]),
-            }
-            os.ftruncate(self._descriptor, 0)
-            os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
-        except OSError as error:
-            self.release()
-            raise unwritable(self._directory, error) from None
-
-    def release(self) -> None:
-        """Remove the lock, and directories that were made for it and hold nothing else."""
-        if self._descriptor is None:
-            return
-        with contextlib.suppress(OSError):
-            if _same(self._descriptor, self._path):
-                self._path.unlink()
-        os.close(self._descriptor)
-        self._descriptor = None
-        with contextlib.suppress(OSError):
-            for path in self._made:
-                path.rmdir()
-
-    def _try(self) -> bool:
-        """Open and lock the file; whether that is done, and the file still the one there."""
-        descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Who held it may have removed it meanwhile: a lock on a file without a name is none.
-            mine = _same(descriptor, self._path)
-        except OSError as error:
-            mine = error.errno not in _HELD and not _lives(_told(self._path))
-        if mine:
-            self._descriptor = descriptor
-        else:
-            os.close(descriptor)
-        return mine
-
-
 def command() -> str | None:
     """The command of this process as it can be typed again; None where a script runs the case."""
     if Path(sys.argv[0]).name not in ("tribox", "__main__.py"):
@@ -197,7 +122,11 @@ def sweep_labels(directory: Path) -> tuple[str, ...]:
 
 
 class Claim:
-    """A results directory, from the first look at it until all is written."""
+    """A results directory, from the first look at it until all is written.
+
+    Holds ``tribox.lock`` in it; the kernel frees it however the process ends. Where the file system
+    knows no such locks, the process and the host named in it decide.
+    """
 
     def __init__(self, directory: Path, force: bool) -> None:
         """Nothing is done yet.
@@ -205,7 +134,9 @@ class Claim:
         ``force``: results that are there may be cleared.
         """
         self.directory, self._force = directory, force
-        self._lock = DirectoryLock(directory)
+        self._path = directory / LOCK
+        self._descriptor: int | None = None
+        self._made: list[Path] = []
 
     def take(self, goes_on: bool = False) -> None:
         """See that results may be written, and lock the directory; nothing is cleared yet.
@@ -222,7 +153,28 @@ class Claim:
             check_no_links(self.directory)
         else:
             self._check()
-        self._lock.take()
+        try:
+            missing = [self.directory, *self.directory.parents]
+            self._made = [path for path in missing if not path.exists()]
+            self.directory.mkdir(parents=True, exist_ok=True)
+            for tries in range(TRIES):
+                if self._lock():
+                    break
+                if tries + 1 == TRIES:
+                    raise InputError(in_use(self.directory, _told(self._path)))
+                time.sleep(PAUSE)
+            assert self._descriptor is not None
+            owner = {
+                "pid": os.getpid(),
+                "host": platform.node(),
+                "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+                "command": command() or " ".join(["tribox", *sys.argv[1:]]),
+            }
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, (json.dumps(owner) + "\n").encode(), 0)
+        except OSError as error:
+            self.release()
+            raise unwritable(self.directory, error) from None
 
     def clear(self, begins: bool = False) -> None:
         """Look again, and clear old results.
@@ -235,16 +187,40 @@ class Claim:
 
     def release(self) -> None:
         """Unlock the directory; it goes if it was made for this claim and nothing was written."""
-        self._lock.release()
+        if self._descriptor is None:
+            return
+        with contextlib.suppress(OSError):
+            if _same(self._descriptor, self._path):
+                self._path.unlink()
+        os.close(self._descriptor)
+        self._descriptor = None
+        with contextlib.suppress(OSError):
+            for path in self._made:
+                path.rmdir()
 
     def _check(self) -> tuple[str, ...]:
         """Labels of the sweep whose results may be cleared."""
-        check_not_in_use(self.directory, self._lock.held)
+        check_not_in_use(self.directory, self._descriptor is not None)
         labels = sweep_labels(self.directory)
         check_free(self.directory, self._force, labels)
         for label in labels:
             check_not_in_use(self.directory / label)
         return labels
+
+    def _lock(self) -> bool:
+        """Open and lock the file; whether that is done, and the file still the one there."""
+        descriptor = open_own(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Who held it may have removed it meanwhile: a lock on a file without a name is none.
+            mine = _same(descriptor, self._path)
+        except OSError as error:
+            mine = error.errno not in _HELD and not _lives(_told(self._path))
+        if mine:
+            self._descriptor = descriptor
+        else:
+            os.close(descriptor)
+        return mine
 
 
 def check_not_in_use(directory: Path, by_this: bool = False) -> None:

@@ -19,14 +19,14 @@ from tribox.app.errors import InputError, OutputError
 from tribox.app.figures.run_figures import draw_figures
 from tribox.app.figures.style import save
 from tribox.app.results import read
-from tribox.app.results.claim import Claim, DirectoryLock, claimed, owner_of
+from tribox.app.results.claim import Claim, claimed, owner_of
 from tribox.app.results.directory import LOCK, GrowingTable, write_text
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from tribox.app.results.claim import DirectoryLock
-DirectoryLock(Path(sys.argv[1])).take()
+from tribox.app.results.claim import Claim
+Claim(Path(sys.argv[1]), False).take()
 print("taken", flush=True)
 time.sleep(60)
 """
@@ -70,14 +70,14 @@ def test_a_directory_made_for_nothing_goes_again(tmp_path):
 
 
 def test_two_claims_of_one_process_exclude_each_other(tmp_path):
-    first, second = DirectoryLock(tmp_path), DirectoryLock(tmp_path)
-    first.take()
+    first, second = Claim(tmp_path, False), Claim(tmp_path, False)
+    first.take(goes_on=True)
     with pytest.raises(InputError, match="is writing there"):
-        second.take()
+        second.take(goes_on=True)
     second.release()  # takes nothing from the first
     assert owner_of(tmp_path) is not None
     first.release()
-    second.take()
+    second.take(goes_on=True)
     second.release()
 
 
@@ -93,19 +93,19 @@ def test_without_locks_of_files_the_owners_name_decides(monkeypatch, tmp_path, p
     owner = {"pid": os.getppid() if pid == "here" else pid}
     owner["host"] = platform.node() if host == "here" else host
     (tmp_path / LOCK).write_text("" if pid is None else json.dumps(owner))
-    lock = DirectoryLock(tmp_path)
+    lock = Claim(tmp_path, False)
     if free:
-        lock.take()
+        lock.take(goes_on=True)
         lock.release()
     else:
         with pytest.raises(InputError, match="is writing there"):
-            lock.take()
+            lock.take(goes_on=True)
 
 
 def test_what_cannot_be_locked_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot be written"):
-        DirectoryLock(tmp_path / "file" / "below").take()
+        Claim(tmp_path / "file" / "below", False).take(goes_on=True)
 
 
 def fill(directory: Path, *names: str) -> None:
