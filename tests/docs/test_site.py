@@ -13,7 +13,6 @@ from urllib.parse import unquote, urldefrag
 import pytest
 
 from tests.ranks import LIMIT
-from tribox.app.case import json_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -125,22 +124,6 @@ def test_links_and_anchors_lead_somewhere(site, pages):
             assert target.is_file(), (path.name, link)
             if anchor and target in pages:
                 assert unquote(anchor) in pages[target].anchors, (path.name, link)
-
-
-def test_every_key_of_the_schema_has_a_row(site):
-    text = (site / "case-file.html").read_text(encoding="utf-8")
-    sections = dict(re.findall(r' id="keys-(\w+)">(.*?)</table>', text, re.DOTALL))
-    schema = json_schema()
-    tables = {"Case": schema, **schema["$defs"]}
-    checked = 0
-    for name, table in tables.items():
-        keys = table.get("properties", {})
-        if not keys or name.endswith("FromLibrary"):
-            continue
-        rows = re.findall(r"<tr.*?<span class=\"pre\">(\w+)</span>", sections[name.lower()])
-        assert set(rows) == set(keys), name
-        checked += len(keys)
-    assert checked > 300
 
 
 def test_formulae_are_set_by_files_beside_the_page(site, pages):
