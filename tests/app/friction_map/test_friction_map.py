@@ -96,6 +96,14 @@ def test_map_is_the_closed_form_outside_the_transition(built_in):
         assert curve.deviation < 1e-12
 
 
+def test_friction_is_proportional_to_the_load_below_the_threshold_only(built_in):
+    setup, result = built_in
+    first, last = result.by_load[0], result.by_load[-1]
+    ratio = last.traction / first.traction
+    assert ratio[0] == pytest.approx(setup.loads[-1] / setup.loads[0], rel=1e-3)
+    assert ratio[-1] == pytest.approx(1.0, rel=1e-12)
+
+
 def test_weakening_starts_at_the_static_and_ends_at_the_dynamic_coefficient(built_in):
     setup, result = built_in
     p, track = setup.parameters, result.weakening
