@@ -223,7 +223,7 @@ def matches(text: str, unit: str) -> bool:
     return re.search(unit_pattern(unit), text) is not None
 
 
-ODD = ("eV", "exabyte", "1/s", "²m", "(N/m)", "Pa s⁻¹", "N·m", "square mm", "m per s", "m squared")
+ODD = ("eV", "Em", "1/s", "²m", "(N/m)", "Pa s⁻¹", "N·m", "square mm", "m per s", "m squared")
 
 
 @pytest.mark.parametrize("unit", UNITS)
