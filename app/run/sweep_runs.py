@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -279,7 +280,6 @@ def _collate_and_draw(case: Case, directory: Path, status: str, kept: KeptInputs
         collate(case, directory, status, kept.sums)
         if case.output.figures:
             from tribox.app.figures.run_figures import draw_figures
-            from tribox.app.results import read
 
             draw_figures(read(directory))
     except OSError as error:
@@ -312,27 +312,19 @@ def run_side_by_side(parts: Sequence[Part], jobs: int, lines: SweepLines) -> Non
         TriboxError: a part could not be started or ended oddly, such as well and without a summary
             that says so.
     """
-    lock = threading.Lock()
-    waiting = list(parts)
-    codes: dict[str, int] = {}
+    lock, stopped = threading.Lock(), threading.Event()
     with Forwarding(signal.SIGTERM, signal.SIGTERM) as forwarding:
 
-        def work() -> None:
-            while True:
-                with lock:
-                    if not waiting or forwarding.asked:
-                        return
-                    part = waiting.pop(0)
-                codes[part.label] = _run_part(part, lines, lock, forwarding)
-                if codes[part.label] == INTERRUPTED:
-                    with lock:
-                        waiting.clear()
+        def work(part: Part) -> int:
+            if forwarding.asked or stopped.is_set():
+                return INTERRUPTED
+            code = _run_part(part, lines, lock, forwarding)
+            if code == INTERRUPTED:
+                stopped.set()
+            return code
 
-        threads = [threading.Thread(target=work) for _ in range(min(jobs, len(parts)))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(jobs) as pool:
+            codes = dict(zip((part.label for part in parts), pool.map(work, parts), strict=True))
     if forwarding.asked or INTERRUPTED in codes.values():
         raise Interrupted
     failed = {label: code for label, code in codes.items() if code != 0}
