@@ -315,7 +315,7 @@ INLINE void vary_inside(const Pair *p, int64_t q, Change *d)
 INLINE void vary_clamped(const Pair *p, int64_t q, Change *d)
 {
     const double *n = p->normal + DIM * q, *tau = p->tangents + ALONG * DIM * q;
-    double gap = p->distance[q], length = 0.0, d_apart[DIM][C];
+    double gap = p->distance[q], length = 0.0, slant = 0.0, d_apart[DIM][C];
     if (p->along) {
         const double *e = p->along + ALONG * q;
         double t[DIM] = {0.0}, stiffness, change = 0.0;
@@ -341,10 +341,15 @@ INLINE void vary_clamped(const Pair *p, int64_t q, Change *d)
             for (int b = 0; b < ALONG; ++b)
                 d_apart[i][r] -= tau[DIM * b + i] * d->xi[b][r];
         }
-    /* On the edge itself the direction is undefined; the normal is then held. */
-    for (int b = 0; b < ALONG; ++b)
-        length = fmax(length, sqrt(dot(tau + DIM * b, tau + DIM * b)));
-    double over = fabs(gap) > 1e-12 * length ? 1.0 / gap : 0.0;
+    /* On the edge itself the direction is undefined; the normal is then held. So it is within 1e-7 of
+     * the facet beside one, as on an edge that is nearly flat: a step that matters leaves that, and
+     * would be held by the stiffness of the penalty. */
+    for (int b = 0; b < ALONG; ++b) {
+        const double size = sqrt(dot(tau + DIM * b, tau + DIM * b));
+        length = fmax(length, size);
+        slant = fmax(slant, fabs(dot(n, tau + DIM * b)) / size);
+    }
+    double over = fabs(gap) * slant > 1e-7 * length ? 1.0 / gap : 0.0;
     for (int r = 0; r < C; ++r) {
         double across = 0.0;
         for (int i = 0; i < DIM; ++i)

@@ -3,6 +3,7 @@
 import copy
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -186,6 +187,30 @@ def test_friction_as_load_has_no_stiffness_and_only_in_its_mode():
     np.testing.assert_array_equal(same.array_r, force.array_r)
     problem.residual(None, x, same)
     assert stiffness() > 0.0
+
+
+def test_points_on_flat_edges_hold_no_body_that_slides():
+    """Middle points of a row of slave facets lie on master edges, to rounding."""
+    data = tomllib.loads((Path(__file__).parents[3] / "cases" / "boxes-3d.toml").read_text())
+    data["geometry"]["upper"]["elements"] = [5, 2, 4]
+    data["geometry"]["lower"]["elements"] = [10, 2, 9]
+    data["stage"][0]["steps"] = 1
+    sim = pressed(built(data))
+    problem, x = sim.model.problem, sim.implicit.stepper.x
+    gliding = StepMode().with_friction_as_load(problem.contacts)
+    moved, force = problem.new_vector(), problem.new_vector()
+    problem.residual(None, x, force, gliding)
+    trial = problem.trials[0]
+    assert np.any(trial.projection.clamped & trial.kinematics.closed)
+    tangent = problem.new_matrix(x)
+    problem.assemble_tangent(x, tangent, gliding)
+    foot = np.unique(problem.contacts[0].surface.slave.nodes)
+    upper = problem.unknowns.node_places()[:, 1] > 1e-9
+    upper[foot] = True
+    moved.array.reshape(-1, 3)[upper, 0] = 1.0
+    tangent.mult(moved, force)
+    against = np.abs(force.array_r.reshape(-1, 3)[foot, 0]).max()
+    assert against < 1e-6 * tangent.getDiagonal().array_r.reshape(-1, 3)[foot, 1].max()
 
 
 @pytest.mark.parametrize(("states", "followed"), [([0, 1, 4, 9], True), ([0, 3, 6, 9], False)])
