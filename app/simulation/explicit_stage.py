@@ -118,7 +118,8 @@ def notes_on_bouncing(state: RunState, load_step: LoadStep) -> Iterator[str]:
         force = float(np.mean([row[2] for row in rows[-count:]]))
         lacks = first - float(area[1:].mean())
         moved = float(np.abs(np.diff(area)).sum())
-        if lacks > OPEN * first and force > LOADED * load and moved > FLICKER * lacks:
+        stays = LOADED * load < force < load / LOADED
+        if stays and lacks > OPEN * first and moved > FLICKER * lacks:
             yield (
                 f"contact.{index}: stage {load_step.label}: the contact bounces: of the area at "
                 f"the start of the stage {100.0 * (1.0 - lacks / first):.2g} % are closed in the "

@@ -5,6 +5,9 @@ import pytest
 
 from tests.solved import solved as run
 from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane
+from tribox.app.case.case import Case
+from tribox.app.results import read
+from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
 
 THICKNESS = 2e-3  # m, of the slab
@@ -146,6 +149,17 @@ def test_a_roll_rubs_over_the_arc_that_it_turns_by(mesh):
     assert simulation.state.speed == pytest.approx(2.5 * 2e-3, rel=1e-6)  # of the rim
     assert row.slip_speed == pytest.approx(2.5 * 2e-3, rel=3e-3)
     assert abs(row.energy_error) < 1e-3 * row.external_work
+
+
+def test_a_roll_that_turns_too_far_in_a_step_is_warned_of(mesh, tmp_path):
+    tables = rolled(angle=[["1 s", "0 rad"], ["2 s", "7.5 rad"]])
+    tables["tools"]["punch"]["displacement"] = down()
+    run_case(Case.model_validate(block_case(mesh, **tables)), tmp_path / "out", quiet=True)
+    results = read(tmp_path / "out")
+    short = np.sin(1.5) / 1.5
+    assert results.history.slip_speed.iloc[-1] == pytest.approx(short * 7.5 * 2e-3, rel=3e-3)
+    (said,) = [line for line in results.summary["warnings"] if "turns by 1.5 rad" in line]
+    assert said.startswith("tool punch ") and "time 1.2 s, stage slide" in said
 
 
 def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
