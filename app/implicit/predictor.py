@@ -35,6 +35,7 @@ from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 HIGHEST_ORDER = 3  # of the polynomial through the last states
 CORRECTIONS = 3  # with the tangent factorised last, from the last state itself
 FAR_OFF = 0.5  # residual, relative to the contact or reaction force, of a start that is no good
+FAR_AT_NODES = 2.0  # likewise, over the norm of the contacts' forces at nodes, under a platen
 ASTRAY = 2.0  # the same over the force of the last state, of a path that contacts may rub on
 NO_WAY = 1e-9  # of two increments' product, over the larger one's square, that is none
 STATES = 4  # of a path to a limit: past a kink two slopes in a row are equal, or were before it
@@ -192,7 +193,7 @@ class Predictor:
         factorisations it took.
         """
         left = self._residual_norm(trial, step)
-        if left <= FAR_OFF * self._force_at_nodes():
+        if left <= self._far_off():
             return 0
         held_fast = trial.array_r.copy()
         x.copy(trial)
@@ -202,18 +203,18 @@ class Predictor:
             trial.array[:] = held_fast
         return 1
 
-    def _force_at_nodes(self) -> float:
-        """Force that norms of residuals are compared with, N, of none in all; collective.
+    def _far_off(self) -> float:
+        """Residual, N, from which on a linear step is far off; collective.
 
         A platen's force is that of all nodes: the finer the mesh, the less is a residual beside it.
         """
-        problem = self.problem
+        problem, share = self.problem, FAR_OFF * self.problem.reference_force
         if not any(platen.acts for platen in problem.platens):
-            return problem.reference_force
+            return share
         pairs = zip(problem.contacts, problem.committed, strict=True)
         squared = sum(term.forces_at_nodes(trial)[2] for term, trial in pairs)
         contacts = float(np.sqrt(self._sum(np.array([squared]))[0]))
-        return min(problem.reference_force, contacts)
+        return min(share, FAR_AT_NODES * contacts)
 
     def _unload(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
         """Put the step of bodies that do not flow on into ``trial``, if that is far off.
