@@ -117,25 +117,30 @@ class ThinnedOil:
     That follows the Stribeck curve up to the film of the step's speed. A film begins between
     asperities, where at a speed of the mixed regime it would push many times as hard as what
     presses: Newton's method goes to and fro. After a film at a lower speed the same film is left by
-    oil that is as much thinner as this is faster, and is followed from there first.
+    oil that is as much thinner as this is faster, and is followed from there first. Where the film
+    of the last state, or one that is drawn, nearly carries its load at the step's speed, that is
+    the start: the prediction knows the state before the step, where nothing moves and no film of
+    its own carries.
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
-        iterations, slower = 0, self._slower(attempt)
-        if THIN < slower < 1.0 / LEAST_THICKER:
-            iterations, reason = self._followed(attempt, slower, slower**-0.5)
+        iterations, (slower, left) = 0, self._slower(attempt)
+        faster = THIN < slower < 1.0 / LEAST_THICKER
+        if faster or left < CARRIES:
+            factor = slower if faster else 1.0
+            iterations, reason = self._followed(attempt, factor, factor**-0.5)
             if reason > 0:
                 return iterations, reason
         more, reason = self._followed(attempt, THIN, THICKER)
         return iterations + more, reason
 
     @staticmethod
-    def _slower(attempt: Attempt) -> float:
-        """The last state's speed over that of the step, the least of all films."""
+    def _slower(attempt: Attempt) -> tuple[float, float]:
+        """The last state's speed over that of the step, least of all films; its residual then."""
         problem = attempt.newton.problem
         attempt.trial.array[:] = problem.constrained_values(attempt.x)
-        attempt.newton.residual_of(attempt.step)
+        left = attempt.newton.residual_of(attempt.step)
         ratios = [1.0]
         for pair in zip(problem.committed, problem.trials, strict=False):
             films = [trial.normal_contact.lubrication for trial in pair]
@@ -144,7 +149,7 @@ class ThinnedOil:
             ]
             if len(speeds) == 2 and speeds[1] > 0.0:
                 ratios.append(float(speeds[0] / speeds[1]))
-        return min(ratios)
+        return min(ratios), left
 
     def _followed(self, attempt: Attempt, factor: float, times: float) -> tuple[int, int]:
         """From a ``factor`` of the viscosity to all of it, by ``times`` and its roots."""
@@ -234,6 +239,7 @@ FIRMEST, SOFTER, LEAST_SOFTER = 1e5, 10.0, 1.5
 
 # Of the oil's viscosity: where it begins, what it grows by, and the least of that.
 THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
+CARRIES = 0.5  # residual over the force, up to which a film nearly carries it
 
 HELD = 0.05  # gap, in lengths of a slave facet, up to which what was closed is held together
 HOLDS, FEWER = 3, 0.95  # such iterations at most, and open ones left over those before

@@ -119,6 +119,26 @@ def test_smooth_surfaces_need_time_to_carry_load():
         build_model(case_of(data_of(sigma=0)), MPI.COMM_SELF)
 
 
+@pytest.mark.parametrize("drawn", [1.3, 3.0])
+def test_a_smooth_film_carries_a_force_from_the_first_step_on(drawn, tmp_path):
+    """W = 2.4475 eta U R/h of a rigid roll that is flooded (Martin, with the exit of Reynolds)."""
+    data = data_of(sigma=0, steady=True, h_max="1 mm")
+    data["geometry"]["blocks"]["rubber"] = {
+        **{"x": ["-2.5 mm", "2.5 mm"], "y": ["-0.1 mm", "0 mm"]},
+        "elements": [60, 1],
+    }
+    data["bodies"]["rubber"]["E"] = "70000 GPa"
+    least = 2.4475 * 0.8 * 1.0 * 0.01 / 20e3
+    roll = {"centre": ["0 mm", 0.01 + drawn * least], "force": {"y": "-20 kN"}}
+    data["tools"]["roll"] |= roll | {"rotation": {"rate": "100 rad/s"}}
+    data["stage"] = [{"name": "slide", "duration": "1 ms", "steps": 2}]
+    run(case_of(data), tmp_path / "out")
+    rows = read_table(tmp_path / "out" / "tools.csv")
+    assert len(rows) <= 3
+    found = drawn * least + float(rows[-1]["displacement_y"])
+    assert found == pytest.approx(least, rel=0.03)  # 1.1 % with facets of half the length
+
+
 def test_a_facet_of_two_points_is_refused():
     data = data_of()
     data["contact"][0]["quadrature_degree"] = 3
