@@ -96,6 +96,18 @@ def test_map_is_the_closed_form_outside_the_transition(built_in):
         assert curve.deviation < 1e-12
 
 
+def test_map_shows_what_the_paper_claims(built_in):
+    _, result = built_in
+    dry, thin, middle, thick, fluid = result.by_film
+    slow = 0
+    eta = 0.8
+    assert thin.traction[slow] / dry.traction[slow] == pytest.approx(1.0 - 0.039, rel=1e-3)
+    assert thin.viscosity[slow] > middle.viscosity[slow] > thick.viscosity[slow] > eta
+    for curve in (thin, middle, thick):
+        assert curve.viscosity[-1] == pytest.approx(eta, rel=1e-12)
+    assert fluid.viscosity == pytest.approx(eta, rel=1e-12)
+
+
 def test_friction_is_proportional_to_the_load_below_the_threshold_only(built_in):
     setup, result = built_in
     first, last = result.by_load[0], result.by_load[-1]
