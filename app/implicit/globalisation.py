@@ -22,6 +22,7 @@ from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.app.implicit.relaxation import Relaxation
+from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.geometry.surfaces.facets import Floats
 
 
@@ -120,20 +121,27 @@ class ThinnedOil:
     oil that is as much thinner as this is faster, and is followed from there first. Where the film
     of the last state, or one that is drawn, nearly carries its load at the step's speed, that is
     the start: the prediction knows the state before the step, where nothing moves and no film of
-    its own carries.
+    its own carries. Between smooth surfaces it is the only one, as thin oil leaves them no load.
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
         iterations, (slower, left) = 0, self._slower(attempt)
-        faster = THIN < slower < 1.0 / LEAST_THICKER
-        if faster or left < CARRIES:
+        faster, smooth = THIN < slower < 1.0 / LEAST_THICKER, self._is_smooth(attempt)
+        if faster or smooth or left < CARRIES:
             factor = slower if faster else 1.0
             iterations, reason = self._followed(attempt, factor, factor**-0.5)
-            if reason > 0:
+            if reason > 0 or smooth:
                 return iterations, reason
         more, reason = self._followed(attempt, THIN, THICKER)
         return iterations + more, reason
+
+    @staticmethod
+    def _is_smooth(attempt: Attempt) -> bool:
+        """Whether no film has asperities beside it."""
+        terms = attempt.newton.problem.contacts
+        films = [term.model for term in terms if isinstance(term, LubricatedTerm)]
+        return all(film.rough.sigma == 0.0 for film in films)
 
     @staticmethod
     def _slower(attempt: Attempt) -> tuple[float, float]:
