@@ -5,7 +5,7 @@ Every default of a `[[contact]]` table is resolved here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import dolfinx
@@ -14,19 +14,11 @@ from mpi4py import MPI
 
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import highest_pressure
-from tribox.app.build.contact_notes import (
-    STIFFER,
-    note_on_idle_film,
-    note_on_stick,
-    note_on_tie,
-    notes_on_penalty,
-    stiffer_slave,
-)
 from tribox.app.build.pair_at_start import STRAIGHT, PairAtStart
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.case import Case
 from tribox.app.case.contact import DRAWN, Contact
-from tribox.app.case.friction import Friction, OwnLaw
+from tribox.app.case.friction import MAP, Friction, OwnLaw
 from tribox.app.case.own_code import OwnCodeError
 from tribox.app.case.time_tables import TimeTable, value_at
 from tribox.app.equilibrium.constraints import component_dofs
@@ -48,6 +40,19 @@ from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.surfaces.facets import Floats, Ints, Longs
 from tribox.geometry.surfaces.projection import Projection
 from tribox.geometry.surfaces.surface import QUADRATURE_DEGREE, ContactSurface
+
+STIFFER = 10.0  # G (or hardness) of the slave's body over that of the master's that is pointed out
+CHATTER = 10.0  # K h/M above which an explicit run pays for the penalty K
+# Penalties in units of the stiffness of the elements beside them (`penalty_factor`). Up to a
+# thousand times the default Newton's method converges as ever; from ten thousand times on it needs
+# many more iterations, and rounding the coordinates begins to keep the residual above the
+# tolerance.
+STIFF_PENALTY = 3e4
+SOFT_PENALTY = 0.1
+STIFF_STICK = 5e3  # K_T h/G from which steps take several times the iterations
+SOFT_STICK = 0.1  # K_T h/G below which the elastic slip is longer than the shear of the elements
+
+WHOLE = 0.999  # tied share of a slave's area that counts as all of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -420,3 +425,94 @@ def contact_program(
         term.renew(law=new, offset=None if fit is None else fit(time))
 
     return program
+
+
+# -- Notes on a table: the stiffnesses of contact and stick, its film, its tie ---------------------
+
+
+def stiffer_slave(
+    index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
+) -> Iterator[str]:
+    """A line on a slave that is on the stiffer body.
+
+    Args:
+        body: name of the slave's body.
+        master: material of the other body; None: a tool.
+    """
+    if master is None:
+        return
+    if contact_shear_modulus(slave) > STIFFER * contact_shear_modulus(master):
+        yield (
+            f"contact.{index}: the slave {contact.slave} is on the stiffer body {body}; the "
+            "softer body's surface should be the slave"
+        )
+
+
+def note_on_idle_film(place: str, contact: Contact) -> Iterator[str]:
+    """A line on a film that the friction law has no use for."""
+    if contact.given_film is not None and contact.acting_film is None:
+        yield f'{place}: film has no effect with law = "{contact.friction.law}"'
+
+
+def note_on_tie(place: str, contact: Contact, share: float) -> Iterator[str]:
+    """A line on a slave that is tied in part only; ``share``: of the slave's area that is tied."""
+    if share < WHOLE:
+        yield (
+            f"{place}: {contact.slave} is tied to {contact.master} over {100.0 * share:.3g} % of "
+            "its area: the rest has nothing beside it"
+        )
+
+
+def notes_on_penalty(
+    index: int, factor: float, pressure: PressureKind = "averaged", ratio: float | None = None
+) -> Iterator[str]:
+    """Lines on a penalty that is far from what works, or that shortens explicit steps.
+
+    Args:
+        pressure: "averaged" or "pointwise", which compare with other moduli.
+        ratio: of that modulus to the oedometric one, where the run is explicit.
+    """
+    # Rounding may lift a penalty of just this size above it.
+    if ratio is not None and factor * ratio > (1.0 + 1e-9) * CHATTER:
+        yield (
+            f"contact.{index}: a penalty of penalty_factor = {factor:.4g}, {factor * ratio:.3g} "
+            "times the oedometric modulus over the length of a facet, shortens explicit steps, and "
+            "its dashpots take what the nodes at the surface bring to an impact; "
+            f"{1.0 / ratio:.2g} to {3.0 / ratio:.2g} is stiff enough for most"
+        )
+    if not SOFT_PENALTY <= factor <= STIFF_PENALTY:
+        what = (
+            "the bodies overlap rather than press on each other"
+            if factor < SOFT_PENALTY
+            else "Newton's method may fail or need many iterations"
+        )
+        modulus = "M" if pressure == "pointwise" else "max(10 G, M/10)"
+        yield (
+            f"contact.{index}: the penalty is {factor:.2g} times the stiffness {modulus}/h of the "
+            f"softer body's elements beside it: {what}"
+        )
+
+
+def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[str]:
+    """A line on dry friction that sticks far more softly, or stiffly, than the bodies shear.
+
+    The default is found from the mesh and the bodies; a resolved case that is run with a finer mesh
+    or a stiffer body keeps the value it had.
+
+    Args:
+        stiffness: Pa/m, G/h of the softer body beside the contact.
+    """
+    # The friction map's K_T is that of its asperities, not a penalty.
+    if friction.law != MAP and (K_T := getattr(friction, "K_T", None)) is not None:
+        factor = K_T / stiffness
+        if factor < SOFT_STICK:
+            yield (
+                f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "
+                "beside it: points move a good way before they slip (leave K_T out for 10 G/h)"
+            )
+        elif factor > STIFF_STICK:
+            yield (
+                f"contact.{index}: K_T is {factor:.2g} times the stiffness G/h of the elements "
+                "beside it, which takes many iterations for nothing: 100 G/h leaves next to no "
+                "elastic slip (leave K_T out for 10 G/h)"
+            )

@@ -18,7 +18,13 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.pattern import Pattern
 from tribox.app.equilibrium.slanted import SlantedPlaten, SlantedRows
-from tribox.app.equilibrium.unknowns import Platen, Prescribed, Unknowns, component_dofs
+from tribox.app.equilibrium.unknowns import (
+    Platen,
+    Prescribed,
+    Unknowns,
+    component_dofs,
+    place_of_largest,
+)
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs
 
 __all__ = ["Constraints", "Platen", "Prescribed", "Unknowns", "component_dofs"]
@@ -118,6 +124,33 @@ class Constraints:
                 self._balance_platen(platen, values, at)
             else:
                 values[platen.dofs] = at[platen.dofs] - platen.displacement
+
+    def reference_force(self, unbalanced: Floats, loads: Floats, contact_squared: float) -> float:
+        """Force that the convergence test compares with: the largest of contact, reactions, loads.
+
+        Collective.
+
+        Args:
+            unbalanced: (n,), N, out-of-balance forces of the owned unknowns, reactions included.
+            loads: (n,), N, forces of the loads on the owned unknowns.
+            contact_squared: norm of this rank's contact forces, squared.
+        """
+        reactions = float(np.sum(unbalanced[self.dofs] ** 2))
+        given = [p for p in self.slanted if p.acts and p.displacement is not None]
+        reactions += sum(float(np.sum(platen.along(unbalanced) ** 2)) for platen in given)
+        local = np.array([contact_squared, reactions, float(loads @ loads)])
+        total = self.unknowns.comm.allreduce(local)
+        forces = (abs(p.force) for p in self.platens if p.acts)
+        return max(float(np.sqrt(total.max())), *forces, 0.0)
+
+    def worst_place(self, unbalanced: Floats) -> tuple[float, ...]:
+        """Where the largest out-of-balance force (n,) of a free node is, m; collective."""
+        free = np.abs(unbalanced)
+        free[self.dofs] = free[self.unknowns.beside] = 0.0
+        for platen in (p for p in self.platens if p.acts):
+            free[platen.dofs] = 0.0
+        worst = np.where(np.isfinite(free), free, np.inf)
+        return place_of_largest(worst, self.unknowns.space)
 
     @property
     def acting(self) -> list[Platen]:

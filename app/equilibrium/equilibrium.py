@@ -27,7 +27,7 @@ from tribox.app.equilibrium.rigid_tool import (
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, HoldingSprings, StepMode
 from tribox.app.equilibrium.tangent import Tangent
 from tribox.app.equilibrium.timers import Stopwatch
-from tribox.app.equilibrium.unknowns import NodalLoad, box_of, place_of_largest
+from tribox.app.equilibrium.unknowns import NodalLoad, box_of
 from tribox.forms.bodies.loads import Load
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.contact.penalty import ContactTerm
@@ -97,38 +97,6 @@ class RoundOff:
         free = np.array([name in self.let_go for name in self.names], dtype=bool)
         of_free = min(float(moved[free].sum()), (MOVED * force) ** 2)
         return float(np.sqrt(at_rest.sum() + moved[~free].sum() + of_free))
-
-
-def reference_force(
-    unbalanced: Floats, loads: Floats, contact_squared: float, constraints: Constraints
-) -> float:
-    """Force that the convergence test compares with: the largest of contact, reactions and loads.
-
-    Collective.
-
-    Args:
-        unbalanced: (n,), N, out-of-balance forces of the owned unknowns, reactions included.
-        loads: (n,), N, forces of the loads on the owned unknowns.
-        contact_squared: norm of this rank's contact forces, squared.
-    """
-    reactions = float(np.sum(unbalanced[constraints.dofs] ** 2))
-    given = [p for p in constraints.slanted if p.acts and p.displacement is not None]
-    reactions += sum(float(np.sum(platen.along(unbalanced) ** 2)) for platen in given)
-    local = np.array([contact_squared, reactions, float(loads @ loads)])
-    total = constraints.unknowns.comm.allreduce(local)
-    return max(
-        float(np.sqrt(total.max())), *(abs(p.force) for p in constraints.platens if p.acts), 0.0
-    )
-
-
-def worst_place(unbalanced: Floats, constraints: Constraints) -> tuple[float, ...]:
-    """Where the largest out-of-balance force (n,) of a free node is, m; collective."""
-    unknowns = constraints.unknowns
-    free = np.abs(unbalanced)
-    free[constraints.dofs] = free[unknowns.beside] = 0.0
-    for platen in (p for p in constraints.platens if p.acts):
-        free[platen.dofs] = 0.0
-    return place_of_largest(np.where(np.isfinite(free), free, np.inf), unknowns.space)
 
 
 # -- The discrete equilibrium of all bodies, contacts and loads: residual and tangent --------------
@@ -377,7 +345,7 @@ class Equilibrium:
                 outside = outside - pulls
         self.unbalanced = f.array_r.copy()
         unbalanced, given = self._forces(self.unbalanced), self._forces(outside)
-        self.reference_force = reference_force(unbalanced, given, contact_squared, self.constraints)
+        self.reference_force = self.constraints.reference_force(unbalanced, given, contact_squared)
         self._known.balanced = step
 
     def _on_bodies(self, values: Floats) -> Floats:
@@ -495,7 +463,7 @@ class Equilibrium:
 
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""
-        return worst_place(self.unbalanced, self.constraints)
+        return self.constraints.worst_place(self.unbalanced)
 
     # -- tangent ------------------------------------------------------------------------------
 

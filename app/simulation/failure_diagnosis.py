@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.build.contact_notes import notes_on_penalty
+from tribox.app.build.contacts import notes_on_penalty
 from tribox.app.case.boundary import COMPONENTS
 from tribox.app.case.contact import DEFAULT_PENALTY_FACTOR, Contact
 from tribox.app.equilibrium.equilibrium import Equilibrium

@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from tribox.app.build.contact_notes import note_on_stick
+from tribox.app.build.contacts import note_on_stick
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
 from tribox.app.case.friction import TABLES
