@@ -28,7 +28,6 @@ from tribox.forms.bodies.materials import (
 )
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import (
-    LANES,
     NAMES,
     Cells,
     Moduli,
@@ -36,6 +35,7 @@ from tribox.forms.bodies.point_cells import (
     cells_of,
     centres_of,
     in_lanes,
+    lanes,
 )
 from tribox.forms.bodies.point_state import Kernel
 from tribox.forms.bodies.solid import Solid
@@ -104,7 +104,7 @@ class _FirstOrder:
             2 if simplex else int(solid.reduced),
             self._constants.ctypes.data,
             blocks,
-            len(nodes) - (blocks - 1) * LANES,
+            len(nodes) - (blocks - 1) * lanes(),
             self._rows.ctypes.data,
             self._table.ctypes.data,
         )

@@ -56,8 +56,10 @@ N = η (I − ν⊗ν) + ϑ ν⊗ν, η = 2G|D|/(2G|D| + √⅔ σ), ϑ = 3G/(3G
 
     (2G I − (∂X/∂e − √⅔ ∂X/∂Δα ⊗ ν) N) y = 2G dev L d − ∂X/∂e L d − ∂X/∂d d,
 
-which is regular also where flow is about to begin, |D| = 0. By the principal axes of e the changes
-of E are its components times those of de and of d, and L is 1 but for the shears of e_trial's axes.
+which is regular also where flow is about to begin, |D| = 0. By the principal axes of e, that of
+deviators alone, the changes of E are its components times those of de and of d. The axes of e_trial
+are not needed: e_trial = e + D, and with ad d = [e_trial, d] L is ad coth ad, even in ad, in space
+1 + rᵀ g(r rᵀ) r of the three components r d of the commutator, g(x²) = (x coth x − 1)/x².
 
 Components: in the plane 5 of F, P, A (11, 12, 21, 22, 33) and 5 of the state, C_p⁻¹ (11, 22, 33,
 12) and α; in space 9, row by row, and 7, C_p⁻¹ (11, 22, 33, 12, 23, 13) and α. C_pi of each branch

@@ -12,6 +12,7 @@ space, p components of F and P, s values of a point's state; n local unknowns, g
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,17 +29,24 @@ from tribox.forms.native import library
 from tribox.geometry.meshes.places import centre, shape_functions
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
-LANES = 8  # cells that the compiled loops take at a time
 PAIRS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]  # of the C sources
-PIECE = 512 * LANES  # cells that tables are made of at a time
+PIECE = 4096  # cells that tables are made of at a time: a multiple of `lanes`
 NAMES: dict[Section, str] = {"plane-strain": "strain", "axisymmetric": "ring", "3D": "space"}
 
 
+@functools.cache
+def lanes() -> int:
+    """Cells that the compiled loops take at a time, as many as the processor has in a register."""
+    count = library(CELLS).tribox_lanes
+    count.restype = ctypes.c_int64
+    return int(count())
+
+
 def in_lanes(table: NDArray[Any]) -> NDArray[Any]:
-    """Rows (c, k) of the cells as (blocks, k, LANES), the last cell repeated to fill the last."""
-    missing = -len(table) % LANES
+    """Rows (c, k) of the cells as (blocks, k, lanes), the last cell repeated to fill the last."""
+    missing = -len(table) % lanes()
     padded = np.concatenate([table, table[-1:].repeat(missing, axis=0)])
-    return np.ascontiguousarray(padded.reshape(-1, LANES, table.shape[1]).transpose(0, 2, 1))
+    return np.ascontiguousarray(padded.reshape(-1, lanes(), table.shape[1]).transpose(0, 2, 1))
 
 
 @dataclass(slots=True)
@@ -129,13 +137,13 @@ class Cells:
     def weights(self) -> Floats:
         """Weights (k,) of the points, m² or m³, of whole rings."""
         blocks, points = len(self.table), len(self.shape)
-        rows = self.table.reshape(blocks, points, self.table.shape[1] // points, LANES)[:, :, -2]
+        rows = self.table.reshape(blocks, points, self.table.shape[1] // points, lanes())[:, :, -2]
         return np.ascontiguousarray(rows.transpose(0, 2, 1)).reshape(-1)[: self.count]
 
     def part(self, take: Bools) -> Cells:
         """The cells (c,) to ``take`` by themselves."""
         at = np.nonzero(take)[0]
-        rows = self.table[at // LANES, :, at % LANES]
+        rows = self.table[at // lanes(), :, at % lanes()]
         return replace(self, nodes=self.nodes[at], number=self.number[at], table=in_lanes(rows))
 
 
@@ -146,7 +154,7 @@ def cells_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, de
 
     shape = shape_functions(kind, space.element.basix_element.degree, 1, points)
     size = points.shape[1] ** 2
-    table = np.empty((-(-len(cells) // LANES), len(points) * (size + 2), LANES))
+    table = np.empty((-(-len(cells) // lanes()), len(points) * (size + 2), lanes()))
     for at in range(0, len(cells), PIECE):  # what numpy makes on the way is many times as large
         piece = cells[at : at + PIECE]
         rows, weight = quadrature_rows(space, section, piece, degree)
@@ -154,7 +162,7 @@ def cells_of(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, de
             np.column_stack([one.inverse.reshape(len(piece), size), volume, one.across])
             for one, volume in zip(rows, weight, strict=True)
         ]
-        block, filled = at // LANES, in_lanes(np.concatenate(parts, axis=1))
+        block, filled = at // lanes(), in_lanes(np.concatenate(parts, axis=1))
         table[block : block + len(filled)] = filled
     return _cells(space, cells, table, shape)
 
@@ -198,7 +206,7 @@ class PointCells:
         blocks, (points, nodes, shapes) = len(cells.table), cells.shape.shape
         self._fixed: dict[str, int] = {
             "blocks": blocks,
-            "lanes_of_last": len(cells.nodes) - (blocks - 1) * LANES,
+            "lanes_of_last": len(cells.nodes) - (blocks - 1) * lanes(),
             "points": points,
             "nodes": nodes,
             "parents": shapes - 1,

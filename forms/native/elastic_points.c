@@ -1,4 +1,4 @@
-/* Material points of elastic bodies in plane strain and in half sections of bodies of revolution, eight
+/* Material points of elastic bodies in plane strain and in half sections of bodies of revolution, several
  * at a time; those in space are in space_kernel.c.
  *
  * With I = |F|^2 and J = det F of the in-plane F and the stretch s across it the invariants of energies.h

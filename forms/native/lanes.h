@@ -1,8 +1,18 @@
-/* Numbers eight at a time: the vectors that the loops work on, and their functions. */
+/* Numbers several at a time: the vectors that the loops work on, and their functions. */
 
 #include <stdint.h>
 
+/* As many as a register of the processor has: of wider ones the compiler keeps nothing in registers. */
+#if defined(__AVX512F__)
 #define LANES 8
+#define BY_LANE(of, s) of(0, s), of(1, s), of(2, s), of(3, s), of(4, s), of(5, s), of(6, s), of(7, s)
+#elif defined(__AVX__)
+#define LANES 4
+#define BY_LANE(of, s) of(0, s), of(1, s), of(2, s), of(3, s)
+#else
+#define LANES 2
+#define BY_LANE(of, s) of(0, s), of(1, s)
+#endif
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ivec __attribute__((vector_size(8 * LANES)));
 typedef uint64_t uvec __attribute__((vector_size(8 * LANES)));
@@ -24,8 +34,10 @@ INLINE vec choose(ivec mask, vec a, vec b)
 
 INLINE int any(ivec mask)
 {
-#ifdef __AVX512DQ__
+#if defined(__AVX512DQ__)
     return __builtin_ia32_cvtq2mask512((long long __attribute__((vector_size(64))))mask) != 0;
+#elif defined(__AVX__) && LANES == 4
+    return __builtin_ia32_movmskpd256((vec)mask) != 0;
 #endif
     int64_t found = 0;
     for (int l = 0; l < LANES; ++l)
@@ -170,23 +182,25 @@ INLINE ivec is_finite(vec x)
     return (ivec)(x - x == 0.0);
 }
 
-/* Rows for columns. */
+/* Rows for columns: in turn pairs of lanes, of pairs and so on change places with those of the row s on. */
+#define FIRST(l, s) ((l) & (s) ? LANES + (l) - (s) : (l))
+#define SECOND(l, s) ((l) & (s) ? LANES + (l) : (l) + (s))
+#define EXCHANGE(s)                                                                                \
+    for (int i = 0; i < LANES; ++i)                                                                \
+        if (!(i & (s))) {                                                                          \
+            vec first = a[i], second = a[i + (s)];                                                 \
+            a[i] = __builtin_shuffle(first, second, (ivec){BY_LANE(FIRST, s)});                    \
+            a[i + (s)] = __builtin_shuffle(first, second, (ivec){BY_LANE(SECOND, s)});             \
+        }
 INLINE void transpose(vec *a)
 {
-    vec b[LANES], c[LANES];
-    for (int i = 0; i < LANES; i += 2) {
-        b[i] = __builtin_shuffle(a[i], a[i + 1], (ivec){0, 8, 2, 10, 4, 12, 6, 14});
-        b[i + 1] = __builtin_shuffle(a[i], a[i + 1], (ivec){1, 9, 3, 11, 5, 13, 7, 15});
-    }
-    for (int i = 0; i < LANES; i += 4)
-        for (int j = i; j < i + 2; ++j) {
-            c[j] = __builtin_shuffle(b[j], b[j + 2], (ivec){0, 1, 8, 9, 4, 5, 12, 13});
-            c[j + 2] = __builtin_shuffle(b[j], b[j + 2], (ivec){2, 3, 10, 11, 6, 7, 14, 15});
-        }
-    for (int i = 0; i < LANES / 2; ++i) {
-        a[i] = __builtin_shuffle(c[i], c[i + 4], (ivec){0, 1, 2, 3, 8, 9, 10, 11});
-        a[i + 4] = __builtin_shuffle(c[i], c[i + 4], (ivec){4, 5, 6, 7, 12, 13, 14, 15});
-    }
+    EXCHANGE(1)
+#if LANES > 2
+    EXCHANGE(2)
+#endif
+#if LANES > 4
+    EXCHANGE(4)
+#endif
 }
 
 /* Adds the matrices of a block's cells, blocks (a, b) one after the other, those of b = 0 first and

@@ -1,4 +1,4 @@
-/* Internal forces and strain energy of first-order cells in plane strain, eight at a time.
+/* Internal forces and strain energy of first-order cells in plane strain, several at a time.
  *
  * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the
  * derivatives of the current and of the reference position. The energies are functions of

@@ -1,4 +1,4 @@
-/* Material points of finite J2 plasticity, eight at a time.
+/* Material points of finite J2 plasticity, several at a time.
  *
  * The equations are in forms/bodies/elastoplastic.py. Principal axes in space come without iterations over rotations: the
  * principal value that is farthest from the other two from its cubic, its axis from a cross product
@@ -856,71 +856,71 @@ INLINE void flow_turning(int space, const Material *m, const Axes *axes, const v
     t->numerical = 0.5 * t->step * (t->stress / end * (end - begin) + t->recovered - lost);
 }
 
-/* -- moduli of metals with backstress, where an update has led to before, by the axes of the strain there -- */
+/* -- moduli of metals with backstress, where an update has led to before, by the axes of the strain there --
+ * Deviators have five components there, three in the plane: by (1, -1, 0)/sqrt 2 and (1, 1, -2)/sqrt 6 of
+ * the axes, and by the shears 12, 23, 13. */
+
+#define DEVIATORS(space) ((space) ? 5 : 3)
+static const double ROOT_HALF = 0.7071067811865476, ROOT_SIXTH = 0.4082482904638630;
 
 /* The end of a step: axes and their values of F C_p^-1 F^T, the deviator of the strain and E = exp(-e)
- * with its square; the axes and 1/w of the trial strain by these, and the cube root of what the w make
- * together. */
+ * with its square; 1/b of the begin without its volume, and the cube root of what the w make together. */
 typedef struct {
     Axes at;
-    tensor N, begin;
+    tensor begin;
     vec values[3], E[3], E2[3], volume, step;
 } Ended;
 
-/* What the branches add up to: X but for the deviator, what it changes by with the step, and by
- * components what it changes by with each of D alone, where dE + E d = D E. */
+/* What the branches add up to over 2 G: X, what it changes by with the step, and with each component of D
+ * alone, where dE + E d = D E. */
 typedef struct {
-    tensor X, rise;
-    vec U[9][6];
+    vec X[5], rise[5], U[9][5];
 } Changes;
 
-/* Adds the deviator of a symmetric tensor to components by orthonormal ones: 11, 22, 33, 12, 23, 13. */
-INLINE void add_deviator(int space, const tensor a, vec *to)
+/* Adds the components of `scale` times a symmetric tensor. */
+INLINE void add_deviator(int space, const tensor a, double scale, vec *to)
 {
-    vec mean = trace(a) * (1.0 / 3.0);
-    for (int i = 0; i < (space ? 6 : 4); ++i)
-        to[i] += i < 3 ? a[i][i] - mean : 1.4142135623730951 * a[PAIRS[i][0]][PAIRS[i][1]];
+    to[0] += (scale * ROOT_HALF) * (a[0][0] - a[1][1]);
+    to[1] += (scale * ROOT_SIXTH) * ((a[0][0] + a[1][1]) - 2.0 * a[2][2]);
+    for (int k = 2; k < DEVIATORS(space); ++k)
+        to[k] += (scale * 2.0 * ROOT_HALF) * a[PAIRS[k + 1][0]][PAIRS[k + 1][1]];
 }
 
-INLINE void end_of_step(int space, const vec *F, const vec *state, const vec *end, int alpha,
-                        Axes *begin, Ended *t)
+INLINE void end_of_step(int space, const vec *F, const vec *state, const vec *end, int alpha, Ended *t)
 {
-    axes(space, F, state, begin);
+    tensor C, inverse;
     axes(space, F, end, &t->at);
-    const vec *v = begin->w, *w = t->at.w, mean = (t->at.logs[0] + t->at.logs[1] + t->at.logs[2]) * (1.0 / 3.0);
-    vec all_v = v[0] * v[1] * v[2], root = inverse_cube_root_of_ratio(all_v), square = root * root;
-    vec of_w = inverse_cube_root_of_ratio(w[0] * w[1] * w[2]);
-    tensor transposed, inverse;
-    EACH(space, a, b) transposed[b][a] = begin->n[a][b];
-    multiply(space, t->at.n, transposed, t->N);
+    const vec *w = t->at.w, mean = (t->at.logs[0] + t->at.logs[1] + t->at.logs[2]) * (1.0 / 3.0);
+    vec all_w = w[0] * w[1] * w[2], root = inverse_cube_root_of_ratio(all_w), square = root * root;
+    t->volume = all_w * square;
     for (int a = 0; a < 3; ++a) {
-        const int b = (a + 1) % 3, c = (a + 2) % 3;
-        for (int k = 0; k < 3; ++k)
-            inverse[a][k] = k == a ? v[b] * v[c] * square : all(0.0);
         t->values[a] = t->at.logs[a] - mean;
-        t->E2[a] = w[b] * w[c] * (of_w * of_w);
+        t->E2[a] = w[(a + 1) % 3] * w[(a + 2) % 3] * square;
         t->E[a] = square_root(t->E2[a]);
     }
-    sandwich(space, t->N, inverse, t->begin);
-    t->volume = all_v * square;
+    symmetric_of(space, state, C);
+    cofactors(space, C, inverse);
+    sandwich(space, t->at.G, inverse, t->begin);
     t->step = end[alpha] - state[alpha];
 }
 
 /* Adds a branch, of c and b, from C_pi at the begin. */
-INLINE void add_branch(int space, const Ended *t, const double *backstress, const vec *from, Changes *sum)
+INLINE void add_branch(int space, const Ended *t, const double *backstress, double per, const vec *from,
+                       Changes *sum)
 {
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    const double shear = backstress[0] / 3.0, recovery = backstress[1];
+    const double scale = backstress[0] / 3.0 * per, recovery = backstress[1];
     vec decay, phi, ratio;
-    tensor C, metric, K, rise, inner, turned, B, J;
+    tensor C, metric, K, rise, inner, turned, B, J, dB;
     mean_decay(recovery * t->step, &decay, &phi, &ratio);
     symmetric_of(space, from, C);
     sandwich(space, t->at.G, C, metric);
+    const vec mid = recovery * t->step * ratio * t->volume, by = recovery * (decay - ratio) * t->volume;
+    const vec old = decay * t->volume, fall = recovery * old;
     UPPER(space, a, b)
     {
-        vec old = decay * t->volume * metric[a][b];
-        K[a][b] = old + recovery * t->step * ratio * t->begin[a][b];
-        rise[a][b] = recovery * ((decay - ratio) * t->begin[a][b] - old);
+        K[a][b] = old * metric[a][b] + mid * t->begin[a][b];
+        rise[a][b] = by * t->begin[a][b] - fall * metric[a][b];
         if (a == b) {
             K[a][a] += (1.0 - phi) * t->E2[a];
             rise[a][a] += recovery * ratio * t->E2[a];
@@ -934,34 +934,33 @@ INLINE void add_branch(int space, const Ended *t, const double *backstress, cons
     vec growth = contract(space, inner, rise) * root * (1.0 / 3.0);
     UPPER(space, a, b)
     {
-        vec by = t->E[a] * t->E[b];
-        B[a][b] = by * inner[a][b];
+        vec both = t->E[a] * t->E[b];
+        B[a][b] = both * inner[a][b];
         J[a][b] = (a == b ? all(1.0) : all(0.0)) - end * B[a][b];
-        sum->X[a][b] += shear * B[a][b];
-        sum->rise[a][b] += shear * (growth * B[a][b] - root * by * turned[a][b]);
+        turned[a][b] = growth * B[a][b] - root * both * turned[a][b];
     }
     mirror(space, B);
     mirror(space, J);
+    add_deviator(space, B, scale, sum->X);
+    add_deviator(space, turned, scale, sum->rise);
 #pragma GCC unroll 9
     for (int p = 0; p < (space ? 9 : 5); ++p) {
         const int i = place[p][0], j = place[p][1];
         vec size = 2.0 / 3.0 * end * B[i][j];
-        tensor dB;
         UPPER(space, a, b)
         {
             dB[a][b] = size * B[a][b];
             if (COUPLED(space, a, i))
                 dB[a][b] += J[i][a] * B[j][b] + J[i][b] * B[j][a];
-            dB[a][b] *= shear;
         }
-        add_deviator(space, dB, sum->U[p]);
+        add_deviator(space, dB, scale, sum->U[p]);
     }
 }
 
 /* y of W y = R, (count, count) each by rows; R becomes y. W is near to 1. */
 INLINE void solve(int count, vec *W, vec *R)
 {
-    vec inverse[6];
+    vec inverse[5];
 #pragma GCC unroll 9
     for (int k = 0; k < count; ++k) {
         inverse[k] = 1.0 / W[k * count + k];
@@ -988,169 +987,208 @@ INLINE void solve(int count, vec *W, vec *R)
         }
 }
 
-/* The parts of D for changes d of the strain and of F along its principal axes: of dE = D E, and of
- * E d = D E. */
-INLINE void changes_of_exponential(int space, const Ended *t, tensor of_strain, tensor of_F)
+/* What X changes by with the strain and with d, each component of deviators alone: X_e and X_d. */
+INLINE void by_strain(int space, const Ended *t, const Changes *of, vec X_e[5][5], vec X_d[5][5])
 {
-    UPPER(space, a, b)
-    {
-        const int of_a = (a + 1) % 3, of_b = (b + 1) % 3;
-        if (a == b) {
-            of_F[a][a] = all(1.0);
-            of_strain[a][a] = all(-1.0);
-            continue;
-        }
-        /* one over E_b is what the other two make together */
-        of_F[a][b] = t->E[a] * t->E[of_b] * t->E[(b + 2) % 3];
-        of_F[b][a] = t->E[b] * t->E[of_a] * t->E[(a + 2) % 3];
-        vec part = -0.5 / log_ratio(t->E[a], t->E[b], 0.5 * (t->values[b] - t->values[a]));
-        of_strain[a][b] = part * (of_F[a][b] + 1.0);
-        of_strain[b][a] = part * (of_F[b][a] + 1.0);
-    }
-}
-
-/* What the trial strain changes by for d, L = 1 + sum of more (x) r: the parts of its principal
- * axes' shears, by the end's. */
-INLINE void trial_changes(int space, const Axes *axes, const tensor n, vec more[3][6], vec r[3][6])
-{
-    for (int k = 3; k < (space ? 6 : 4); ++k) {
-        const int c = PAIRS[k][0], d = PAIRS[k][1];
-        vec by_log = log_ratio(axes->w[c], axes->w[d], axes->logs[c] - axes->logs[d]) - 1.0;
-        for (int j = 0; j < (space ? 6 : 4); ++j) {
-            const int a = PAIRS[j][0], b = PAIRS[j][1];
-            const double by = a == b ? 0.7071067811865476 : 1.0;
-            r[k - 3][j] = all(0.0);
-            if (COUPLED(space, a, c))
-                r[k - 3][j] = by * (n[a][c] * n[b][d] + n[a][d] * n[b][c]);
-            more[k - 3][j] = by_log * r[k - 3][j];
-        }
-    }
-}
-
-/* d tau/d d (count, count) of symmetric changes d of F = d F; see "tangent" in elastoplastic.py. */
-INLINE void turned_moduli(int space, const Material *m, const Axes *axes, const Ended *t, const Changes *of,
-                          vec alpha, vec *c)
-{
-    const int count = space ? 6 : 4, shears = space ? 3 : 1;
     static const int NUMBER[2][3][3] = {{{0, 1, 0}, {2, 3, 0}, {0, 0, 4}}, {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}}};
+    const int count = DEVIATORS(space), last = space ? 8 : 4, second = space ? 4 : 3;
+    for (int k = 0; k < count; ++k) {
+        X_d[0][k] = ROOT_HALF * (of->U[0][k] - of->U[second][k]);
+        X_d[1][k] = ROOT_SIXTH * ((of->U[0][k] + of->U[second][k]) - 2.0 * of->U[last][k]);
+        X_e[0][k] = -X_d[0][k];
+        X_e[1][k] = -X_d[1][k];
+    }
+    for (int j = 2; j < count; ++j) {
+        const int a = PAIRS[j + 1][0], b = PAIRS[j + 1][1], c = 3 - a - b;
+        /* one over E_b is what the other two make together */
+        const vec one = ROOT_HALF * (t->E[a] * t->E[a] * t->E[c]), other = ROOT_HALF * (t->E[b] * t->E[b] * t->E[c]);
+        const vec part = -0.5 / log_ratio(t->E[a], t->E[b], 0.5 * (t->values[b] - t->values[a]));
+        const vec by_one = part * (one + ROOT_HALF), by_other = part * (other + ROOT_HALF);
+        const vec *u = of->U[NUMBER[space][a][b]], *v = of->U[NUMBER[space][b][a]];
+        for (int k = 0; k < count; ++k) {
+            X_e[j][k] = by_one * u[k] + by_other * v[k];
+            X_d[j][k] = one * u[k] + other * v[k];
+        }
+    }
+}
+
+/* The trial strain e turns with d: it changes by d + r^T more d, d by its deviator. With [e, d] = r d the
+ * change is f([e, [e, d]]), f(x^2) = x coth x: more = g(r r^T) r, f(y) = 1 + y g(y). */
+INLINE void trial_changes(int space, const vec *e, vec r[3][5], vec more[3][5])
+{
+    static const double SERIES_OF_COTH[] = {1.0 / 3,       -1.0 / 45,          2.0 / 945,       -1.0 / 4725,
+                                            2.0 / 93555,   -1382.0 / 638512875, 4.0 / 18243225, -3617.0 / 162820783125.0};
+    enum { TERMS_KNOWN = 8, NEAR_TERMS = 4, FAR_TERMS = 30 }; /* beyond: the nearest pole's, at x = pi i */
+    const int count = DEVIATORS(space), shears = space ? 3 : 1;
+    const vec zero = all(0.0), h1 = ROOT_HALF * e[0], h2 = 1.224744871391589 * e[1], h12 = ROOT_HALF * e[2];
+    const vec h23 = space ? ROOT_HALF * e[3] : zero, h13 = space ? ROOT_HALF * e[4] : zero;
+    const vec rows[3][5] = {{-2.0 * h12, zero, 2.0 * h1, h13, -h23},
+                            {h23, -1.7320508075688772 * h23, -h13, h2 - h1, h12},
+                            {-h13, -1.7320508075688772 * h13, -h23, h12, h1 + h2}};
+    vec M[3][3], g[3][3], size = zero;
+    for (int k = 0; k < shears; ++k) {
+        for (int j = 0; j < count; ++j)
+            r[k][j] = rows[k][j];
+        for (int l = k; l < shears; ++l) {
+            M[k][l] = zero;
+            for (int j = 0; j < count; ++j)
+                M[k][l] += rows[k][j] * rows[l][j];
+            M[l][k] = M[k][l];
+            g[k][l] = g[l][k] = zero;
+        }
+        size += M[k][k];
+    }
+    const int terms = any((ivec)(size > 0.01)) ? FAR_TERMS : NEAR_TERMS;
+    double factor = SERIES_OF_COTH[TERMS_KNOWN - 1];
+    for (int n = TERMS_KNOWN; n < terms; ++n)
+        factor *= -0.10132118364233778;
+    for (int n = terms - 1; n >= 0; --n) {
+        const double c = n < TERMS_KNOWN ? SERIES_OF_COTH[n] : factor;
+        vec next[3][3];
+        for (int k = 0; k < shears; ++k)
+            for (int l = k; l < shears; ++l) {
+                next[k][l] = k == l ? all(c) : zero;
+                for (int j = 0; j < shears; ++j)
+                    next[k][l] += M[k][j] * g[j][l];
+            }
+        for (int k = 0; k < shears; ++k)
+            for (int l = k; l < shears; ++l)
+                g[k][l] = g[l][k] = next[k][l];
+        factor *= -9.869604401089358;
+    }
+    for (int k = 0; k < shears; ++k)
+        for (int j = 0; j < count; ++j) {
+            more[k][j] = g[k][0] * rows[0][j];
+            for (int l = 1; l < shears; ++l)
+                more[k][j] += g[k][l] * rows[l][j];
+        }
+}
+
+/* What the strain at the end changes by with d (count, count), deviators both; see "tangent" in
+ * elastoplastic.py. */
+INLINE void turned_moduli(int space, const Material *m, const Ended *t, const Changes *of, vec alpha, vec *c)
+{
+    const int count = DEVIATORS(space), shears = space ? 3 : 1;
     const double two = 2.0 * m->shear;
-    vec W[36], R[36], more[3][6], r[3][6], rise[6] = {}, nu[6] = {}, end, stress, slope;
-    tensor over, D, of_F;
-    UPPER(space, a, b) over[a][b] = (a == b ? two * t->values[a] : all(0.0)) - of->X[a][b];
-    add_deviator(space, over, nu);
-    add_deviator(space, of->rise, rise);
-    vec q = all(0.0);
-#pragma GCC unroll 9
-    for (int i = 0; i < count; ++i)
-        q += 1.5 * nu[i] * nu[i];
-    q = square_root(q);
-#pragma GCC unroll 9
-    for (int i = 0; i < count; ++i)
-        nu[i] *= 1.2247448713915890 / choose((ivec)(q > 0.0), q, all(1.0));
+    vec W[25], y[25], X_e[5][5], X_d[5][5], r[3][5], more[3][5], nu[5], trial[5] = {}, end, stress, slope;
+    vec size = all(0.0);
+    for (int a = 0; a < 2; ++a)
+        trial[a] = a ? ROOT_SIXTH * (t->values[0] + t->values[1] - 2.0 * t->values[2])
+                     : ROOT_HALF * (t->values[0] - t->values[1]);
+    for (int k = 0; k < count; ++k) {
+        nu[k] = trial[k] - of->X[k];
+        size += nu[k] * nu[k];
+    }
+    size = square_root(size);
     end_stresses(m, alpha, t->step, &stress, &slope, &end);
-    ivec flows = (ivec)(q >= (1.0 - NEUTRAL) * end) | (ivec)(t->step > 0.0);
-    changes_of_exponential(space, t, D, of_F);
-    trial_changes(space, axes, t->N, more, r);
-    vec size = 2.449489742783178 * m->shear * t->step, across_it = size / (size + 0.8164965809277260 * stress);
-    vec onward = 1.0 / (1.0 + slope * (1.0 / (1.5 * two))), further = onward - across_it;
+    const ivec flows = (ivec)(1.224744871391589 * two * size >= (1.0 - NEUTRAL) * end) | (ivec)(t->step > 0.0);
+    const vec scale = 1.0 / choose((ivec)(size > 0.0), size, all(1.0)), flown = 1.224744871391589 * t->step;
+    for (int k = 0; k < count; ++k) {
+        nu[k] *= scale;
+        trial[k] += flown * nu[k];
+    }
+    by_strain(space, t, of, X_e, X_d);
+    trial_changes(space, trial, r, more);
+    const vec part = two * flown, none = all(0.0);
+    const vec across_it = choose(flows, part / (part + 0.8164965809277260 * stress), none);
+    const vec onward = choose(flows, 1.0 / (1.0 + slope * (1.0 / (1.5 * two))), none), further = onward - across_it;
 #pragma GCC unroll 9
     for (int i = 0; i < count; ++i) {
-        vec row[6], along = all(0.0), sum[3] = {};
-        const double part = 1.0 / two;
+        vec row[5], along = none, sum[3] = {};
+#pragma GCC unroll 9
+        for (int j = 0; j < count; ++j)
+            along += X_e[j][i] * nu[j];
+        along = further * along - 0.8164965809277260 * (onward * of->rise[i]);
 #pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
-            const int a = PAIRS[j][0], b = PAIRS[j][1];
-            vec one = part * of->U[NUMBER[space][a][b]][i], other = part * of->U[NUMBER[space][b][a]][i];
-            row[j] = j < 3 ? -one : 0.7071067811865476 * (D[a][b] * one + D[b][a] * other);
-            R[i * count + j] = j < 3 ? -one : -0.7071067811865476 * (of_F[a][b] * one + of_F[b][a] * other);
-            along += row[j] * nu[j];
-        }
-        along = further * along - (0.8164965809277260 * part) * (onward * rise[i]);
-#pragma GCC unroll 9
-        for (int j = 0; j < count; ++j) {
-            W[i * count + j] = (i == j ? all(1.0) : all(0.0)) - across_it * row[j] - along * nu[j];
-            row[j] = (i == j) - (i < 3 && j < 3 ? 1.0 / 3.0 : 0.0) - row[j];
+            W[i * count + j] = (i == j ? all(1.0) : none) - across_it * X_e[j][i] - along * nu[j];
+            row[j] = (i == j ? all(1.0) : none) - X_e[j][i];
 #pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
                 sum[k] += row[j] * r[k][j];
         }
 #pragma GCC unroll 9
         for (int j = 0; j < count; ++j) {
-            R[i * count + j] += row[j];
+            vec *to = y + i * count + j;
+            *to = row[j] - X_d[j][i];
 #pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
-                R[i * count + j] += sum[k] * more[k][j];
+                *to += sum[k] * more[k][j];
         }
     }
-    solve(count, W, R);
+    solve(count, W, y);
 #pragma GCC unroll 9
     for (int j = 0; j < count; ++j) {
-        vec sum = all(0.0), part[6];
+        vec sum = none;
 #pragma GCC unroll 9
         for (int i = 0; i < count; ++i)
-            sum += nu[i] * R[i * count + j];
+            sum += nu[i] * y[i * count + j];
+        sum *= further;
 #pragma GCC unroll 9
         for (int i = 0; i < count; ++i) {
-            part[i] = across_it * R[i * count + j] + further * nu[i] * sum;
-            part[i] = (i == j ? all(1.0) : all(0.0)) - choose(flows, part[i], all(0.0));
+            vec to = (i == j ? all(1.0) : none) - across_it * y[i * count + j] - nu[i] * sum;
 #pragma GCC unroll 9
             for (int k = 0; k < shears; ++k)
-                part[i] += r[k][i] * more[k][j];
+                to += r[k][i] * more[k][j];
+            c[i * count + j] = to;
         }
-        vec mean = (part[0] + part[1] + part[2]) * (1.0 / 3.0);
-#pragma GCC unroll 9
-        for (int i = 0; i < count; ++i)
-            c[i * count + j] = two * (i < 3 ? part[i] - mean : part[i]) +
-                               (i < 3 && j < 3 ? m->bulk : 0.0);
     }
 }
 
-/* Whether the product of two axes has a part in a component. */
-#define CARRIED(space, i, k) ((space) || ((i) == 2) == ((k) == 2))
+/* Whether a component of deviators has a part in one of tensors, in the plane. */
+#define CARRIED(space, i, k) ((space) || ((i) == 1 ? (k) < 3 : (k) != 2))
 
-/* c and tau, see MODULI of point_lanes.h, from the moduli dtau/dd by components of the axes, which are
- * changed, and the principal stresses: c d is what dtau is but for the change d tau + tau d of place. */
-INLINE void by_place(int space, const Axes *at, const vec *tau, vec *c, vec *moduli)
+/* c and tau, see MODULI of point_lanes.h, from what the strain's deviator changes by with that of d and the
+ * principal stresses: c d is what dtau is but for the change d tau + tau d of place. */
+INLINE void by_place(int space, const Material *m, const Axes *at, const vec *tau, const vec *c, vec *moduli)
 {
-    const int n = space ? 6 : 4;
-    vec M[6][6], along[6][6], *to = tangent_of(space, moduli);
+    const int n = space ? 6 : 4, count = DEVIATORS(space);
+    vec M[5][6], square[3][6], along[5][6], *to = tangent_of(space, moduli);
 #pragma GCC unroll 9
-    for (int i = 0; i < n; ++i) {
-        const int a = PAIRS[i][0], b = PAIRS[i][1];
-        c[(n + 1) * i] -= tau[a] + tau[b];
+    for (int k = 0; k < n; ++k) {
+        const int p = PAIRS[k][0], q = PAIRS[k][1];
 #pragma GCC unroll 9
-        for (int k = 0; k < n; ++k) {
-            const int p = PAIRS[k][0], q = PAIRS[k][1];
-            M[i][k] = all(0.0);
-            if (!CARRIED(space, i, k))
-                continue;
-            M[i][k] = at->n[a][p] * at->n[b][q];
-            if (a != b)
-                M[i][k] = 0.7071067811865476 * (M[i][k] + at->n[b][p] * at->n[a][q]);
+        for (int a = 0; a < 3; ++a)
+            square[a][k] = at->n[a][p] * at->n[a][q];
+        moduli[k] = tau[0] * square[0][k] + tau[1] * square[1][k] + tau[2] * square[2][k];
+        M[0][k] = ROOT_HALF * (square[0][k] - square[1][k]);
+        /* the three make 1 together */
+        M[1][k] = 3.0 * ROOT_SIXTH * ((k < 3 ? all(1.0 / 3.0) : all(0.0)) - square[2][k]);
+#pragma GCC unroll 9
+        for (int i = 2; i < count; ++i) {
+            const int a = PAIRS[i + 1][0], b = PAIRS[i + 1][1];
+            M[i][k] = ROOT_HALF * (at->n[a][p] * at->n[b][q] + at->n[b][p] * at->n[a][q]);
         }
     }
 #pragma GCC unroll 9
-    for (int k = 0; k < n; ++k)
-        moduli[k] = tau[0] * M[0][k] + tau[1] * M[1][k] + tau[2] * M[2][k];
-#pragma GCC unroll 9
-    for (int i = 0; i < n; ++i)
+    for (int i = 0; i < count; ++i)
 #pragma GCC unroll 9
         for (int k = 0; k < n; ++k) {
             along[i][k] = all(0.0);
 #pragma GCC unroll 9
-            for (int j = 0; j < n; ++j)
+            for (int j = 0; j < count; ++j)
                 if (CARRIED(space, j, k))
-                    along[i][k] += c[n * i + j] * M[j][k];
+                    along[i][k] += c[count * i + j] * M[j][k];
+            along[i][k] *= 2.0 * m->shear;
         }
 #pragma GCC unroll 9
     for (int k = 0; k < n; ++k)
 #pragma GCC unroll 9
         for (int l = 0; l < n; ++l) {
-            vec sum = all(0.0);
+            const int i = PAIRS[k][0], j = PAIRS[k][1], p = PAIRS[l][0], q = PAIRS[l][1];
+            vec sum = all(k < 3 && l < 3 ? m->bulk : 0.0);
 #pragma GCC unroll 9
-            for (int i = 0; i < n; ++i)
-                if (CARRIED(space, i, k))
-                    sum += M[i][k] * along[i][l];
+            for (int of = 0; of < count; ++of)
+                if (CARRIED(space, of, k))
+                    sum += M[of][k] * along[of][l];
+            if (i == p)
+                sum -= 0.5 * moduli[NUMBER[j][q]];
+            if (i == q)
+                sum -= 0.5 * moduli[NUMBER[j][p]];
+            if (j == p)
+                sum -= 0.5 * moduli[NUMBER[i][q]];
+            if (j == q)
+                sum -= 0.5 * moduli[NUMBER[i][p]];
             to[n * k + l] = sum;
         }
 }
@@ -1187,26 +1225,27 @@ INLINE void turned_state(int space, const Material *m, const Axes *at, const Tur
 INLINE void moduli_turning(int space, const Material *m, const vec *F, const vec *state, const vec *end,
                            vec *moduli, ivec *good)
 {
-    const int alpha = (space ? 6 : 4) * (int)(1 + m->branches), count = space ? 9 : 5;
-    vec sum = all(0.0), c[36], tau[3];
-    Axes begin;
+    const int size = space ? 6 : 4, alpha = size * (int)(1 + m->branches), count = DEVIATORS(space);
+    vec sum = all(0.0), c[25], tau[3];
     Ended t;
     Changes of;
-    UPPER(space, a, b) of.X[a][b] = of.rise[a][b] = all(0.0);
-    for (int p = 0; p < count; ++p)
-        for (int k = 0; k < (space ? 6 : 4); ++k)
-            of.U[p][k] = all(0.0);
-    end_of_step(space, F, state, end, alpha, &begin, &t);
+#pragma GCC unroll 9
+    for (int k = 0; k < count; ++k) {
+        of.X[k] = of.rise[k] = sum;
+#pragma GCC unroll 9
+        for (int p = 0; p < (space ? 9 : 5); ++p)
+            of.U[p][k] = sum;
+    }
+    end_of_step(space, F, state, end, alpha, &t);
     for (int k = 0; k < m->branches; ++k)
-        add_branch(space, &t, m->backstress + 2 * k, state + (space ? 6 : 4) * (1 + k), &of);
-    turned_moduli(space, m, &begin, &t, &of, state[alpha], c);
-    probe(state, alpha + 1, &sum);
-    probe(c, space ? 36 : 16, &sum);
+        add_branch(space, &t, m->backstress + 2 * k, 0.5 / m->shear, state + size * (1 + k), &of);
+    turned_moduli(space, m, &t, &of, state[alpha], c);
+    probe(c, count * count, &sum);
     for (int a = 0; a < 3; ++a)
-        tau[a] = 2.0 * m->shear * t.values[a] + m->bulk * (begin.logs[0] + begin.logs[1] + begin.logs[2]);
+        tau[a] = 2.0 * m->shear * t.values[a] + m->bulk * (t.at.logs[0] + t.at.logs[1] + t.at.logs[2]);
     probe(tau, 3, &sum);
-    by_place(space, &t.at, tau, c, moduli);
-    *good &= begin.good & t.at.good & is_finite(sum);
+    by_place(space, m, &t.at, tau, c, moduli);
+    *good &= t.at.good & is_finite(sum);
 }
 
 /* The update of a step. */

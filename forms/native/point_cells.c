@@ -1,4 +1,4 @@
-/* Loops over material points, eight at a time: points by themselves, and those of cells of any kind
+/* Loops over material points, several at a time: points by themselves, and those of cells of any kind
  * with the forces, the energy and the tangent of the cells.
  *
  * What the points do is a kernel, see Update of point_lanes.h: a cell's deformation gradients, its
@@ -13,6 +13,12 @@
  */
 
 #include "point_lanes.h"
+
+/* How many the tables of callers have side by side. */
+EXPORT int64_t tribox_lanes(void)
+{
+    return LANES;
+}
 
 /* The columns k of the lanes' rows. */
 INLINE vec column(double *const *row, int64_t k)
@@ -30,7 +36,7 @@ INLINE void find_rows(const double *table, int64_t width, const int64_t *number,
         row[l] = (double *)table + width * number[l];
 }
 
-/* `count` columns of the lanes' rows from the column `from` on: eight at a time, the last eight of
+/* `count` columns of the lanes' rows from the column `from` on: LANES at a time, the last of
  * them twice where they overlap others. */
 INLINE void load(double *const *row, int64_t from, int count, vec *to)
 {
@@ -446,7 +452,7 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
                      int lanes, int symmetric, vec *matrix, vec (*force)[3], vec *sums)
 {
     const int dim = section == SPACE ? 3 : 2, count = section == SPACE ? 9 : 5;
-    const int many = section == SPACE ? 42 : 20, points = (int)w->points, size = dim * parents + 2;
+    const int components = section == SPACE ? 6 : 4, points = (int)w->points, size = dim * parents + 2;
     const int32_t *node = w->node + n * nodes * LANES;
     const double *table = w->table + n * points * size * LANES;
     vec B[nodes][3], at[nodes][3], radial;
@@ -487,9 +493,14 @@ INLINE ivec at_block(enum section section, int nodes, int parents, const Work *w
             bad |= ~good;
             if (v->width) /* what remembers nothing says itself what is no number */
                 weight = (vec)((ivec)weight | ~good); /* all bits set: not a number */
-#pragma GCC unroll 1
-            for (int k = 0; moduli == more && k < many; ++k)
-                A[k] += more[k];
+#pragma GCC unroll 6
+            for (int p = 0; moduli == more && p < components; ++p) {
+                A[p] += more[p];
+#pragma GCC unroll 6
+                for (int r = symmetric ? p : 0; r < components; ++r)
+                    if (counts(section, p) && counts(section, r))
+                        A[components * (1 + p) + r] += more[components * (1 + p) + r];
+            }
         }
         for (int k = 0; w->energies && k < ENERGIES; ++k)
             sums[k] += weight * energy[k];

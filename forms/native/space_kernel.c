@@ -1,4 +1,4 @@
-/* Internal forces and strain energy of first-order cells in space, eight at a time, and the moduli of
+/* Internal forces and strain energy of first-order cells in space, several at a time, and the moduli of
  * elastic points in space.
  *
  * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the

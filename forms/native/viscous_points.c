@@ -1,4 +1,4 @@
-/* Material points of Maxwell branches at finite strain, eight at a time.
+/* Material points of Maxwell branches at finite strain, several at a time.
  *
  * The equations are in forms/bodies/viscous_points.py. Tensors that are
  * symmetric are computed in their upper half, and m^(-1/3) gives 1/m too.
@@ -72,10 +72,9 @@ INLINE void deformation(int space, const Place *place, Deformation *at)
         at->H[1][1] = g[0] * place->hoop;
         at->H[2][2] = place->J;
     }
-    vec root = root_of(space ? place->J : place->J * place->hoop, &at->good);
+    const vec J = space ? place->J : place->J * place->hoop, root = root_of(J, &at->good), scale = 1.0 / J;
     at->j = root * root;
-    vec scale = at->j * root;
-    EACH(space, i, j) at->H[i][j] *= scale;
+    EACH(space, i, j) at->H[i][j] *= scale; /* not by root^3, which takes longer to come */
     UPPER(space, i, j)
     {
         at->C[i][j] = all(0.0);
@@ -196,7 +195,7 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
     vec *c = tangent_of(space, moduli), p = all(0.0), both = p, ok = p;
     tensor S, Z;
     EACH(space, i, k) S[i][k] = Z[i][k] = all(0.0);
-#pragma GCC unroll 9
+#pragma GCC unroll 36
     for (int k = 0; k < n * n; ++k)
         c[k] = all(0.0);
 #pragma GCC unroll 1
@@ -229,7 +228,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
     const int width = kept + branches;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
-    Sum sum = {};
+    Sum sum;
     Deformation at;
     tensor FN;
     vec ok = all(0.0), g[9];
@@ -246,6 +245,8 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         *good = by_place(section, w, &at, space ? here.J : here.J * here.hoop, state, moduli);
         return;
     }
+    EACH(space, i, j) sum.N[i][j] = all(0.0);
+    sum.pressure = all(0.0);
     for (int k = 0; energies && k < ENERGIES; ++k)
         energies[k] = all(0.0);
 #pragma GCC unroll 1
