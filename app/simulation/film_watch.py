@@ -53,6 +53,7 @@ MOVED = 0.1  # of the way slid, by which the contact may move along the slave in
 OWN = 0.02  # of what a film carries, that a flooded reservoir's own pressure may make of it
 CONDUCTS = 0.14  # W/(m K), of oils; they lose some 3 % of their viscosity a kelvin
 WARMS = 5.0  # K, by which a film's middle may be warmer than its walls
+THICKENS, THICKER = 15e-9, 1.5  # 1/Pa, of mineral oils; by how much, where barus is not given
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
@@ -479,6 +480,19 @@ def heat(look: Look) -> Found:
         )
 
 
+def thickening(look: Look) -> Found:
+    """Hold the pressure against what makes oils more viscous, where none is to."""
+    most = float(look.solution.pressure.max(initial=0.0))
+    thicker = float(np.exp(THICKENS * most))
+    if look.solver.rheology.barus == 0.0 and thicker > THICKER:
+        yield (
+            "thickening",
+            thicker,
+            f"the film presses by up to {most:.2g} Pa ({look.when}), where a mineral oil of "
+            f"{THICKENS:.2g}/Pa is {thicker:.2g} times as viscous as eta_b: film.barus",
+        )
+
+
 def lag(look: Look) -> Found:
     """Hold by how much a film changes in a step as its master slides on against the film.
 
@@ -510,7 +524,8 @@ def lag(look: Look) -> Found:
         )
 
 
-CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs, heat, lag)
+CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs)
+CHECKS += (heat, thickening, lag)
 """All that a film which carries a part of the load is held against."""
 
 
