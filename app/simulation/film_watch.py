@@ -38,9 +38,7 @@ DEEP = 0.25  # cell over the half-width of the contact; .35 of it left friction 
 GIVES = 1.0  # of the film, that a column of a cell's depth gives way by: less moves no film
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
 THIN = 0.5  # h/σ below which the laws of film and asperities are extrapolated
-BOUNDED = (
-    10.0  # film at the end of the slave over the least: up to it a contact ends there by itself
-)
+BOUNDED = 10.0  # film at the slave's end over the least, up to which a contact ends by itself
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
 LAGS = 1.5  # by which the load is off, over the mean change of the film: wedges of 1.2 to 3
@@ -485,12 +483,11 @@ def thickening(look: Look) -> Found:
     most = float(look.solution.pressure.max(initial=0.0))
     thicker = float(np.exp(THICKENS * most))
     if look.solver.rheology.barus == 0.0 and thicker > THICKER:
-        yield (
-            "thickening",
-            thicker,
+        said = (
             f"the film presses by up to {most:.2g} Pa ({look.when}), where a mineral oil of "
-            f"{THICKENS:.2g}/Pa is {thicker:.2g} times as viscous as eta_b: film.barus",
+            f"{THICKENS:.2g}/Pa is {thicker:.2g} times as viscous as eta_b: film.barus"
         )
+        yield "thickening", thicker, said
 
 
 def lag(look: Look) -> Found:
@@ -524,8 +521,10 @@ def lag(look: Look) -> Found:
         )
 
 
-CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs)
-CHECKS += (heat, thickening, lag)
+CHECKS = (
+    *(inlet, cells_below, roughness, master_facets, oil),
+    *(steady_flow, reservoirs, heat, thickening, lag),
+)
 """All that a film which carries a part of the load is held against."""
 
 
