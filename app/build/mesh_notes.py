@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 
-from tribox.app.build.boundary_conditions import ON_AXIS, Constraint, Loads
+from tribox.app.build.boundary_conditions import ON_AXIS, Loads
 from tribox.app.build.mesh import bodies_sharing_nodes, bonded_groups
 from tribox.app.case.bodies import ElastoPlasticBody
 from tribox.app.case.boundary import COMPONENTS
@@ -18,13 +18,9 @@ from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import solver_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.slanted import SlantedPlaten
 from tribox.app.equilibrium.supports import (
-    Grip,
-    body_nodes,
-    joined_bodies,
+    free_bodies,
     loose_directions,
-    rigid_motions,
     sprung_dofs,
 )
 from tribox.app.equilibrium.unknowns import Prescribed, box_of
@@ -34,7 +30,6 @@ from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
 from tribox.geometry.meshes.partition import metis_is_available
-from tribox.geometry.surfaces.facets import Floats, Ints
 
 SRI = 'formulation = "q1-sri"'
 
@@ -338,8 +333,6 @@ def notes_on_supports(problem: Equilibrium, touching: bool) -> Iterator[str]:
 
 # -- Bodies that nothing holds any more once supports have vanished or are released ----------------
 
-NOTHING = 1e-9  # stiffness of a rigid motion, over the largest, up to which nothing resists it
-
 
 def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -> Iterator[str]:
     """A line on each implicit stage from which on bodies can drift; collective.
@@ -349,24 +342,44 @@ def drifting(case: Case, named: NamedMesh, problem: Equilibrium, loads: Loads) -
     """
     if not any(b.stages for b in case.boundary) and not any(s.release for s in case.stage):
         return
-    rigid, said = RigidMotions(problem), set()
+    said = set[tuple[tuple[str, ...], tuple[str, ...]]]()
     for stage in case.stage:
         if solver_of(stage, case.solver.kind) != "implicit":
             continue
-        rows = [rigid.held(one, stage.name) for one in loads.acting(stage.name)]
-        for load, surface in zip(loads.forms.loads, loads.forms.surfaces, strict=True):
-            tables = [b for b in case.boundary if b.surface == surface and b.foundation]
-            if isinstance(load, Foundation) and any(b.acts_in(stage.name) for b in tables):
-                rows.append(rigid.rows(load.held))
-        tied = [one.tied and case.acts_in(one, stage.name) for one in case.contact]
-        for joined in joined_bodies(problem, tied):
-            bodies = joined.names
-            grips = [rigid.gripped(grip) for grip in joined.grips]
-            free = tuple(rigid.free(bodies, [*rows, *grips]))
-            if free and (bodies, free) not in said:
-                said.add((bodies, free))
-                touching = any(_touch(case, named, stage.name, name) for name in bodies)
-                yield _line(stage.name, " and ".join(bodies), ", ".join(free), touching)
+        with _supports_of(case, problem, loads, stage.name):
+            free = free_bodies(problem)
+        for body in free:
+            names = body.joined.names
+            if (names, body.motions) not in said:
+                said.add((names, body.motions))
+                touching = any(_touch(case, named, stage.name, name) for name in names)
+                yield _line(stage.name, body.name, ", ".join(body.motions), touching)
+
+
+@contextmanager
+def _supports_of(case: Case, problem: Equilibrium, loads: Loads, stage: str) -> Iterator[None]:
+    """Let constraints, foundations and ties be those of a stage within the context."""
+    changed: list[tuple[Any, str, Any]] = []
+
+    def put(part: Any, name: str, value: object) -> None:
+        changed.append((part, name, getattr(part, name)))
+        setattr(part, name, value)
+
+    for one in loads.constraints:
+        put(one.part, "acts", one.acts(stage))
+        if not isinstance(one.part, Prescribed):
+            put(one.part, "displacement", 0.0 if one.given(stage) else None)
+    for load, surface in zip(loads.forms.loads, loads.forms.surfaces, strict=True):
+        tables = [b for b in case.boundary if b.surface == surface and b.foundation]
+        if isinstance(load, Foundation):
+            put(load, "acts", any(b.acts_in(stage) for b in tables))
+    for table, term in zip(case.contact, problem.contacts, strict=True):
+        put(term, "active", case.acts_in(table, stage))
+    try:
+        yield
+    finally:
+        for part, name, value in reversed(changed):
+            setattr(part, name, value)
 
 
 def _line(stage: str, bodies: str, free: str, touching: bool) -> str:
@@ -389,65 +402,3 @@ def _touch(case: Case, named: NamedMesh, stage: str, body: str) -> bool:
         for surface in (one.slave, *([] if one.master in case.tools else [one.master]))
     }
     return any([body in named.bodies_of(surface) for surface in sorted(surfaces)])
-
-
-class RigidMotions:
-    """Rigid motions of the mesh, those of each body from what holds it."""
-
-    def __init__(self, problem: Equilibrium) -> None:
-        """Find the motions about the middle of the mesh; collective."""
-        self._problem, dim = problem, problem.dim
-        place = problem.unknowns.node_places()
-        sums = problem.comm.allreduce(np.array([*place.sum(axis=0), len(place)]))
-        arm = place - sums[:-1] / sums[-1]
-        size = problem.comm.allreduce(float(np.abs(arm).max(initial=0.0)), op=MPI.MAX)
-        ring = bool(problem.solids) and problem.solids[0].section == "axisymmetric"
-        # A turn moves the farthest node by 1, as a displacement does: one bound serves for both.
-        motions = rigid_motions(arm / size, ring).transpose(0, 2, 1)
-        self._motions: Floats = motions.reshape(len(arm) * dim, motions.shape[2])
-        turns = [f"turning about {axis}" for axis in ("z" if dim == 2 else "xyz")]
-        names = [*(f"moving in {axis}" for axis in "xyz"[:dim]), *turns]
-        self.names = names[1:2] if ring else names
-        self._nodes = {s.name: body_nodes(problem, s.cells) for s in problem.solids}
-
-    def rows(self, dofs: Ints) -> tuple[Ints, Floats]:
-        """Unknowns that are held, and their displacements (c, k) in each motion."""
-        return dofs, self._motions[dofs]
-
-    def held(self, one: Constraint, stage: str) -> tuple[Ints, Floats]:
-        """What a constraint resists in a stage: unknowns (one of each node), displacements."""
-        part = one.part
-        dofs, moved = self.rows(part.dofs)
-        if isinstance(part, SlantedPlaten):
-            dim = len(part.normal)
-            dofs = dofs[::dim]
-            moved = moved.reshape(len(dofs), dim, moved.shape[1])  # a rank may have none
-            moved = np.einsum("i,mik->mk", part.normal, moved)
-        if not isinstance(part, Prescribed) and not one.given(stage):
-            # Its nodes move as one, but how far is free.
-            comm = self._problem.comm
-            count = comm.allreduce(len(dofs))
-            moved = moved - comm.allreduce(moved.sum(axis=0)) / max(count, 1)
-        return dofs, moved
-
-    def gripped(self, grip: Grip) -> tuple[Ints, Floats]:
-        """The same of a surface tied to a tool, which what drives it does not hold; collective."""
-        dim = self._problem.dim
-        dofs = (grip.nodes[:, None] * dim + np.arange(dim)).reshape(-1).astype(np.int32)
-        moved = self._motions[dofs].reshape(len(grip.nodes), dim, -1)
-        left = grip.resisted(self._problem, moved, grip.tool.free)
-        return dofs, left.reshape(len(dofs), -1)
-
-    def free(self, bodies: Sequence[str], held: Sequence[tuple[Ints, Floats]]) -> list[str]:
-        """Motions of joined bodies that nothing resists, in words; collective."""
-        nodes = np.unique(np.concatenate([self._nodes[name] for name in bodies]))
-        kinds = len(self.names)
-        # Energy of the motions on unit springs at all that is held: those without any are free.
-        gram = np.zeros((kinds, kinds))
-        for dofs, moved in held:
-            mine = moved[np.isin(dofs // self._problem.dim, nodes)]
-            gram += mine.T @ mine
-        values, vectors = np.linalg.eigh(self._problem.comm.allreduce(gram))
-        loose = vectors[:, values <= NOTHING * max(values.max(), NOTHING)]
-        share = np.sqrt(np.sum(loose**2, axis=1))
-        return [name for name, part in zip(self.names, share, strict=True) if part > 0.05]

@@ -309,6 +309,7 @@ def sprung_dofs(problem: Equilibrium) -> Ints:
 # -- Bodies that are free to move as a whole, in any direction or by turning -----------------------
 
 SINGULAR = 1e-9  # least over largest eigenvalue of what supports do to rigid motions of a free body
+TAKES_PART = 0.05  # component of a motion in a free one from which on it is named
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,6 +319,7 @@ class FreeBody:
     joined: JoinedBodies  # the bodies
     nodes: Ints  # local nodes that this rank owns
     extent: float  # m, its largest along an axis
+    motions: tuple[str, ...]  # those that are left, in words
 
     @property
     def name(self) -> str:
@@ -360,7 +362,15 @@ def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
         free = free_slots(problem, grip.tool, sprung_dofs(problem))
         left = grip.resisted(problem, moved, free)
         gram = gram + problem.comm.allreduce(np.einsum("nia,nib->ab", left, left))
-    return None if leave_none(problem, gram, nodes) else FreeBody(joined, nodes, extent)
+    left = motions_left(problem, gram, nodes)
+    if not left.any():
+        return None
+    axes = "xyz"[: problem.dim]
+    turns = [f"turning about {axis}" for axis in ("z" if problem.dim == 2 else axes)]
+    names = [*(f"moving in {axis}" for axis in axes), *turns]
+    names = names[1:2] if len(left) == 1 else names  # of a ring
+    words = tuple(name for name, free in zip(names, left, strict=True) if free)
+    return FreeBody(joined, nodes, extent, words)
 
 
 def motions_of(
@@ -379,15 +389,16 @@ def motions_of(
     return rigid_motions((at - box.mean(axis=0)) / extent, axisymmetric), extent
 
 
-def leave_none(problem: Equilibrium, gram: Floats, nodes: Ints) -> bool:
-    """Whether supports leave no motion of a body free; collective.
+def motions_left(problem: Equilibrium, gram: Floats, nodes: Ints) -> Bools:
+    """Which motions (r,) take part in those of a body that supports leave free; collective.
 
     Args:
         gram: (r, r), what the supports do to the motions, summed over all ranks.
     """
-    values = np.linalg.eigvalsh(gram)
+    values, vectors = np.linalg.eigh(gram)
     count = problem.comm.allreduce(len(nodes))
-    return bool(values[0] > SINGULAR * max(values[-1], 1.0 / max(count, 1)))
+    loose = vectors[:, values <= SINGULAR * max(values[-1], 1.0 / max(count, 1))]
+    return np.linalg.norm(loose, axis=1) > TAKES_PART
 
 
 def rigid_motions(place: Floats, axisymmetric: bool = False) -> Floats:

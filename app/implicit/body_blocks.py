@@ -28,6 +28,7 @@ from tribox.app.implicit.factor import (
     DIRECT,
     Effort,
     Factor,
+    LinearWay,
     factors_fit,
     petsc_kinds,
     positive_solver,
@@ -80,11 +81,10 @@ class IterationBudget:
         self.spent = 0
 
 
-class BodyBlocks:
+class BodyBlocks(LinearWay):
     """Solves with the tangent, as PETSc's preconditioner in Python.
 
     Attributes:
-        direct, part: see :class:`tribox.app.implicit.factor.LinearWay`.
         count: is told the iterations of each solve.
         budget: what solves by iterations may take.
         turned: whether systems are factorised because that was used up.
@@ -136,11 +136,9 @@ class BodyBlocks:
 
     @property
     def part(self) -> str:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return "factorisation" if self.direct else "preconditioner"
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(str(DIRECT["ksp_type"]), str(DIRECT["pc_type"]))
 
     def _tell(self, iterations: int) -> None:
@@ -162,7 +160,6 @@ class BodyBlocks:
         self._whole, self._fallen = None, False
 
     def set_up(self, widened: bool) -> None:
-        """Factorise; see :class:`tribox.app.implicit.factor.LinearWay`; collective."""
         self._make(widened)
         self._ksp.setOperators(self._matrix)
         self._ksp.getPC().setFailedReason(PETSc.PC.FailedReason.NOERROR)
@@ -237,14 +234,12 @@ class BodyBlocks:
     # -- solution -----------------------------------------------------------------------------
 
     def aim(self, share: float, on_path: bool = False) -> None:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         if not self.direct:
             share = max(share, CLOSE if on_path else ITERATED)
         self._share = share
 
     @property
     def closest(self) -> float:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return CLOSE if isinstance(self._bodies, CondensedBodies) or not self.direct else CLOSEST
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -311,7 +306,6 @@ class BodyBlocks:
     # -- restart ------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         spent = {"over": self.budget.over, "most": self.budget.most, "turned": self.turned}
         spent |= {"refused": self.budget.refused, "factorised": self.budget.stiff}
         return {"failures": self._failures, "given_up": self._given_up, **spent}
@@ -324,7 +318,6 @@ class BodyBlocks:
         return solver.multigrid if isinstance(solver, MultigridSolver) else None
 
     def restore(self, kept: Snapshot) -> None:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         self._supports = None  # whatever supports there were, these are no others
         self._failures, self._given_up = kept["failures"], kept["given_up"]
         self.budget.over, self.budget.most = kept.get("over", 0.0), kept.get("most", 0)
@@ -342,7 +335,6 @@ class _Preconditioner:
         self._blocks = ref(blocks)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """See :meth:`BodyBlocks.apply`."""
         blocks = self._blocks()
         assert blocks is not None, "the solver that this belongs to is gone"
         blocks.apply(pc, b, x)

@@ -258,13 +258,11 @@ class _Condensed:
         self._bodies = ref(bodies)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """See :meth:`CondensedBodies.apply_condensed`."""
         bodies = self._bodies()
         assert bodies is not None
         bodies.apply_condensed(x, y)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """See :meth:`CondensedBodies.precondition`."""
         bodies = self._bodies()
         assert bodies is not None
         bodies.precondition(b, x)

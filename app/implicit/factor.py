@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -27,7 +27,7 @@ CLOSEST = 1e-8
 """Share of the forces that no linear solve has to get below, where a way says nothing else."""
 
 
-class LinearWay(Protocol):
+class LinearWay:
     """Solves with the tangent, and keeps what serves more than one of them.
 
     Attributes:
@@ -39,20 +39,20 @@ class LinearWay(Protocol):
     @property
     def part(self) -> str:
         """What setting up is called where seconds are counted."""
-        ...
+        raise NotImplementedError
 
     @property
     def closest(self) -> float:
         """Share of the forces that no solve has to get below, unless the tolerance is tight."""
-        ...
+        return CLOSEST
 
     def kinds(self) -> str:
         """PETSc's names of the solver, for messages."""
-        ...
+        raise NotImplementedError
 
     def renew(self) -> None:
         """Forget all that was made for earlier matrices; collective."""
-        ...
+        raise NotImplementedError
 
     def set_up(self, widened: bool) -> None:
         """Factorise the matrix, or make its preconditioner; collective.
@@ -60,19 +60,17 @@ class LinearWay(Protocol):
         Args:
             widened: whether its pattern is another than that of the last one.
         """
-        ...
+        raise NotImplementedError
 
     def aim(self, share: float, on_path: bool = False) -> None:
         """Let the next solves leave at most this share of the forces, if they are iterative."""
-        ...
 
     def snapshot(self) -> Snapshot:
         """What later solves depend on, beside the matrices that it was set up with."""
-        ...
+        return {}
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen; the matrix is set up after this."""
-        ...
 
 
 class Effort(NamedTuple):
@@ -210,47 +208,28 @@ class Factor:
         self._ksp.destroy()
 
 
-class CoupledFactor:
-    """A new factorisation for each matrix; its analysis is kept while the pattern stays.
+class CoupledFactor(LinearWay):
+    """A new factorisation for each matrix; its analysis is kept while the pattern stays."""
 
-    Attributes:
-        direct, part, closest: see :class:`tribox.app.implicit.factor.LinearWay`.
-    """
-
-    direct, part, closest = True, "factorisation", CLOSEST
+    direct, part = True, "factorisation"
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Solve by ``ksp``, whatever its options are, with ``matrix``."""
         self._ksp, self._matrix = ksp, matrix
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(self._ksp.getType(), self._ksp.getPC().getType())
 
     def renew(self) -> None:
-        """Forget the factorisation with its analysis; collective."""
         self._ksp.reset()
 
     def set_up(self, widened: bool) -> None:
-        """Factorise the matrix; see :class:`tribox.app.implicit.factor.LinearWay`; collective.
-
-        PETSc exchanges the matrix's inside on an addition with another pattern and does not see
-        by itself that the factorisation's analysis is out of date.
-        """
+        # PETSc exchanges the matrix's inside on an addition with another pattern and does not see
+        # by itself that the factorisation's analysis is out of date.
         if widened:
             self.renew()
         self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
-
-    def aim(self, share: float, on_path: bool = False) -> None:
-        """Nothing to do: a substitution leaves next to nothing."""
-
-    def snapshot(self) -> Snapshot:
-        """Nothing: the factorisation is made again from its matrix."""
-        return {}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Nothing to do."""
 
 
 # -- All unknowns factorised but some, which are left to a dense matrix ----------------------------

@@ -20,7 +20,7 @@ from tribox.app.equilibrium.supports import (
     JoinedBodies,
     bodies_of,
     joined_bodies,
-    leave_none,
+    motions_left,
     motions_of,
 )
 from tribox.forms.bodies.materials import Material
@@ -136,7 +136,7 @@ def _is_held(problem: Equilibrium, mine: Bools, axisymmetric: bool) -> bool:
     held[problem.constrained_dofs()] = True
     resisted = held.reshape(-1, dim)[nodes]
     gram = problem.comm.allreduce(np.einsum("nai,nbi,ni->ab", modes, modes, resisted))
-    return leave_none(problem, gram, nodes)
+    return not motions_left(problem, gram, nodes).any()
 
 
 def _unknowns_of(problem: Equilibrium, solids: Sequence[Solid]) -> Bools:

@@ -12,7 +12,6 @@ import ctypes
 import gc
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -20,24 +19,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import (
-    Nodal,
-    Snapshot,
-    of_contacts,
-    of_origin,
-    of_step,
-    to_contacts,
-    to_origin,
-    to_step,
-)
+from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
 from tribox.app.implicit.body_blocks import BodyBlocks
 from tribox.app.implicit.factor import DIRECT, LEFT, NO_EFFORT, CoupledFactor, Effort, LinearWay
 from tribox.app.implicit.kept_bodies import stiff_solids
 from tribox.app.implicit.multigrid import CLOSE, KRYLOV, Multigrid, damped, rigid_motions_of
-from tribox.forms.bodies.point_state import Origin
-from tribox.forms.contact.state import ContactState
-from tribox.geometry.surfaces.facets import Floats
 
 Linear = Literal["auto", "direct", "krylov"]
 # Unknowns up to which "auto" factorises, by the dimension of space: a factorisation takes about
@@ -82,7 +69,6 @@ class LinearSolver:
         self.matrix = problem.new_matrix(x)
         self.assembled = self.iterations = 0
         self._pattern = problem.pattern_changes
-        self._last: Assembly | None = None  # what the matrix was made from
         self._ksp: PETSc.KSP | None = None
         self._way: LinearWay | None = None
 
@@ -132,7 +118,6 @@ class LinearSolver:
         self.way.renew()  # the first factorisation of the run is that of its first tangent
         self.ksp.setOperators(self.matrix)
         self.assembled = self.iterations = 0
-        self._last = None
 
     @property
     def direct(self) -> bool:
@@ -166,7 +151,6 @@ class LinearSolver:
             before: state that pressures are carried from; None: the exact tangent.
         """
         self.problem.jacobian(None, x, self.matrix, self.matrix, step, before)
-        self._last = Assembly.of(self.problem, x, step, before)
         self._changed()
 
     def solve_from(
@@ -181,7 +165,6 @@ class LinearSolver:
         """
         problem = self.problem
         problem.assemble_tangent(x, self.matrix, step)
-        self._last = Assembly.of(problem, x, step, None)
         rows = problem.constrained_dofs() + problem.first
         self.matrix.zeroRowsColumns(rows, 1.0, x=increment, b=rhs)
         self._changed()
@@ -225,124 +208,16 @@ class LinearSolver:
         with self.problem.timer(self.way.part), errors_as_raised():
             self.way.set_up(widened)
 
-    # -- restart ------------------------------------------------------------------------------
-
     def snapshot(self) -> Snapshot:
-        """What the factorisation or preconditioner at hand was made from."""
-        return {
-            "last": None if self._last is None else self._last.snapshot(self.problem),
-            "assembled": self.assembled,
-            "way": self.way.snapshot(),
-        }
+        """What later factorisations and preconditioners depend on."""
+        return {"assembled": self.assembled, "way": self.way.snapshot()}
 
-    def restore(self, kept: Snapshot) -> None:
-        """Make the matrix again that :meth:`snapshot` has seen last, and factorise it; collective.
-
-        Contacts and loads are left as they were. What had served several matrices (an analysis,
-        coarse spaces) is made anew, so that solutions differ by what solves leave.
-        """
+    def restore(self, kept: Snapshot, x: PETSc.Vec, step: StepMode) -> None:
+        """Go on from what :meth:`snapshot` has seen, with the tangent at ``x`` (m); collective."""
         self.way.renew()
         self.way.restore(kept["way"])
-        if kept["last"] is not None:
-            assembly = Assembly.restored(self.problem, kept["last"])
-            with assembly.in_place(self.problem) as (x, before):
-                self.assemble(x, assembly.step, before)
+        self.assemble(x, step)
         self.assembled = kept["assembled"]
-
-
-# -- What a tangent was assembled from, so that a run that goes on can make the same one again -----
-
-
-@dataclass(frozen=True, slots=True)
-class Assembly:
-    """All that a tangent depends on."""
-
-    x: Floats  # (n,), m, displacements
-    before: Floats | None  # those that pressures were carried from, or None
-    step: StepMode  # duration and contact modes
-    # of each body, from where its material points were evaluated
-    origins: tuple[Origin | None, ...]
-    states: tuple[ContactState, ...]  # of the contacts at the start of the step
-    loads: tuple[Floats, ...]  # what loads with forms were set to
-    platens: tuple[float | None, ...]  # m, their displacements where prescribed
-    acts: tuple[bool, ...]  # whether each prescribed part, and then each platen, was there
-
-    @classmethod
-    def of(
-        cls, problem: Equilibrium, x: PETSc.Vec, step: StepMode, before: PETSc.Vec | None
-    ) -> Assembly:
-        """What the tangent at ``x`` has just been assembled from."""
-        return cls(
-            x.array_r.copy(),
-            None if before is None else before.array_r.copy(),
-            step,
-            tuple(solid.tangent_origin for solid in problem.solids),
-            tuple(term.state for term in problem.contacts),
-            tuple(load.amount for load in problem.loads),
-            tuple(platen.displacement for platen in problem.platens),
-            tuple(part.acts for part in problem.constraints.parts),
-        )
-
-    def snapshot(self, problem: Equilibrium) -> Snapshot:
-        """All of it."""
-        bodies = enumerate(zip(problem.solids, self.origins, strict=True))
-        return {
-            "origins": [of_origin(body, solid, origin) for body, (solid, origin) in bodies],
-            "x": Nodal(self.x),
-            "before": None if self.before is None else Nodal(self.before),
-            "step": of_step(problem.contacts, self.step),
-            "states": of_contacts(problem.contacts, self.states),
-            "loads": list(self.loads),
-            "platens": list(self.platens),
-            "acts": list(self.acts),
-        }
-
-    @classmethod
-    def restored(cls, problem: Equilibrium, kept: Snapshot) -> Assembly:
-        """What :meth:`snapshot` has seen."""
-        return cls(
-            kept["x"],
-            kept["before"],
-            to_step(problem.contacts, kept["step"]),
-            tuple(map(to_origin, problem.solids, kept["origins"])),
-            tuple(to_contacts(problem.contacts, kept["states"])),
-            tuple(kept["loads"]),
-            tuple(kept["platens"]),
-            tuple(kept["acts"]),
-        )
-
-    @contextmanager
-    def in_place(self, problem: Equilibrium) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
-        """Context in which all but the displacements is as in the assembly; x and before, m."""
-        now = Assembly.of(problem, problem.new_vector(), self.step, None)
-        self._put(problem)
-        for solid, origin in zip(problem.solids, self.origins, strict=True):
-            solid.remake_tangent(origin)
-        try:
-            yield _vector(problem, self.x), _vector(problem, self.before)
-        finally:
-            now._put(problem)
-            for solid in problem.solids:
-                solid.remake_tangent(None)
-
-    def _put(self, problem: Equilibrium) -> None:
-        """Put in the contacts' histories, and the loads and supports of the tangent."""
-        for term, state in zip(problem.contacts, self.states, strict=True):
-            term.adopt(state)
-        for load, amount in zip(problem.loads, self.loads, strict=True):
-            load.amount = amount
-        for platen, displacement in zip(problem.platens, self.platens, strict=True):
-            platen.displacement = displacement
-        for part, acts in zip(problem.constraints.parts, self.acts, strict=True):
-            part.acts = acts
-
-
-def _vector(problem: Equilibrium, values: Floats | None) -> PETSc.Vec | None:
-    if values is None:
-        return None
-    out = problem.new_vector()
-    out.array[:] = values
-    return out
 
 
 # -- What PETSc made of its options, and of what functions that it calls raise ---------------------

@@ -25,8 +25,7 @@ from tribox.app.equilibrium.matrix_values import (
     pattern_in_place,
     values_in_place,
 )
-from tribox.app.equilibrium.snapshot import Snapshot
-from tribox.app.implicit.factor import CLOSEST, petsc_kinds
+from tribox.app.implicit.factor import LinearWay, petsc_kinds
 from tribox.forms.native import library
 from tribox.geometry.surfaces.facets import Floats, Ints
 
@@ -68,7 +67,7 @@ def damped(options: Mapping[str, str | float | bool], ranks: int) -> dict[str, s
     return dict(options) | ({"mg_levels_ksp_richardson_scale": DAMPED} if ranks > 2 else {})
 
 
-class Multigrid:
+class Multigrid(LinearWay):
     """An iterative solver, whatever its options are, whose preconditioner is kept.
 
     Operator and finest smoother are those of the matrix at hand; the coarse spaces and their
@@ -77,12 +76,11 @@ class Multigrid:
     spaces, hardly change. Nor does a wider pattern matter to them.
 
     Attributes:
-        direct, part, closest: see :class:`tribox.app.implicit.factor.LinearWay`.
         ksp: PETSc's solver; pc: its preconditioner, the levels of the multigrid.
         made: how often the preconditioner was made.
     """
 
-    direct, part, closest = False, "preconditioner", CLOSEST
+    direct, part = False, "preconditioner"
 
     def __init__(self, ksp: PETSc.KSP, matrix: PETSc.Mat, near: PETSc.NullSpace) -> None:
         """Solve by ``ksp`` with ``matrix``, whose near-nullspace is ``near``."""
@@ -93,7 +91,6 @@ class Multigrid:
         self.made = 0
 
     def kinds(self) -> str:
-        """See :class:`tribox.app.implicit.factor.LinearWay`."""
         return petsc_kinds(self.ksp.getType(), self.ksp.getPC().getType())
 
     def worn(self) -> bool:
@@ -110,16 +107,12 @@ class Multigrid:
         return self._is_made and not self.worn()
 
     def renew(self) -> None:
-        """Forget the preconditioner with its coarse spaces; collective."""
         self.ksp.reset()
         self.pc.reset()  # which need not be the solver's own
         self._is_made, self._fresh = False, None
 
     def set_up(self, widened: bool) -> None:
-        """Make the preconditioner if there is none that serves; collective.
-
-        See :class:`tribox.app.implicit.factor.LinearWay`.
-        """
+        """Make the preconditioner if there is none that serves; collective."""
         if self.worn():
             self.renew()
         anew, self._is_made = not self._is_made, True
@@ -151,13 +144,6 @@ class Multigrid:
         """Let the next solve leave this share of the forces."""
         self._share = share
         self.ksp.setTolerances(rtol=share)
-
-    def snapshot(self) -> Snapshot:
-        """Nothing: the preconditioner is made again from the matrix."""
-        return {}
-
-    def restore(self, kept: Snapshot) -> None:
-        """Nothing to do."""
 
     def _last_iterations(self) -> float:
         """Iterations that the last solve took, or would have, to leave the usual share."""

@@ -364,7 +364,6 @@ class ImplicitStepper:
         there.
         """
         problem = self.problem
-        self.solver.restore(kept["solver"])
         to_bodies(problem.solids, kept["bodies"])
         for term, state in zip(
             problem.contacts, to_contacts(problem.contacts, kept["from"]), strict=True
@@ -373,6 +372,8 @@ class ImplicitStepper:
         self.x.array[:] = kept["x"]
         self._mode = to_step(problem.contacts, kept["mode"])
         self._from = [term.state for term in problem.contacts]
+        # Before the step is committed: afterwards points that flowed in it are elastic.
+        self.solver.restore(kept["solver"], self.x, self._mode)
         residual = problem.new_vector()
         problem.residual(None, self.x, residual, self._mode)
         residual.destroy()

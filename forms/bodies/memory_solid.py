@@ -84,9 +84,7 @@ class MemorySolid(Solid):
         self._forces: Floats = np.zeros_like(self._u.x.array)
         self._dissipated: Floats = np.zeros(2)
         self._last_kernel: tuple[MaterialPoints, float, Kernel | None] | None = None
-        self._remade: Origin | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
-        self._tangent_origin: Origin | None = None
 
     def _energy_forms(self) -> list[CompiledForms]:
         """Forms of the strain energy beside the points: all of it, or the volumetric part, or none.
@@ -102,7 +100,6 @@ class MemorySolid(Solid):
 
     @property
     def elastic(self) -> Material | None:
-        """See :attr:`tribox.forms.bodies.solid.Solid.elastic`."""
         if self.law.added:
             return self.material.elastic
         elastic = self.material.elastic if self.reduced else None
@@ -111,7 +108,6 @@ class MemorySolid(Solid):
     # -- evaluation ---------------------------------------------------------------------------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
-        """See :meth:`tribox.forms.bodies.solid.Solid.evaluate`."""
         u, points = self._u.x.array, self.points
         # The duration that the material feels.
         dt = dt if self.law.rated else math.inf
@@ -121,8 +117,7 @@ class MemorySolid(Solid):
             origin = Origin(points.committed, dt)
             found = points.trial = self._evaluated(origin, points.spare())
         if tangent:
-            self._tangent_origin = self._remade or self._tangent_start(u, dt)
-            self._prepare_tangent(self._tangent_origin)
+            self._prepare_tangent(self._tangent_start(u, dt))
         self._forces = found.forces
         return found.valid
 
@@ -164,13 +159,11 @@ class MemorySolid(Solid):
         return self.points.tangent_origin(u, dt)
 
     def evaluate_elastic(self) -> bool:
-        """See :meth:`tribox.forms.bodies.solid.Solid.evaluate_elastic`."""
         found = self._evaluated(Origin(self.points.committed, math.inf, elastic=True))
         self._forces = found.forces
         return found.valid
 
     def add_point_forces(self, out: Floats) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.add_point_forces`."""
         out += self._forces
 
     def _kernel(self, law: MaterialPoints, dt: float) -> Kernel | None:
@@ -212,7 +205,6 @@ class MemorySolid(Solid):
     # -- history ------------------------------------------------------------------------------
 
     def commit(self) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.commit`; collective."""
         before = self.points.last
         done = self.points.commit(self._u.x.array)
         if done is not None and self._adopted is None:
@@ -226,62 +218,44 @@ class MemorySolid(Solid):
 
     @property
     def dissipated(self) -> Floats:
-        """See :attr:`tribox.forms.bodies.solid.Solid.dissipated`."""
         return self._dissipated
 
     @property
     def dissipated_by_part(self) -> Floats:
-        """See :attr:`tribox.forms.bodies.solid.Solid.dissipated_by_part`."""
         # Branches sum up in their state what each has lost; metals and softening have no such
         # parts.
         at = self.law.columns.get(DISSIPATED, slice(0, 0))
         return np.array([self._integral(lost) for lost in self.points.committed[:, at].T])
 
     def point_energy(self) -> float:
-        """See :meth:`tribox.forms.bodies.solid.Solid.point_energy`."""
         return float(self._present().energies[0])
 
     def history(self) -> PointHistory:
-        """See :meth:`tribox.forms.bodies.solid.Solid.history`."""
         last = self.points.last
         if last is not None:
             self.points.lend(last.origin.values)
         return PointHistory(None if last is None else last.origin, self._dissipated)
 
     def cell_rows(self, values: Floats) -> Floats:
-        """See :meth:`tribox.forms.bodies.solid.Solid.cell_rows`."""
         return values.reshape(len(self.cells), self.count * self.points.width)
 
     def point_rows(self, values: Floats) -> Floats:
-        """See :meth:`tribox.forms.bodies.solid.Solid.point_rows`."""
         return np.ascontiguousarray(values).reshape(-1, self.points.width)
 
     def adopt(self, history: PointHistory) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.adopt`."""
         origin = history.origin
         self.points.begin(None if origin is None else origin.values)
         self._dissipated = np.asarray(history.dissipated, dtype=np.float64)
         self._adopted = origin
 
     def repeat_step(self) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.repeat_step`."""
         if self._adopted is not None:
             self.evaluate(self._adopted.dt)
             self.commit()
 
-    @property
-    def tangent_origin(self) -> Origin | None:
-        """See :attr:`tribox.forms.bodies.solid.Solid.tangent_origin`."""
-        return self._tangent_origin
-
-    def remake_tangent(self, origin: Origin | None) -> None:
-        """See :meth:`tribox.forms.bodies.solid.Solid.remake_tangent`."""
-        self._remade = origin
-
     # -- results ------------------------------------------------------------------------------
 
     def stress_at(self, cells: Ints, xi: Floats | None) -> StressAt:
-        """See :meth:`tribox.forms.bodies.solid.Solid.stress_at`."""
         beside = PointStress(self.material, self.section) if self.law.added else None
         return PointValues(self, cells, xi, beside)
 

@@ -41,7 +41,7 @@ from tribox.forms.bodies.kinematics import (
     section_of,
 )
 from tribox.forms.bodies.materials import Material, oedometric_modulus
-from tribox.forms.bodies.point_state import Floats, Origin, PointHistory
+from tribox.forms.bodies.point_state import Floats, PointHistory
 from tribox.forms.bodies.point_stress import PointStress, StressAt
 from tribox.geometry.compat import interpolation_points
 from tribox.geometry.surfaces.facets import Ints
@@ -377,14 +377,6 @@ class Solid:
 
     def repeat_step(self) -> None:
         """Evaluate and commit that step, at the present displacement, if there was one."""
-
-    @property
-    def tangent_origin(self) -> Origin | None:
-        """From what the tangent was evaluated last; None: it depends on the displacement alone."""
-        return None
-
-    def remake_tangent(self, origin: Origin | None) -> None:
-        """Evaluate tangents from ``origin`` until None is given."""
 
 
 # -- The geometric stiffness of nearly incompressible cells away from the solution -----------------

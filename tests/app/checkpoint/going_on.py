@@ -17,6 +17,7 @@ from tribox.app.simulation.simulation import Simulation
 OFTEN = {"checkpoint_interval": 1e-9, "checkpoints_kept": 10_000}
 OUTPUT = {"figures": False, "fields_every": 2}
 NEAR = 1e-9
+LEAST = 1e-3  # N, to which forces are compared that are nothing but rounding
 WAY = ("progress.csv",)  # how a run came to its results
 TABLES = ("history.csv", "contacts.csv", "surfaces.csv", "bodies.csv")
 
@@ -116,6 +117,8 @@ def unlike_tables(reference: Path, other: Path, name: str) -> list[str]:
         own = about is not None and not about.difference
         scale = float(np.max(np.abs(a), initial=0.0)) if own else largest[_kind(column)]
         scale *= 1e-3 if column == "twist_moment" else 1.0  # m
+        if "force" in column:
+            scale = max(scale, LEAST)
         if column.startswith("moment_"):
             scale = max(scale, 1e-3 * largest.get("N", 0.0))  # of its forces, at an arm
         if not apart <= NEAR * scale:
