@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from tribox.forms.contact.interior_point import InteriorPoint
+from tribox.forms.contact.interior_point import InteriorPoint, SoftenedPoint
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import AS_IS, ContactMode, ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats
@@ -86,8 +86,8 @@ class StepMode:
         changed = [replace(mode, thinned=factor) for _, mode in self.pairs(contacts)]
         return replace(self, modes=tuple(changed))
 
-    def inside(self, points: Sequence[InteriorPoint | None]) -> StepMode:
-        """The same with contacts at interior points, one for each pair."""
+    def inside(self, points: Sequence[InteriorPoint | SoftenedPoint | None]) -> StepMode:
+        """The same with contacts on their way to their laws, one point for each pair."""
         pairs = zip(self.modes, points, strict=True)
         return replace(self, modes=tuple(replace(mode, interior=at) for mode, at in pairs))
 

@@ -9,7 +9,8 @@ is relaxed last (:mod:`tribox.app.implicit.relaxation`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,9 @@ from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.loose_bodies import LooseBodies
 from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.app.implicit.relaxation import Relaxation
+from tribox.forms.contact.interior_point import InteriorPoint, SoftenedPoint
 from tribox.forms.contact.lubricated import LubricatedTerm
+from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats
 
 
@@ -193,20 +196,49 @@ class ThinnedOil:
 
 @dataclass(frozen=True, slots=True)
 class SoftContact:
-    """Newton's method with soft contacts first, and from there with the contacts as they are."""
+    """Newton's method with soft contacts that begin from the last step's pressures.
+
+    On the way round a corner of a tool a stiff penalty turns the least error into a pressure of
+    many times that which is there, and contacts open and close in turn. With a soft one the bodies
+    find the place; what it lacks is made up for by pressures that are found with it, and the
+    contacts as they are have little left to do (:class:`SoftenedPoint`).
+    """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
         """See :class:`Phase`."""
-        newton, contacts = attempt.newton, attempt.newton.problem.contacts
+        newton, problem = attempt.newton, attempt.newton.problem
         attempt.return_to_start()
-        soft = attempt.step.with_penalty_scale(contacts, SOFT)
-        iterations, reason = newton.solve(soft, patient=True)
-        if reason > 0:
-            more, reason = newton.solve(attempt.step, patient=True)
+        iterations, trials = 0, problem.committed
+        for _ in range(ROUNDS):
+            soft = attempt.step.inside(softened(problem, trials))
+            more, reason = newton.solve(soft, patient=True, tolerance=ROUND)
             iterations += more
+            if reason <= 0:
+                return iterations, reason
+            trials = list(problem.trials)
+            if newton.residual_of(attempt.step) < FAR:
+                break
+        more, reason = newton.solve(attempt.step, patient=True)
         if reason > 0:
             newton.inside.softly = attempt.pressed
-        return iterations, reason
+        return iterations + more, reason
+
+
+def softened(
+    problem: Equilibrium, trials: Sequence[ContactTrial]
+) -> list[InteriorPoint | SoftenedPoint | None]:
+    """Soft contacts that begin from the pressures of ``trials``, none of which is from nothing."""
+    points: list[InteriorPoint | SoftenedPoint | None] = []
+    for term, trial in itertools.zip_longest(problem.contacts, trials):
+        if term.tied or not term.active:
+            points.append(None)
+            continue
+        penalty, pressure = term.penalty, np.zeros(len(term.penalty))
+        if trial is not None:
+            normal = trial.normal_contact
+            pressure = normal.pressure if normal.nodal_pressure is None else normal.nodal_pressure
+        points.append(SoftenedPoint((1.0 - SOFT) * pressure, penalty, SOFT))
+    return points
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +281,8 @@ FIRMEST, SOFTER, LEAST_SOFTER = 1e5, 10.0, 1.5
 THIN, THICKER, LEAST_THICKER = 1e-4, 10.0, 1.2
 CARRIES = 0.5  # residual over the force, up to which a film nearly carries it
 
+ROUNDS, ROUND = 8, 1e-3  # solutions with soft contacts at most, and their relative residual
+
 HELD = 0.05  # gap, in lengths of a slave facet, up to which what was closed is held together
 HOLDS, FEWER = 3, 0.95  # such iterations at most, and open ones left over those before
 RIM = 0.05  # relative residual of a prediction up to which it errs only at the rim of a contact
@@ -282,7 +316,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return () if rubs else (inside, *relaxed)
     bent = attempt.pressed and flows and is_moved(attempt)
     held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
-    if rubs and is_moved(attempt) and attempt.newton.inside.opening is None:
+    if rubs and is_moved(attempt):
         return (*held, SoftContact(), inside)
     if attempt.pressed and attempt.newton.inside.softly and not flows:
         return (SoftContact(), inside, *held)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -211,13 +211,33 @@ class Newton(Remembers):
             self._tolerance, self._limit = self.options.tolerance, self.options.max_iterations
 
     def solve(
-        self, step: StepMode, patient: bool = False, hasty: bool = False, eager: bool = False
+        self,
+        step: StepMode,
+        patient: bool = False,
+        hasty: bool = False,
+        eager: bool = False,
+        tolerance: float | None = None,
     ) -> tuple[int, int]:
         """Go through the phases until one converges; collective.
 
-        Returns Newton iterations, and PETSc's converged reason.
+        Args:
+            step: how the step is evaluated.
+            patient, hasty, eager: see :class:`Patience`.
+            tolerance: relative residual allowed; None: that of the options.
+
+        Returns:
+            Newton iterations, and PETSc's converged reason.
         """
         self._patience = Patience(patient, hasty, eager)
+        self._tolerance = self.options.tolerance if tolerance is None else tolerance
+        try:
+            return self._in_phases(step)
+        finally:
+            self._tolerance = self.options.tolerance
+
+    def _in_phases(self, step: StepMode) -> tuple[int, int]:
+        """See :meth:`solve`."""
+        patient, hasty, eager = astuple(self._patience)
         iterations, reason = 0, 0
         if self.is_bounded and not patient:
             self._patience = Patience(eager=eager)

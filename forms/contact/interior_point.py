@@ -292,3 +292,29 @@ class CentralPoint(InteriorPoint):
         """See :class:`InteriorPoint`: the next path. Nothing need be kept from one to the next."""
         pressure = np.maximum(self.law(gap, penalty)[0], TINY)
         return CentralPoint(pressure, self.barrier / pressure, barrier, self.reach, self.slip)
+
+
+@dataclass(frozen=True, slots=True)
+class SoftenedPoint:
+    r"""Pressures of a penalty K that is softened to c K and begins from pressures of its own.
+
+    With :math:`p = \langle b - c K g \rangle` and b = (1 - c) p of a state, the pressures p of
+    that state are those of K there. Where each state begins the next one, they come to
+    :math:`p = K \langle -g \rangle`, by a share of about 1/c of the bodies' stiffness over K each
+    time (the method of multipliers: R. T. Rockafellar, Math. Oper. Res. 1 (1976) 97).
+    """
+
+    base: Floats  # b, (v,) or (q,), Pa
+    penalty: Floats  # K, likewise, Pa/m
+    softness: float  # c
+    slip: None = None  # friction as it is
+
+    @property
+    def reach(self) -> Floats:
+        """Gap, m, up to which there is a pressure."""
+        return self.base / (self.softness * self.penalty)
+
+    def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+        """Pressure, Pa, and its derivative by the approach, Pa/m; of what touches, that beyond."""
+        stiffness = self.softness * penalty
+        return np.maximum(self.base - stiffness * gap, 0.0), stiffness

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tribox.forms.contact.interior_point import InteriorPoint
+from tribox.forms.contact.interior_point import InteriorPoint, SoftenedPoint
 from tribox.forms.contact.kinematics import Anchor, Carried, ContactKinematics
 from tribox.forms.film.places import FilmPart
 from tribox.forms.film.reynolds import FilmSolution, FilmStep, ReynoldsFilm
@@ -79,8 +79,8 @@ class ContactMode:
     frozen_facets: Ints | None = field(default=None, compare=False)
     friction_as_load: bool = False  # whether friction is a given load without stiffness
     only_pressed: bool = False  # whether what touches without a pressure has no stiffness
-    # pressures and slacks that take the place of the penalty's law; None: that law
-    interior: InteriorPoint | None = field(default=None, compare=False)
+    # pressures that take the place of the penalty's law; None: that law
+    interior: InteriorPoint | SoftenedPoint | None = field(default=None, compare=False)
     # beside the penalty, in explicit steps
     dashpots: Dashpots | None = field(default=None, compare=False)
 
