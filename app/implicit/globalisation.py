@@ -233,11 +233,11 @@ def softened(
         if term.tied or not term.active:
             points.append(None)
             continue
-        penalty, pressure = term.penalty, np.zeros(len(term.penalty))
+        pressure: Floats = np.zeros(len(term.penalty))
         if trial is not None:
             normal = trial.normal_contact
             pressure = normal.pressure if normal.nodal_pressure is None else normal.nodal_pressure
-        points.append(SoftenedPoint((1.0 - SOFT) * pressure, penalty, SOFT))
+        points.append(SoftenedPoint((1.0 - SOFT) * pressure, term.penalty, SOFT))
     return points
 
 
