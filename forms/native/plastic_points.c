@@ -283,8 +283,8 @@ INLINE void mean_decay(vec y, vec *decay, vec *phi, vec *ratio)
     *decay = 1.0 - x * *phi;
     if (!any(far))
         return;
-    y = choose(far, choose((ivec)(y < 690.0), y, all(690.0)), all(1.0));
-    vec z = 1.0 / y, power = exponential(-y), mean = (1.0 - power) * z;
+    y = choose(far, y, all(1.0));
+    vec z = 1.0 / y, power = exponential(-choose((ivec)(y < 690.0), y, all(690.0))), mean = (1.0 - power) * z;
     *decay = choose(far, power, *decay);
     *phi = choose(far, mean, *phi);
     *ratio = choose(far, (mean - power) * z, *ratio);
@@ -1018,7 +1018,8 @@ INLINE void trial_changes(int space, const vec *e, vec r[3][5], vec more[3][5])
 {
     static const double SERIES_OF_COTH[] = {1.0 / 3,       -1.0 / 45,          2.0 / 945,       -1.0 / 4725,
                                             2.0 / 93555,   -1382.0 / 638512875, 4.0 / 18243225, -3617.0 / 162820783125.0};
-    enum { TERMS_KNOWN = 8, NEAR_TERMS = 4, FAR_TERMS = 30 }; /* beyond: the nearest pole's, at x = pi i */
+    enum { KNOWN = 8, NEAR_TERMS = 4, FAR_TERMS = 30 }; /* far: with the poles at x = pi i apart */
+    static const double SQUARE_OF_PI = 9.869604401089358;
     const int count = DEVIATORS(space), shears = space ? 3 : 1;
     const vec zero = all(0.0), h1 = ROOT_HALF * e[0], h2 = 1.224744871391589 * e[1], h12 = ROOT_HALF * e[2];
     const vec h23 = space ? ROOT_HALF * e[3] : zero, h13 = space ? ROOT_HALF * e[4] : zero;
@@ -1038,23 +1039,32 @@ INLINE void trial_changes(int space, const vec *e, vec r[3][5], vec more[3][5])
         }
         size += M[k][k];
     }
-    const int terms = any((ivec)(size > 0.01)) ? FAR_TERMS : NEAR_TERMS;
-    double factor = SERIES_OF_COTH[TERMS_KNOWN - 1];
-    for (int n = TERMS_KNOWN; n < terms; ++n)
-        factor *= -0.10132118364233778;
+    const int far = any((ivec)(size > 0.01)), terms = far ? FAR_TERMS : NEAR_TERMS;
+    double c[FAR_TERMS], pole = far ? 2.0 / SQUARE_OF_PI : 0.0, second = 0.5 / SQUARE_OF_PI;
+    for (int n = 0; n < terms; ++n) {
+        c[n] = n < KNOWN ? SERIES_OF_COTH[n] - pole : second;
+        pole /= -SQUARE_OF_PI, second /= -4.0 * SQUARE_OF_PI;
+    }
     for (int n = terms - 1; n >= 0; --n) {
-        const double c = n < TERMS_KNOWN ? SERIES_OF_COTH[n] : factor;
         vec next[3][3];
         for (int k = 0; k < shears; ++k)
             for (int l = k; l < shears; ++l) {
-                next[k][l] = k == l ? all(c) : zero;
+                next[k][l] = k == l ? all(c[n]) : zero;
                 for (int j = 0; j < shears; ++j)
                     next[k][l] += M[k][j] * g[j][l];
             }
         for (int k = 0; k < shears; ++k)
             for (int l = k; l < shears; ++l)
                 g[k][l] = g[l][k] = next[k][l];
-        factor *= -9.869604401089358;
+    }
+    for (int k = 0; far && k < shears; ++k)
+        M[k][k] += SQUARE_OF_PI;
+    if (far && space) {
+        tensor inverse;
+        vec by = 2.0 / cofactors(1, M, inverse);
+        EACH(1, k, l) g[k][l] += by * inverse[k][l];
+    } else if (far) {
+        g[0][0] += 2.0 / M[0][0];
     }
     for (int k = 0; k < shears; ++k)
         for (int j = 0; j < count; ++j) {

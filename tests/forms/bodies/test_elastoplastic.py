@@ -257,6 +257,15 @@ def test_a_uniaxial_cycle_is_that_of_the_closed_form(steps):
     assert plastic == pytest.approx(ways[0] - (ways[1] - ways[0]) + ways[2] - ways[1], abs=1e-9)
 
 
+def test_a_branch_that_saturates_in_one_step_bears_what_it_can():
+    """c/b but for the strain of the step, where b Δα is 1000 and e^(−bΔα) is nothing."""
+    c, b, law = 400.0, 2e4, Voce(0.06, 0.16, 12.0)
+    points = PlasticPoints(ElastoPlastic(G, K, law, None, (Backstress(c, b),)), False)
+    _, tau, alpha = pulled_to(points, (0.053,), 1)
+    assert alpha[0] * b > 1000.0
+    np.testing.assert_allclose(tau - law.stress(alpha), c / b, rtol=0.03)
+
+
 def rate_of(F, Fp, Fpi, alpha, law, branches):
     """f/√(3/2), Pa, and for γ̇ = 1 the rates of F_p and of F_pi; all in the rate equations."""
     Fe = F @ np.linalg.inv(Fp)

@@ -168,6 +168,27 @@ def exact_shear(gamma, times):
     return np.array(stress), done.y[-1]
 
 
+@pytest.mark.parametrize("frequency", [0.3, 3.0, 40.0])
+def test_small_cycles_have_the_moduli_of_the_series(frequency):
+    """G′ and G″ to 1e-3 of |G*|, in first order of the step; what fades is told apart."""
+    points = ViscousPoints(BRANCHES, False)
+    lag = np.array([1j * frequency * branch.time for branch in BRANCHES])
+    wanted = sum(np.array([branch.modulus for branch in BRANCHES]) * lag / (1.0 + lag))
+    found = []
+    for steps in (500, 1000):
+        dt = 2.0 * math.pi / frequency / steps
+        at = np.arange(steps + 1)
+        P, _ = sheared(points, lambda time: 1e-5 * math.sin(frequency * time), dt * at)
+        angle, n = 2.0 * math.pi / steps * at[1:], at[1:]
+        fading = [(1.0 + dt / branch.time) ** -n for branch in BRANCHES]
+        basis = np.column_stack([np.sin(angle), np.cos(angle), *fading])
+        parts = np.linalg.lstsq(basis, P[:, 1], rcond=None)[0] / 1e-5
+        found.append(complex(*parts[:2]))
+    errors = [abs(one - wanted) for one in found]
+    assert 0.45 < errors[1] / errors[0] < 0.55
+    assert abs(2.0 * found[1] - found[0] - wanted) < 1e-3 * abs(wanted)
+
+
 @pytest.mark.parametrize("case", ["relaxation", "cycle"])
 def test_large_shear_follows_the_differential_equation(case):
     """Within 0.5 % of the largest stress, and first order in the step; energy too."""
