@@ -362,14 +362,14 @@ def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
         free = free_slots(problem, grip.tool, sprung_dofs(problem))
         left = grip.resisted(problem, moved, free)
         gram = gram + problem.comm.allreduce(np.einsum("nia,nib->ab", left, left))
-    left = motions_left(problem, gram, nodes)
-    if not left.any():
+    loose = motions_left(problem, gram, nodes)
+    if not loose.any():
         return None
     axes = "xyz"[: problem.dim]
     turns = [f"turning about {axis}" for axis in ("z" if problem.dim == 2 else axes)]
     names = [*(f"moving in {axis}" for axis in axes), *turns]
-    names = names[1:2] if len(left) == 1 else names  # of a ring
-    words = tuple(name for name, free in zip(names, left, strict=True) if free)
+    names = names[1:2] if len(loose) == 1 else names  # of a ring
+    words = tuple(name for name, free in zip(names, loose, strict=True) if free)
     return FreeBody(joined, nodes, extent, words)
 
 

@@ -2,8 +2,7 @@
 
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
-method try one set of them after another, while a soft one lets it find the region. Bodies that a
-load presses on each other are held by springs meanwhile (:class:`HeldApproach`). Metal that snaps
+method try one set of them after another, while a soft one lets it find the region. Metal that snaps
 is relaxed last (:mod:`tribox.app.implicit.relaxation`).
 """
 
@@ -18,9 +17,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.step_mode import HoldingSprings, StepMode
-from tribox.app.implicit.interior_point import FromInside
-from tribox.app.implicit.loose_bodies import LooseBodies
+from tribox.app.equilibrium.step_mode import StepMode
+from tribox.app.implicit.interior_point import FromInside, unbalanced_loads
 from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.app.implicit.relaxation import Relaxation
 from tribox.forms.contact.interior_point import InteriorPoint, SoftenedPoint
@@ -30,7 +28,7 @@ from tribox.geometry.surfaces.facets import Floats
 
 
 @dataclass(frozen=True, slots=True)
-class PredictedStart:
+class PredictedStart(Phase):
     """Newton's method from the predicted start."""
 
     # whether it is tried only where the prediction leaves little, or, where bodies flow and rub,
@@ -38,7 +36,6 @@ class PredictedStart:
     if_near: bool = False
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`."""
         if is_adrift(attempt):
             attempt.start = attempt.trial.array_r.copy()
             return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
@@ -104,18 +101,17 @@ def _opened(problem: Equilibrium) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearStart:
+class LinearStart(Phase):
     """Newton's method from the linear step, whatever the path was."""
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`."""
         started = attempt.predictor.restart(attempt.x, attempt.trial, attempt.step)
         more, reason = attempt.newton.solve(attempt.step, patient=True)
         return started + more, reason
 
 
 @dataclass(frozen=True, slots=True)
-class ThinnedOil:
+class ThinnedOil(Phase):
     """Newton's method with thin oil first, that carries next to nothing, then with thicker one.
 
     That follows the Stribeck curve up to the film of the step's speed. A film begins between
@@ -128,7 +124,6 @@ class ThinnedOil:
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`."""
         iterations, (slower, left) = 0, self._slower(attempt)
         faster, smooth = THIN < slower < 1.0 / LEAST_THICKER, self._is_smooth(attempt)
         if faster or smooth or left < CARRIES:
@@ -195,7 +190,7 @@ class ThinnedOil:
 
 
 @dataclass(frozen=True, slots=True)
-class SoftContact:
+class SoftContact(Phase):
     """Newton's method with soft contacts that begin from the last step's pressures.
 
     On the way round a corner of a tool a stiff penalty turns the least error into a pressure of
@@ -205,7 +200,6 @@ class SoftContact:
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`."""
         newton, problem = attempt.newton, attempt.newton.problem
         attempt.return_to_start()
         iterations, trials = 0, problem.committed
@@ -242,7 +236,7 @@ def softened(
 
 
 @dataclass(frozen=True, slots=True)
-class FirmSprings:
+class FirmSprings(Phase):
     """Newton's method with far stiffer springs on bodies that float first, then with weaker ones.
 
     A body that a tool moves aside turns, and the turn is found by a linear step: the stress that
@@ -252,7 +246,6 @@ class FirmSprings:
     """
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`."""
         newton, trial, springs = attempt.newton, attempt.trial, attempt.step.holding
         assert springs is not None
         attempt.return_to_start()
@@ -298,9 +291,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
 
     Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
     softer contacts are tried sooner unless a step was found from inside. Elastic bodies that found
-    the last such step by softer contacts begin with them. Bodies that forces alone bring together
-    find each other sooner by springs, which would only hold back metal that tools bend. Where a
-    shorter step of metal has failed as the longer one did, it is relaxed.
+    the last such step by softer contacts begin with them. Where a shorter step of metal has failed
+    as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -311,19 +303,14 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     if attempt.step.holding is not None:
         return (FirmSprings(), inside)
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
-    relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
+    relaxed = (Relaxation(),) if (flows or rubs) and attempt.failures in FIRST_CUTS else ()
     if near:
-        return () if rubs else (inside, *relaxed)
-    bent = attempt.pressed and flows and is_moved(attempt)
-    held = (HeldApproach(),) if attempt.bodies.directions and not bent else ()
+        return relaxed if rubs else (inside, *relaxed)
     if rubs and is_moved(attempt):
-        return (*held, SoftContact(), inside)
+        return (SoftContact(), inside, *relaxed)
     if attempt.pressed and attempt.newton.inside.softly and not flows:
-        return (SoftContact(), inside, *held)
-    if attempt.pressed:
-        return (inside, SoftContact(), *held, *relaxed)
-    found = (inside, *held) if is_moved(attempt) else (*held, inside)
-    return (*found, SoftContact(), *relaxed)
+        return (SoftContact(), inside)
+    return (inside, SoftContact(), *relaxed)
 
 
 def is_moved(attempt: Attempt) -> bool:
@@ -345,8 +332,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     began_inside = attempt.newton.inside.last and attempt.has_contacts and not floats
     if began_inside:
         first = (PredictedStart(if_near=True), FromInside("last"), *first)
-    if attempt.held_first and attempt.bodies.directions:
-        first = (HeldApproach(), *first)
+    if attempt.inside_first and attempt.bodies.directions:
+        first = (FromInside(), *first)
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")
@@ -369,30 +356,10 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
     return iterations, reason
 
 
-# -- A way to the first contact of bodies that a load presses on each other ------------------------
-#
-# A body that only contact holds in a direction, and that does not touch yet, or in a point or along
-# a line, has no stiffness against its load: Newton's method throws it through the other body. Here
-# it is held by springs, as strong as it takes to let the load move it by the distance between the
-# bodies and a small part of a facet, while the contacts are soft. From the state so found the
-# springs begin again without force, weaker for the load that they carried, and so on, until the
-# contacts carry nearly all of it. Then springs and softness are dropped.
-#
-# The stages are solved coarsely, and by whole Newton steps: while the points that touch are being
-# found the residual says nothing of the distance to the solution, and a line search cuts good steps
-# short. All start from the committed state and commit nothing: what is found is a start.
+# -- Bodies that a load presses on each other before they touch ------------------------------------
 
-# A stage moves a loose body by FIRST lengths of a slave facet further than to the other body, the
-# next FURTHER times as far; after one that failed by a BACK-th, and then by CAREFUL times as much.
-FIRST, FURTHER, BACK, CAREFUL = 0.03, 5.0, 4.0, 2.0
 STRAYS = 1.0  # way of a body, in lengths of a slave facet, that a linear step is not believed
-SOFT, HARDER = 0.03, 6.0  # penalty scale of soft contacts; its growth where the last one misled
-COARSE = 0.2  # relative residual of a stage
-CARRIED = 0.2  # share of the load that the springs may carry in the end
-STAGES, FAILURES = 16, 6  # most stages, and most of them that fail
-LIMIT = 15  # iterations of a stage
-SIDEWAYS = 10.0  # factor along the surfaces until they press: friction holds nothing before
-LEAST = 0.1  # stiffness of the springs in a direction without a load, over the largest
+SOFT = 0.03  # penalty scale of soft contacts
 
 
 def is_adrift(attempt: Attempt) -> bool:
@@ -403,7 +370,6 @@ def is_adrift(attempt: Attempt) -> bool:
     problem, bodies = attempt.newton.problem, attempt.bodies
     if attempt.pressed or not bodies.directions:
         return False
-    attempt.trial.array[:] = problem.constrained_values(attempt.x)
     if not unbalanced_loads(attempt).any():
         return False
     touching = any(bool(t.kinematics.closed.any()) for t in problem.trials)
@@ -419,109 +385,6 @@ def strays(attempt: Attempt) -> bool:
     return not way <= STRAYS * facet_length(problem)
 
 
-def unbalanced_loads(attempt: Attempt) -> Floats:
-    """Load (d,), N, that nothing carries at the trial state, in each direction; collective.
-
-    Rounding is none: springs for it would be so weak that the body flies off, or not, as the sum
-    over the ranks happens to come out.
-    """
-    problem = attempt.newton.problem
-    residual = problem.new_vector()
-    problem.residual(None, attempt.trial, residual, attempt.step)
-    loads: Floats = np.abs(attempt.bodies.sums(residual.array_r))
-    residual.destroy()
-    loads[loads <= problem.roundoff] = 0.0
-    return loads
-
-
 def facet_length(problem: Equilibrium) -> float:
     """Largest mean length of the slave facets of a pair, m."""
     return max((term.surface.facet_length for term in problem.contacts), default=0.0)
-
-
-def distance(problem: Equilibrium) -> float:
-    """How far apart the bodies of a pair are at the last evaluation, m; collective.
-
-    The shortest way of each pair, and of these the longest.
-    """
-    gaps = [np.where(t.projection.on_surface, t.projection.gap, np.inf) for t in problem.trials]
-    nearest = np.array([np.min(gap, initial=np.inf) for gap in gaps])
-    problem.comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
-    return float(np.max(nearest, where=np.isfinite(nearest), initial=0.0))
-
-
-@dataclass(frozen=True, slots=True)
-class HeldApproach:
-    """Newton's method with loose bodies held by springs, which give way to the contacts."""
-
-    def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`Phase`.
-
-        Bodies that pressed on each other may balance; then no springs hold them, and the stages are
-        those of soft contacts.
-        """
-        problem, trial = attempt.newton.problem, attempt.trial
-        trial.array[:] = problem.constrained_values(attempt.x)
-        loads = unbalanced_loads(attempt)
-        if not loads.any() and not attempt.pressed:
-            return 0, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-        pace = Pace(FIRST * facet_length(problem))
-        sideways = attempt.bodies.sideways()
-        way, carried, place = distance(problem) + pace.way, loads, trial.array_r.copy()
-        iterations, size = 0, attempt.bodies.size()
-        for stage in range(STAGES):
-            pressing = np.any(carried[~sideways] > CARRIED * loads.max())
-            stiffer = np.where(sideways & pressing, SIDEWAYS, 1.0)
-            springs = _springs(attempt.bodies, carried * stiffer, way, place)
-            held = attempt.step.held(springs).with_penalty_scale(problem.contacts, pace.soft)
-            trial.array[:] = place
-            attempt.newton.begin(trial)
-            if stage == 0:
-                iterations += attempt.predictor.restart(attempt.x, trial, held)
-            more, reason = attempt.newton.search(held, COARSE, LIMIT)
-            iterations += more
-            if reason > 0:
-                place = trial.array_r.copy()
-                carried = np.abs(attempt.bodies.sums(springs.force(place)))
-                if np.all(carried <= CARRIED * loads.max()):
-                    more, reason = attempt.newton.search(
-                        attempt.step, attempt.newton.options.tolerance, LIMIT
-                    )
-                    iterations += more
-                    if reason > 0:
-                        return iterations, reason
-                    pace.misled()
-            way = pace.next(reason > 0)
-            if reason > 0 and way > size:
-                attempt.adrift = attempt.bodies.unpressed(carried > CARRIED * loads.max())
-            if pace.failures > FAILURES or way > size:
-                break
-        return iterations, PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
-
-
-@dataclass(slots=True)
-class Pace:
-    """How far the stages go, and how soft the contacts are."""
-
-    way: float  # m, of the present stage, without the distance of the bodies
-    further: float = FURTHER  # factor of the next one's
-    soft: float = SOFT  # penalty scale
-    failures: int = 0  # stages that failed so far
-
-    def misled(self) -> None:
-        """Take note that the soft contacts led to no solution."""
-        self.soft = min(1.0, HARDER * self.soft)
-
-    def next(self, solved: bool) -> float:
-        """Way of the next stage, m, from a stage that was solved or failed."""
-        if solved:
-            self.way *= self.further
-        else:
-            self.failures += 1
-            self.way, self.further = self.way / BACK, CAREFUL
-        return self.way
-
-
-def _springs(bodies: LooseBodies, loads: Floats, way: float, place: Floats) -> HoldingSprings:
-    """Springs that ``loads`` (d,), N, stretch by ``way`` (m) from ``place`` (n,), m."""
-    return bodies.held(np.maximum(loads, LEAST * loads.max()) / way, place)

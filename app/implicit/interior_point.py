@@ -10,8 +10,10 @@ bodies an iteration is one of Newton's with laws that are linear
 where bodies are held by contact alone.
 
 The pressures begin as those of the last state, and μ as a small part of the energy that the contact
-may take up in the step: a pressure times the way of what moves. What is found is a start for the
-exact laws, by which the step is solved in the end.
+may take up in the step: a pressure times the way of what moves. Where loads alone drive a body that
+nothing touches yet, they begin as those that bear it, across the gap that there is: the body is in
+balance from the start, and the gap closes as μ falls. What is found is a start for the exact laws,
+by which the step is solved in the end.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.implicit.predictor import Attempt
+from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.forms.contact.interior_point import TINY, InteriorPoint, InteriorSlip
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
@@ -88,16 +90,15 @@ Points = list[InteriorPoint | None]
 
 
 @dataclass(frozen=True, slots=True)
-class FromInside:
+class FromInside(Phase):
     """Interior points first, and from what they find Newton's method on the exact law."""
 
     # those that are tried: all, only the one that worked last, or the others
     openings: Literal["all", "last", "others"] = "all"
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`tribox.app.implicit.predictor.Phase`."""
         iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        numbers = order(attempt)
+        numbers, attempt.loads = order(attempt), applied_loads(attempt)
         tried = {"all": numbers, "last": numbers[:1], "others": numbers[1:]}
         openings = OPENINGS_FLOWING if attempt.newton.problem.flows else OPENINGS
         for number in tried[self.openings]:
@@ -106,11 +107,13 @@ class FromInside:
                 if opening.central and opening.linear and not attempt.continued:
                     continue  # the prediction was the linear step: this path was tried
                 opening = replace(opening, linear=True)  # the prediction leads elsewhere
-            attempt.trial.array[:] = attempt.x.array_r
             attempt.newton.begin(attempt.x)
+            attempt.trial.array[:] = attempt.x.array_r
             way = followed if opening.central else approached
             more, found = way(attempt, opening)
             iterations += more
+            if attempt.adrift:
+                break
             if found:
                 more, reason = attempt.newton.solve(attempt.step)
                 iterations += more
@@ -179,7 +182,47 @@ def approached(attempt: Attempt, opening: Opening) -> tuple[int, bool]:
         else:
             newton.step(step, falling=not settled and iterations > 1)
         iterations += 1
+        if has_gone(attempt):
+            return iterations, False
     return iterations, newton.residual_of(attempt.step) < NEAR
+
+
+def unbalanced_loads(attempt: Attempt) -> Floats:
+    """Loads (d,), N, that nothing carries at the last state, in each loose direction; collective.
+
+    Rounding is none.
+    """
+    problem, trial = attempt.newton.problem, attempt.trial
+    trial.array[:] = problem.constrained_values(attempt.x)
+    residual = problem.new_vector()
+    problem.residual(None, trial, residual, attempt.step)
+    loads: Floats = -attempt.bodies.sums(residual.array_r)
+    residual.destroy()
+    loads[np.abs(loads) <= problem.roundoff] = 0.0
+    return loads
+
+
+def applied_loads(attempt: Attempt) -> Floats:
+    """Loads (d,), N, of bodies that only contact can hold, and does not yet; collective."""
+    if attempt.bodies.directions and (attempt.inside_first or not attempt.pressed):
+        return unbalanced_loads(attempt)
+    return np.zeros(len(attempt.bodies.directions))
+
+
+def has_gone(attempt: Attempt) -> bool:
+    """Whether a load has moved a body further than all bodies are long, off any other; collective.
+
+    Which these are is noted in the attempt.
+    """
+    if not attempt.loads.any():
+        return False
+    bodies = attempt.bodies
+    moved = bodies.moved(attempt.trial.array_r - attempt.x.array_r)
+    far = moved * np.sign(attempt.loads) > bodies.size()
+    if far.any():
+        attempt.newton.residual_of(attempt.step)
+        attempt.adrift = bodies.unpressed(far)
+    return bool(attempt.adrift)
 
 
 def linear_gaps(
@@ -255,6 +298,7 @@ def starting_points(attempt: Attempt, barrier: float) -> Points:
     Pressures from inside would push bodies away that float.
     """
     problem, step = attempt.newton.problem, attempt.step
+    load = float(np.abs(attempt.loads).max(initial=0.0))
     given = np.abs(problem.constrained_values(attempt.x) - attempt.x.array_r)
     way = problem.comm.allreduce(float(given.max(initial=0.0)), op=MPI.MAX)
     pairs = step.pairs(problem.contacts)
@@ -262,15 +306,15 @@ def starting_points(attempt: Attempt, barrier: float) -> Points:
     return [
         None
         if term.tied or not term.active or number in attempt.idle
-        else _starting_point(term, trial, way, barrier)
+        else _starting_point(term, trial, way, barrier, load)
         for number, (term, trial) in enumerate(trials)
     ]
 
 
 def _starting_point(
-    term: ContactTerm, trial: ContactTrial, way: float, barrier: float
+    term: ContactTerm, trial: ContactTrial, way: float, barrier: float, load: float
 ) -> InteriorPoint:
-    """Of one pair, with the way of what moves the bodies, m; collective."""
+    """Of one pair, with the way of what moves the bodies, m, or a load, N, on them; collective."""
     gap, penalty, facet = _gap(trial), term.penalty, term.surface.facet_length
     pressure = np.where(gap < 0.0, -penalty * gap, 0.0)
     stiffest = penalty.max(initial=0.0) * facet
@@ -282,9 +326,12 @@ def _starting_point(
         least = comm.allreduce(least, op=MPI.MIN)
     modulus = UNKNOWN * stiffest if term.modulus is None else UNPRESSED * term.modulus
     mean = here[0] / here[1] if here[1] > 0.0 else 0.0
+    ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     if mean <= PRESSED * term.rounded_gap * stiffest / facet:
         mean = modulus
-    ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
+        if load > 0.0 and least < NOWHERE and way <= LEAST_WAY * facet:  # forces alone drive
+            area = term.surface.vertices.comm.allreduce(float(term.surface.slave.weight.sum()))
+            mean, ahead, barrier = load / area, max(least, 0.0) + NO_WAY * facet, 1.0
     mu = barrier * mean * ahead
     pressure = np.maximum(pressure, mu / np.maximum(gap, barrier * ahead))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)

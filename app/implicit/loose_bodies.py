@@ -1,4 +1,4 @@
-"""The bodies that contact alone holds, and springs that hold them meanwhile."""
+"""The bodies that contact alone holds, and springs that hold what floats."""
 
 from __future__ import annotations
 
@@ -25,9 +25,6 @@ from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Bools, Floats
 
-NEAR = 0.1  # lengths of a slave facet that points are near within
-ALONG = 0.05  # mean square of the normals' components up to which a direction is along a surface
-
 
 @dataclass(slots=True)
 class LooseBodies:
@@ -53,28 +50,6 @@ class LooseBodies:
         dim = self.problem.dim
         return self.sums(np.repeat(self.shares, dim) * increment)
 
-    def sideways(self) -> Bools:
-        """Directions (d,) along the surfaces that meet: friction alone may hold there; collective.
-
-        By the normals of the last evaluation, of points that are hardly further from the other
-        surface than the nearest.
-        """
-        problem = self.problem
-        sums = np.zeros((len(self.directions), 2))
-        for term, trial in zip(problem.contacts, problem.trials, strict=True):
-            pair = bodies_of(problem, term)
-            names = {pair.slave.name, pair.master.name}
-            gap = np.where(trial.projection.on_surface, trial.kinematics.gap, np.inf)
-            nearest = problem.comm.allreduce(float(np.min(gap, initial=np.inf)), op=MPI.MIN)
-            near = term.surface.slave.weight * (gap <= nearest + NEAR * term.surface.facet_length)
-            for row, one in enumerate(self.directions):
-                apart = pair.slave is not pair.master
-                if apart and len(names.intersection(one.bodies)) == 1 and not one.turns:
-                    squared = trial.kinematics.normal[:, one.component] ** 2
-                    sums[row] += near @ squared, near.sum()
-        total = problem.comm.allreduce(sums)
-        return total[:, 0] < ALONG * total[:, 1]
-
     def unpressed(self, among: Bools) -> tuple[str, ...]:
         """Bodies loose in directions ``among`` (d,) that nothing pressed last; collective."""
         problem = self.problem
@@ -96,13 +71,6 @@ class LooseBodies:
         """Largest extent of the mesh along an axis, m; collective."""
         at = self.problem.space.tabulate_dof_coordinates()[: self.problem.owned // self.problem.dim]
         return float(np.ptp(box_of(self.problem.comm, at), axis=0).max())
-
-    def held(self, stiffness: Floats, place: Floats) -> HoldingSprings:
-        """Springs of a total stiffness (d,), N/m, without force at ``place`` (n,), m."""
-        values, dim = np.zeros_like(place), self.problem.dim
-        for one, total in zip(self.directions, stiffness, strict=True):
-            values[one.nodes * dim + one.component] = total * self.shares[one.nodes]
-        return HoldingSprings(values, place)
 
 
 def nodal_shares(problem: Equilibrium) -> Floats:

@@ -160,21 +160,36 @@ class Predictor:
             trial.array[:] = best
 
     def _lift(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
-        """Put the step without the pairs that it opens altogether into ``trial``.
+        """Put the step without the pairs that it opens altogether into ``trial``, see :meth:`_try`.
 
         The tangent at ``x`` holds together what touches there: a body that is lifted off would be
-        stretched by all of the way. The start that leaves less is kept. Returns the number of
-        factorisations it took.
+        stretched by all of the way.
         """
         held, left = self._closed_pairs(), self._residual_norm(trial, step)
         gone = held & ~self._closed_pairs()
         if not gone.any() or left <= FAR_OFF * self.problem.reference_force:
             return 0
-        stretched = trial.array_r.copy()
+        without = step.without(self.problem.contacts, gone)
+        return self._try(x, constrained, trial, step, without, left)
+
+    def _try(
+        self,
+        x: PETSc.Vec,
+        constrained: Floats,
+        trial: PETSc.Vec,
+        step: StepMode,
+        linear: StepMode,
+        left: float,
+    ) -> int:
+        """Put the step by the tangent of ``linear`` into ``trial`` if less than ``left``, N, stays.
+
+        Returns the number of factorisations it took.
+        """
+        before = trial.array_r.copy()
         x.copy(trial)
-        self._carry(x, constrained, trial, step.without(self.problem.contacts, gone))
+        self._carry(x, constrained, trial, linear)
         if np.isfinite(left) and not self._residual_norm(trial, step) < left:
-            trial.array[:] = stretched
+            trial.array[:] = before
         return 1
 
     def _closed_pairs(self) -> Bools:
@@ -183,25 +198,19 @@ class Predictor:
         return np.asarray(self._sum(np.array(closed, dtype=float)) > 0.0)
 
     def _slide(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
-        """Put the step without friction's stiffness into ``trial``, if that is far off.
+        """Put the step without friction's stiffness into ``trial``, see :meth:`_try`.
 
         The tangent at ``x`` knows nothing of the slip to come: a body that is moved on by much more
         than its contact holds is sheared by all of it, down to elements that turn inside out, and
         Newton's method takes many damped iterations to undo that, the more the finer the mesh. With
         the friction of ``x`` as a load the body slides along as a whole, and only the change of
-        that friction is left. The start that leaves less is kept. Returns the number of
-        factorisations it took.
+        that friction is left.
         """
         left = self._residual_norm(trial, step)
         if left <= self._far_off():
             return 0
-        held_fast = trial.array_r.copy()
-        x.copy(trial)
         gliding = step.with_friction_as_load(self.problem.contacts)
-        self._carry(x, constrained, trial, gliding)
-        if np.isfinite(left) and not self._residual_norm(trial, step) < left:
-            trial.array[:] = held_fast
-        return 1
+        return self._try(x, constrained, trial, step, gliding, left)
 
     def _far_off(self) -> float:
         """Residual, N, from which on a linear step is far off; collective.
@@ -217,11 +226,10 @@ class Predictor:
         return min(share, FAR_AT_NODES * contacts)
 
     def _unload(self, x: PETSc.Vec, constrained: Floats, trial: PETSc.Vec, step: StepMode) -> int:
-        """Put the step of bodies that do not flow on into ``trial``, if that is far off.
+        """Put the step of bodies that do not flow on into ``trial``, see :meth:`_try`.
 
         The tangent at ``x`` is that of flow. Where a load is taken back the bodies answer
-        elastically, a hundred times as stiffly. The start that leaves less is kept. Returns the
-        number of factorisations it took.
+        elastically, a hundred times as stiffly.
         """
         solids = [solid for solid in self.problem.solids if solid.flows]
         if not solids:
@@ -229,18 +237,13 @@ class Predictor:
         left = self._residual_norm(trial, step)
         if left <= FAR_OFF * self.problem.reference_force:
             return 0
-        flowing = trial.array_r.copy()
-        x.copy(trial)
         for solid in solids:
             solid.unloading = True
         try:
-            self._carry(x, constrained, trial, step)
+            return self._try(x, constrained, trial, step, step, left)
         finally:
             for solid in solids:
                 solid.unloading = False
-        if np.isfinite(left) and not self._residual_norm(trial, step) < left:
-            trial.array[:] = flowing
-        return 1
 
     def rubbing(self) -> bool:
         """Whether friction resists at any point of the contacts evaluated last; collective."""
@@ -541,12 +544,14 @@ class Attempt:
     idle: frozenset[int] = frozenset()  # contacts of bodies that float, and stay where they are
     # (n,), m, the predicted start of the owned unknowns
     start: Floats = field(default_factory=lambda: np.empty(0))
+    # (d,), N, of bodies that only contact can hold, and does not yet, in each loose direction
+    loads: Floats = field(default_factory=lambda: np.empty(0))
     continued: bool = False  # whether that continues the path of the last steps
     relaxed: bool = False  # whether the solution was found by springs that give way
     adrift: tuple[str, ...] = ()  # bodies that the load moves away from all that they could touch
-    # whether springs that give way come first: a load pulls a body off what pressed on it, or acts
+    # whether the way from inside comes first: a load pulls a body off what pressed on it, or acts
     # on one that nothing presses on
-    held_first: bool = False
+    inside_first: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:

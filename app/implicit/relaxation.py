@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.step_mode import HoldingSprings
 from tribox.app.implicit.interior_point import shortest_facet
 from tribox.app.implicit.loose_bodies import nodal_shares
-from tribox.app.implicit.predictor import Attempt
+from tribox.app.implicit.predictor import Attempt, Phase
 from tribox.geometry.surfaces.facets import Floats
 
 FIRST = 0.1  # way of the first stage, about, in lengths of a slave facet
@@ -34,11 +34,10 @@ ITERATIONS = 12  # most iterations of all stages, over those of an attempt
 
 
 @dataclass(frozen=True, slots=True)
-class Relaxation:
+class Relaxation(Phase):
     """Newton's method with springs at all nodes, that move with the bodies and give way."""
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
-        """See :class:`tribox.app.implicit.predictor.Phase`."""
         newton, trial = attempt.newton, attempt.trial
         failed = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
         attempt.return_to_start()

@@ -309,7 +309,7 @@ class ImplicitStepper:
         attempt = Attempt(*parts, self.failures, idle)
         largest, may_turn = self.newton.largest_force, step.holding is None and not anew
         may_turn &= self._may_float(largest)
-        attempt.held_first = anew or (may_turn and self._weak.is_pulled_off(largest))
+        attempt.inside_first = anew or (may_turn and self._weak.is_pulled_off(largest))
         found = solve(attempt)
         self._relaxed, self._adrift = attempt.relaxed, attempt.adrift
         return found

@@ -288,7 +288,8 @@ class ContactWarnings(Remembers):
             f"contact.{index}: a slave facet, at {place_text(hidden.place)} as drawn, lies up to "
             f"{hidden.depth:.3g} m deeper in the master ({when}), {hidden.share:.2g} of its "
             "length, than the mean gaps that the pressure answers to and max_penetration tells of: "
-            "it is too long for the master's shape, or has been stretched; refine the slave there"
+            "it is too long for the master's shape, or for an edge of it, or has been stretched; "
+            "refine the slave there"
         )
 
     @staticmethod

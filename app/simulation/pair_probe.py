@@ -134,14 +134,16 @@ class PairProbe:
         return over(float(np.linalg.norm(off)), float(np.linalg.norm(whole)))
 
     def _hidden(self, trial: ContactTrial, penetration: float) -> Sunk:
-        """The pressed point that is deepest beyond the mean gaps, over its facet; collective.
+        """The point that is deepest beyond the mean gaps, over its facet; collective.
 
-        The share is of the facet's length, undeformed. Facets that tilt at the rim do not count.
+        The share is of the facet's length, undeformed. Facets that tilt at the rim do not count,
+        and of open ones, into which an edge of the master may sink unseen, no more than a length.
         """
-        felt = trial.projection.on_surface & (trial.pressure > 0.0)
-        depth = self._by_facet(np.where(felt, -trial.kinematics.gap - penetration, 0.0))
+        depth, size = -trial.kinematics.gap, self.surface.slave.facet_length
+        felt = trial.projection.on_surface & ((trial.pressure > 0.0) | (depth < size))
+        depth = self._by_facet(np.where(felt, depth - penetration, 0.0))
         depth = np.where(depth < CUTS * self._bow(trial)[:, None], depth, 0.0).reshape(-1)
-        share = depth / self.surface.slave.facet_length[self._order]
+        share = depth / size[self._order]
         at, found = int(np.argmax(share)) if len(share) else -1, Sunk()
         if at >= 0 and share[at] > 0.0:
             place = self.surface.slave.position[self._order[at]]

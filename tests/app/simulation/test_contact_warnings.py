@@ -514,6 +514,35 @@ def test_the_edge_is_found_on_any_number_of_ranks(on_ranks):
         assert one[:4] == pytest.approx(other[:4], rel=1e-6)
 
 
+# A plateau presses beside a ridge that is narrower than the facet above it, in whose middle it is.
+BESIDE_A_RIDGE = """
+geometry.kind = "blocks"
+geometry.blocks.pad = { x = ["-2 mm", "2 mm"], y = ["0 mm", "2 mm"], elements = [5, 4] }
+bodies.pad = { material = "neo-hookean", E = "1 MPa", nu = 0.3 }
+contact = [{ slave = "pad_bottom", master = "die", friction = { law = "frictionless" } }]
+boundary = [
+    { surface = "pad_top", displacement = { x = 0, y = [["0 s", "0 mm"], ["1 s", "-0.1 mm"]] } },
+]
+stage = [{ name = "press", duration = "1 s", steps = 2 }]
+output = { fields_every = 0, figures = false }
+[tools.die]
+shape = "polyline"
+points = [
+    ["-5 mm", "0 mm"], ["-1.3 mm", "0 mm"], ["-1.2 mm", "-0.2 mm"], ["0.7 mm", "-0.2 mm"],
+    ["0.8 mm", "0 mm"], ["0.9 mm", "-0.2 mm"], ["5 mm", "-0.2 mm"],
+]
+"""
+
+
+def test_a_ridge_in_a_facet_that_nothing_presses_on_is_warned_of(tmp_path):
+    """The mean gaps beside it are open, and it goes in nearly as far as the pad goes down."""
+    run_case(Case.model_validate(tomllib.loads(BESIDE_A_RIDGE)), tmp_path / "out", quiet=True)
+    warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    [line] = [one for one in warnings if "deeper in the master" in one]
+    told = re.search(r"at \(0\.0008, 0\) m as drawn, lies up to (\S+) m", line)
+    assert told is not None and 0.07e-3 < float(told[1]) < 0.11e-3
+
+
 def test_metal_that_passes_a_contact_may_be_pressed_too_hard(tmp_path):
     """As on a flattened roll, a soft contact is longer: the force is too large."""
     force, found = [], []

@@ -158,7 +158,8 @@ def torn_loose(block: str, film: str) -> dict:
 SUPPORT = "try a support there (displacement), or a load that keeps it in contact"
 HOPELESS = {
     unsupported: ("slide", "body aluminium has no support in y and no contact presses", SUPPORT),
-    lifted: ("press", "body elastomer has no support in y and no contact presses", SUPPORT),
+    lifted: ("press", "body elastomer has no support in y, no contact presses on it, and a load of "
+     "0.0125 N in y moves it away", SUPPORT),
     stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "less load, a rounder corner"),
