@@ -224,13 +224,15 @@ class BodyBlocks:
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
-        if self._whole is None or (widened and self.direct):
+        if self._whole is None or (widened and isinstance(self._whole, Factor)):
             self._drop_whole()
             self._whole = self._new_whole()
         self._works = self._whole.make(widened)
 
     def _new_whole(self) -> Factor | MultigridSolver:
-        if self.direct:
+        comm, size = self._problem.comm, self._problem.size
+        # What iterations for the bodies do not get to is no easier for those of the whole.
+        if self.direct or (self._bodies is not None and factors_fit(comm, size)):
             return Factor(self._matrix, self._prefix)
         near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
         return MultigridSolver(self._matrix, near, prefix, KRYLOV, self._tell)

@@ -276,6 +276,16 @@ def test_bodies_solved_for_by_iterations(on_ranks, boxes_by_factors, ranks, limi
     assert 5 * newton < linear < 40 * newton
 
 
+def test_iterations_that_fail_are_followed_by_a_factorisation(boxes_by_factors, monkeypatch):
+    """Of the whole, for that tangent, and for all where it happens often."""
+    monkeypatch.setattr(BodyByBody, "solve", lambda *_: False)
+    sim = boxes(MPI.COMM_SELF, "krylov")
+    way, (wanted, exactly) = sim.stepper.solver.way, boxes_by_factors
+    assert isinstance(way._whole, Factor) and way._given_up and not way.direct
+    np.testing.assert_allclose(forces_of(sim), wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
+    assert sum(row.newton_iterations for row in sim.rows) <= exactly + 1
+
+
 def nearly_incompressible(comm, directory, split=True):
     """Forces, and iterations of linear solves over those of Newton's method; collective."""
     with pytest.MonkeyPatch.context() as patch:
