@@ -55,6 +55,9 @@ class PredictedStart:
             sliding = newton.problem.flows and attempt.predictor.rubbing()
             if left > (NEARLY if sliding else FAR):
                 return started, failed
+        if attempt.step.holding is not None:
+            more, reason = newton.place(attempt.step)
+            return started + more, reason
         more, reason = newton.solve(
             attempt.step,
             patient=not attempt.has_contacts,
@@ -275,7 +278,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return (LinearStart(),)
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     if attempt.step.holding is not None:
-        return (FirmSprings(), inside)
+        return (FromInside("last"), FirmSprings())
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     relaxed = (Relaxation(),) if flows and attempt.failures in FIRST_CUTS else ()
     if near:
@@ -314,7 +317,7 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     if attempt.held_first and attempt.bodies.directions:
         first = (HeldApproach(), *first)
     iterations, reason = _in_turn(attempt, first)
-    if reason <= 0 and not attempt.adrift:
+    if reason <= 0 and not (attempt.adrift or attempt.shortly):
         inside = FromInside("others" if began_inside else "all")
         rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
         attempt.return_to_start()

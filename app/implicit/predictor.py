@@ -547,6 +547,7 @@ class Attempt:
     # whether springs that give way come first: a load pulls a body off what pressed on it, or acts
     # on one that nothing presses on
     held_first: bool = False
+    shortly: bool = False  # whether only the predicted start is tried
 
     @property
     def trial(self) -> PETSc.Vec:
