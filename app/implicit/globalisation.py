@@ -317,9 +317,10 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     if attempt.held_first and attempt.bodies.directions:
         first = (HeldApproach(), *first)
     iterations, reason = _in_turn(attempt, first)
-    if reason <= 0 and not (attempt.adrift or attempt.shortly):
+    if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")
-        rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
+        after = phases_after(attempt, inside)
+        rest = [p for p in after if p not in first and (p is inside or not attempt.shortly)]
         attempt.return_to_start()
         more, reason = _in_turn(attempt, rest)
         iterations += more

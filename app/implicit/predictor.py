@@ -547,7 +547,8 @@ class Attempt:
     # whether springs that give way come first: a load pulls a body off what pressed on it, or acts
     # on one that nothing presses on
     held_first: bool = False
-    shortly: bool = False  # whether only the predicted start is tried
+    # whether only the predicted start and a way from inside are tried: springs may do better
+    shortly: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:
