@@ -308,3 +308,23 @@ def test_a_force_that_only_weak_springs_press_is_not_held():
     ]
     with pytest.raises(SolutionError, match=r"tool ram has no force to hold.*stage press"):
         solved(data)
+
+
+def test_a_platen_holds_the_force_on_its_own_body_while_a_tool_carries_another():
+    data = closed_by(1e-4)
+    data["geometry"]["blocks"]["pier"] = {"x": [4e-3, 6e-3], "y": [0, 1e-3], "elements": [2, 2]}
+    data["bodies"]["pier"] = data["bodies"]["pad"]
+    pressed = {"displacement": [["0 s", 0.0], ["0.5 s", 1e-5]], "displacement_stages": ["press"]}
+    data["boundary"] = [
+        {"surface": "pier_bottom", "displacement": {"x": 0, "y": 0}},
+        {"surface": "pier_top", "platen": {"direction": "y", "hold_force": True} | pressed},
+    ]
+    data["stage"] = [
+        {"name": "press", "duration": "0.5 s", "steps": 4},
+        {"name": "hold", "duration": "0.5 s", "steps": 5},
+    ]
+    data["solver"]["tolerance"] = 1e-7  # in steps of 25 um springs leave twice that of the forces
+    seen = Floats()
+    problem = solved(data, observer=seen).model.problem
+    assert seen.floating[:6] == 6 * [["pad"]] and seen.floating[-1] == []
+    assert problem.u.x.array[problem.platens[0].dofs] == pytest.approx(-1e-5, rel=1e-6)
