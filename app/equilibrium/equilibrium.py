@@ -461,6 +461,18 @@ class Equilibrium:
         """
         return float(self.comm.allreduce(part.total(self.unbalanced), op=MPI.SUM))
 
+    def held_weakly(self) -> float:
+        """Sum of the magnitudes of all forces of weak springs on bodies that float, N; collective.
+
+        As evaluated last; 0 without any.
+        """
+        springs = self.evaluated.holding
+        if springs is None or not springs.weak:
+            return 0.0
+        forces = springs.force(self.u.x.array[: self.owned])
+        forces[self.constrained_dofs()] = 0.0
+        return float(self.comm.allreduce(float(np.abs(forces).sum()), op=MPI.SUM))
+
     def worst_place(self) -> tuple[float, ...]:
         """Where the largest out-of-balance force of the last evaluation is, m; collective."""
         return self.constraints.worst_place(self.unbalanced)

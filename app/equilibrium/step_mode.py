@@ -47,12 +47,6 @@ class StepMode:
         return cls(dt, modes, rate_dependent=rate_dependent)
 
     @property
-    def carries(self) -> bool:
-        """Whether tools carry free bodies, by contacts that press by the force of weak springs."""
-        weak = self.holding is not None and self.holding.weak
-        return weak and any(0.0 < mode.penalty_scale < 1.0 for mode in self.modes)
-
-    @property
     def material_dt(self) -> float:
         """Duration of the step as the bodies' materials feel it, s: infinite without rates."""
         return self.dt if self.rate_dependent else math.inf

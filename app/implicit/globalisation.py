@@ -55,6 +55,9 @@ class PredictedStart(Phase):
             sliding = newton.problem.flows and attempt.predictor.rubbing()
             if left > (NEARLY if sliding else FAR):
                 return started, failed
+        if attempt.step.holding is not None:
+            more, reason = newton.place(attempt.step)
+            return started + more, reason
         more, reason = newton.solve(
             attempt.step,
             patient=not attempt.has_contacts,
@@ -301,7 +304,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return (LinearStart(),)
     near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
     if attempt.step.holding is not None:
-        return (FirmSprings(), inside)
+        return (FromInside("last"), FirmSprings())
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
     relaxed = (Relaxation(),) if (flows or rubs) and attempt.failures in FIRST_CUTS else ()
     if near:
@@ -337,7 +340,8 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     iterations, reason = _in_turn(attempt, first)
     if reason <= 0 and not attempt.adrift:
         inside = FromInside("others" if began_inside else "all")
-        rest = [phase for phase in phases_after(attempt, inside) if phase not in first]
+        after = phases_after(attempt, inside)
+        rest = [p for p in after if p not in first and (p is inside or not attempt.shortly)]
         attempt.return_to_start()
         more, reason = _in_turn(attempt, rest)
         iterations += more

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import dolfinx
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import HoldingSprings
@@ -113,6 +114,7 @@ def nodal_shares(problem: Equilibrium) -> Floats:
 SHARE = 1e-6
 """Largest force of the springs of a body, and least contact force that holds one, over the largest
 force of the run."""
+SMALL = 1e-4  # rad, turn of which only the first terms count beside rounding
 ALIKE = 0.9  # cosine of the angle between forces from which on they have one direction
 
 
@@ -124,6 +126,7 @@ class WeakHold:
     bodies: list[FreeBody] = field(init=False)  # that its supports leave free
     pairs: list[list[int]] = field(init=False)  # of each body, the contacts on it
     shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
+    unsupported: list[FreeBody] = field(init=False)  # those that no support holds at all
     firm: Floats = field(init=False)  # (b,), N, to compare with before anything has pressed
 
     def __post_init__(self) -> None:
@@ -132,6 +135,14 @@ class WeakHold:
         self.pairs = [self._pairs_on(body) for body in self.bodies]
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
         self.firm = self._firm_forces()
+        self.unsupported = [body for body in self.bodies if self._is_unsupported(body)]
+
+    def _is_unsupported(self, body: FreeBody) -> bool:
+        """Whether a free body may move and turn in all ways; collective."""
+        held = self.problem.constrained_dofs() // self.problem.dim
+        any_held = self.problem.comm.allreduce(bool(np.isin(body.nodes, held).any()), op=MPI.LOR)
+        of_revolution = body.joined.solids[0].section == "axisymmetric"
+        return not (any_held or body.joined.grips or of_revolution)
 
     def _firm_forces(self) -> Floats:
         """E* times the area of the slave, of the pairs on each body the most, N; collective.
@@ -263,9 +274,44 @@ class WeakHold:
                 stiffness[body.nodes * dim + component] += each
         return HoldingSprings(stiffness, place.copy(), weak=True)
 
-    def strain(self, springs: HoldingSprings, at: Floats) -> float:
-        """Sum of the magnitudes of all forces of springs at ``at`` (n,), m, in N; collective."""
-        free = np.ones(len(at))
-        free[self.problem.constrained_dofs()] = 0.0
-        local = float(np.abs(free * springs.force(at)).sum())
-        return float(self.problem.comm.allreduce(local))
+    def turn(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Let unsupported bodies turn as rigid ones by a step −y (m) from x (m); collective.
+
+        A turn W by a linear step stretches them by its square, which leaves millions of times the
+        force of weak springs. With R = exp W, arms a from the middle and the rest s − W a of the
+        step, R(a + rest) takes the place of a + s. Returns whether ``y`` was changed.
+        """
+        problem, dim = self.problem, self.problem.dim
+        at = problem.space.tabulate_dof_coordinates()[:, :dim]
+        for body in self.unsupported:
+            dofs = body.nodes[:, None] * dim + np.arange(dim)
+            share = self.shares[body.nodes][:, None] / len(body.joined.groups)
+            arm, step = at[body.nodes] + x.array_r[dofs], -y.array_r[dofs]
+            means = problem.comm.allreduce(np.stack([share * arm, share * step]).sum(axis=1))
+            arm, step = arm - means[0], step - means[1]
+            local = np.stack([(share * arm).T @ arm, (share * step).T @ arm])
+            spin = nearest_spin(*problem.comm.allreduce(local))
+            # R − 1 = sin(θ)/θ W + 2 sin²(θ/2)/θ² W², and less W without cancellation.
+            angle = np.sqrt(0.5 * np.sum(spin**2))
+            beyond = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * spin @ spin
+            lag = angle**2 / 6.0 if angle < SMALL else 1.0 - np.sinc(angle / np.pi)
+            y.array[dofs] -= arm @ (beyond - lag * spin).T
+            y.array[dofs] -= (step - arm @ spin.T) @ (beyond + (1.0 - lag) * spin).T
+        return bool(self.unsupported)
+
+
+def nearest_spin(second: Floats, mixed: Floats) -> Floats:
+    """The skew W (i, i) of least Σ w |W a − s|².
+
+    Args:
+        second: Σ w a⊗a, (i, i), m², of arms a.
+        mixed: Σ w s⊗a, (i, i), m², of steps s.
+    """
+    dim = len(second)
+    pairs = [(i, j) for i in range(dim) for j in range(i)]
+    basis = np.zeros((len(pairs), dim, dim))
+    for one, (i, j) in zip(basis, pairs, strict=True):
+        one[i, j], one[j, i] = 1.0, -1.0
+    matrix = np.einsum("aij,jk,bik->ab", basis, second, basis)
+    moments = np.einsum("aij,ij->a", basis, mixed)
+    return np.einsum("a,aij->ij", np.linalg.solve(matrix, moments), basis)

@@ -90,6 +90,10 @@ NEWTON_PHASES = (
 # third power of its thickness, and a line search that wants it to fall creeps.
 BOUNDED_STEPS = NewtonPhase("bounded steps", line_search="basic", starts_over=True)
 
+# Where weak springs hold bodies that float: a whole step may leave far more than they bear, which
+# is gone with the next.
+TURNED_STEPS = NewtonPhase("turned steps", line_search="basic", starts_over=True)
+
 # Where whole steps are right from the start: while the points that touch are being found, the
 # residual says nothing of the distance to the solution, and a line search cuts good steps short.
 WHOLE_STEPS = NewtonPhase("whole steps", line_search="basic", starts_over=True)
@@ -124,6 +128,7 @@ class Newton(Remembers):
         largest_force: N (N/m), largest reference force of a solution that was committed.
         on_path: whether the start continues the path of the last steps.
         inside: what is known of steps that were found from inside.
+        turn: lets bodies that float turn by a step.
         snes: PETSc's solver.
     """
 
@@ -145,6 +150,7 @@ class Newton(Remembers):
         self._before = problem.new_vector()  # where the tangent was taken last
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
+        self.turn: Callable[[PETSc.Vec, PETSc.Vec], bool] = lambda x, y: False
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
         self._patience = Patience()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
@@ -253,6 +259,14 @@ class Newton(Remembers):
                 break
         return iterations, reason
 
+    def place(self, step: StepMode) -> tuple[int, int]:
+        """Make whole steps in which bodies that weak springs hold turn as rigid ones; collective.
+
+        Returns Newton iterations, and PETSc's converged reason.
+        """
+        self._patience = Patience(hasty=True)
+        return self._run(TURNED_STEPS, step)
+
     def _is_let_go(self) -> bool:
         """Whether hardly any force is left of those of the run, at the last evaluation."""
         return self.problem.reference_force <= LEAST_FORCE * self.largest_force
@@ -274,6 +288,10 @@ class Newton(Remembers):
         if self._carried_by_films() and self.residuals and self.residuals[-1] > EDGED:
             share *= self._natural(x, y)
         return share < 1.0
+
+    def _turned(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Let bodies that float turn by a step ``y`` that is to be taken off ``x``; collective."""
+        return self._phase is TURNED_STEPS and self.turn(x, y)
 
     def _carried_by_films(self) -> bool:
         """Whether films carry enough, now or at the last step, for their kinks to count most."""
@@ -365,6 +383,8 @@ class Newton(Remembers):
         self.solver.assemble(x, step, self._before)
         x.copy(self._before)
         self.solver.solve(f, increment)
+        if step.holding is not None and step.holding.weak:
+            self.turn(start, increment)
         return start, increment
 
     def is_near(self, relative: float = STALLED) -> bool:
@@ -399,6 +419,8 @@ class Newton(Remembers):
         self._search(phase.line_search)
         if phase is BOUNDED_STEPS:
             self.snes.setLineSearchPreCheck(self._bound)
+        if phase is TURNED_STEPS:
+            self.snes.setLineSearchPreCheck(self._turned)
         result = self._iterate()
         self._search(self._usual_search)
         return result

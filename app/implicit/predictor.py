@@ -552,6 +552,8 @@ class Attempt:
     # whether the way from inside comes first: a load pulls a body off what pressed on it, or acts
     # on one that nothing presses on
     inside_first: bool = False
+    # whether only the predicted start and a way from inside are tried: springs may do better
+    shortly: bool = False
 
     @property
     def trial(self) -> PETSc.Vec:

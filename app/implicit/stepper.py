@@ -127,7 +127,7 @@ class ImplicitStepper:
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
-        self._held = supports_at_hand(problem)
+        self._held, self.newton.turn = supports_at_hand(problem), self._weak.turn
         problem.rounding.let_go = {n for body in self._weak.bodies for n in body.joined.names}
 
     def attempt(self, dt: float) -> StepResult:
@@ -226,16 +226,22 @@ class ImplicitStepper:
         the step is solved as it is, unless these only turn the body.
         """
         problem, weak, iterations = self.problem, self._weak, 0
+        trials = problem.trials
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
         if loaded or not carried:
-            iterations, reason = self._tried(step, self._pressed and not carried, anew=carried)
-            if reason <= 0 or loaded:
+            iterations, reason = self._tried(
+                step, self._pressed and not carried, anew=carried, shortly=not loaded
+            )
+            if loaded or (reason > 0 and not self._leaves_loose(step)):
                 return iterations, reason, 0.0
-            if not self._leaves_loose(step):
-                return iterations, reason, 0.0
+            if reason <= 0:  # where an iteration that leads nowhere ends says nothing
+                trials = problem.committed
         most, softly = float(weak.firm.max()), step.with_penalty_scale(problem.contacts, CARRIED)
-        more, reason, share = self._sprung(softly, most, problem.trials, weak.firm)
+        more, reason, share = self._sprung(softly, most, trials, weak.firm)
         iterations += more
+        if reason <= 0 and not carried:
+            more, reason = self._tried(step, self._pressed)
+            return iterations + more, reason, 0.0
         others_press = weak.contact_force() > UNAIDED * share * most
         self._carried = 0.0 if others_press else share * most
         if reason <= 0 or not others_press:
@@ -296,17 +302,22 @@ class ImplicitStepper:
         if reason <= 0:  # where an iteration that leads nowhere ends is no equilibrium to judge by
             before = self._weak.floating(largest, problem.committed)
             self._trial_floating = tuple(b for b in self._trial_floating if b in before)
-        return iterations, reason, self._weak.strain(springs, self.trial.array_r) / largest
+        return iterations, reason, problem.held_weakly() / largest
 
     def _may_float(self, largest: float) -> bool:
         """Whether a body may, and there is a force to compare with, N; collective."""
         return bool(self._weak.bodies) and largest > self.problem.roundoff
 
     def _tried(
-        self, step: StepMode, pressed: bool, idle: frozenset[int] = frozenset(), anew: bool = False
+        self,
+        step: StepMode,
+        pressed: bool,
+        idle: frozenset[int] = frozenset(),
+        anew: bool = False,
+        shortly: bool = False,
     ) -> tuple[int, int]:
         parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
-        attempt = Attempt(*parts, self.failures, idle)
+        attempt = Attempt(*parts, self.failures, idle, shortly=shortly)
         largest, may_turn = self.newton.largest_force, step.holding is None and not anew
         may_turn &= self._may_float(largest)
         attempt.inside_first = anew or (may_turn and self._weak.is_pulled_off(largest))

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.app.read_log import read_log
-from tests.solved import Cuts, solved
+from tests.solved import Cuts, built, solved
 from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.case.toml_files import toml_text
@@ -265,6 +265,40 @@ def test_a_round_tool_turns_the_body_that_it_carries_off_its_middle():
     assert forces[0][-1] == pytest.approx(forces[1][-1], rel=1e-2)  # it presses elsewhere by then
 
 
+def test_a_strip_that_tips_over_an_edge_turns_as_a_rigid_body():
+    """A punch pushes it down beside a shoulder, and nothing holds its other end."""
+    shapes = {
+        "base": [[-60, 0], [0, 0], [4, -1.5], [60, -1.5]],
+        "ram": [[60, 1], [4.3, 1], [0.3, 2.5], [-60, 2.5]],
+    }
+    data, seen = closed_by(0.0), Floats()
+    data["geometry"]["blocks"]["pad"] = {
+        **{"x": [-0.02, 0.024], "y": [0.0, 1e-3], "elements": [44, 2]}
+    }
+    data["bodies"]["pad"] = {"material": "AA5754-O"}
+    for name, points in shapes.items():
+        places = [[1e-3 * x, 1e-3 * y] for x, y in points]
+        data["tools"][name] = {"shape": "polyline", "points": places, "fillet_radius": 1.5e-3}
+    data["tools"]["ram"]["displacement"] = {"y": [["0 s", 0.0], ["1 s", -1.8e-4]]}
+    for pair in data["contact"]:
+        pair["friction"] = {"law": "frictionless"}
+    data["stage"][0]["steps"] = 5
+    simulation = built(data, MPI.COMM_SELF)
+    with pytest.raises(SolutionError, match="no contact presses on it"):
+        simulation.run(seen)
+    assert seen.count == 0 and seen.floating == 5 * [["pad"]] and seen.iterations <= 100
+    problem = simulation.model.problem
+    nodes = np.unique(problem.space.dofmap.list[problem.solids[0].cells])
+    start = problem.space.tabulate_dof_coordinates()[nodes, :2]
+    place = start + problem.u.x.array.reshape(-1, 2)[nodes]
+    start, place = start - start.mean(axis=0), place - place.mean(axis=0)
+    left, _, right = np.linalg.svd(start.T @ place)
+    # 0.18 mm over the way from the fillet's begin to the punch's, to facets of 1 mm around.
+    assert 0.18 / 6.84 < abs((left @ right)[0, 1]) < 0.18 / 4.84
+    # The springs' 5 N/m bend its arm of 20 mm by that; a linear turn would stretch it by 9 um.
+    assert np.abs(place - start @ left @ right).max() < 5e-7
+
+
 def test_a_force_that_only_weak_springs_press_is_not_held():
     data = closed_by(1e-4)
     data["tools"]["ram"] |= {"displacement_stages": ["press"], "hold_force": ["y"]}
@@ -274,3 +308,23 @@ def test_a_force_that_only_weak_springs_press_is_not_held():
     ]
     with pytest.raises(SolutionError, match=r"tool ram has no force to hold.*stage press"):
         solved(data)
+
+
+def test_a_platen_holds_the_force_on_its_own_body_while_a_tool_carries_another():
+    data = closed_by(1e-4)
+    data["geometry"]["blocks"]["pier"] = {"x": [4e-3, 6e-3], "y": [0, 1e-3], "elements": [2, 2]}
+    data["bodies"]["pier"] = data["bodies"]["pad"]
+    pressed = {"displacement": [["0 s", 0.0], ["0.5 s", 1e-5]], "displacement_stages": ["press"]}
+    data["boundary"] = [
+        {"surface": "pier_bottom", "displacement": {"x": 0, "y": 0}},
+        {"surface": "pier_top", "platen": {"direction": "y", "hold_force": True} | pressed},
+    ]
+    data["stage"] = [
+        {"name": "press", "duration": "0.5 s", "steps": 4},
+        {"name": "hold", "duration": "0.5 s", "steps": 5},
+    ]
+    data["solver"]["tolerance"] = 1e-7  # in steps of 25 um springs leave twice that of the forces
+    seen = Floats()
+    problem = solved(data, observer=seen).model.problem
+    assert seen.floating[:6] == 6 * [["pad"]] and seen.floating[-1] == []
+    assert problem.u.x.array[problem.platens[0].dofs] == pytest.approx(-1e-5, rel=1e-6)
