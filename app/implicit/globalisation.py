@@ -293,9 +293,8 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     """What is tried after the predicted start has failed, among it a way from ``inside``.
 
     Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
-    softer contacts are tried sooner unless a step was found from inside. Elastic bodies that found
-    the last such step by softer contacts begin with them. Where a shorter step of metal has failed
-    as the longer one did, it is relaxed.
+    softer contacts are tried first; so they are where they found the last such step. Where a
+    shorter step of metal, or of what rubs, has failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
