@@ -347,6 +347,13 @@ def solve(attempt: Attempt) -> tuple[int, int]:
     return iterations, reason
 
 
+def solve_otherwise(attempt: Attempt) -> tuple[int, int]:
+    """Go on with an attempt that was tried shortly, by what it left out; see :func:`solve`."""
+    attempt.newton.begin(attempt.x)
+    after = phases_after(attempt, FromInside())
+    return _in_turn(attempt, [p for p in after if not isinstance(p, FromInside)])
+
+
 def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
     iterations, reason = 0, int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
     for phase in phases:

@@ -6,7 +6,7 @@ step is solved is in :mod:`tribox.app.implicit.globalisation`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ from tribox.app.equilibrium.snapshot import (
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.equilibrium.supports import supports_at_hand
 from tribox.app.implicit.factor import NO_EFFORT, Effort
-from tribox.app.implicit.globalisation import solve
+from tribox.app.implicit.globalisation import solve, solve_otherwise
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.loose_bodies import SHARE, LooseBodies, WeakHold
 from tribox.app.implicit.newton import ImplicitOptions, Newton
@@ -226,12 +226,12 @@ class ImplicitStepper:
         the step is solved as it is, unless these only turn the body.
         """
         problem, weak, iterations = self.problem, self._weak, 0
-        trials = problem.trials
+        trials, short = problem.trials, None
         loaded, carried = weak.is_loaded(0.0), bool(self._floating)
         if loaded or not carried:
-            iterations, reason = self._tried(
-                step, self._pressed and not carried, anew=carried, shortly=not loaded
-            )
+            short = self._attempt(step, self._pressed and not carried, anew=carried)
+            short.shortly = not loaded
+            iterations, reason = self._run(short)
             if loaded or (reason > 0 and not self._leaves_loose(step)):
                 return iterations, reason, 0.0
             if reason <= 0:  # where an iteration that leads nowhere ends says nothing
@@ -239,8 +239,8 @@ class ImplicitStepper:
         most, softly = float(weak.firm.max()), step.with_penalty_scale(problem.contacts, CARRIED)
         more, reason, share = self._sprung(softly, most, trials, weak.firm)
         iterations += more
-        if reason <= 0 and not carried:
-            more, reason = self._tried(step, self._pressed)
+        if reason <= 0 and short is not None and not carried:
+            more, reason = self._run(short, solve_otherwise)
             return iterations + more, reason, 0.0
         others_press = weak.contact_force() > UNAIDED * share * most
         self._carried = 0.0 if others_press else share * most
@@ -249,22 +249,25 @@ class ImplicitStepper:
         if weak.floating(problem.reference_force):  # others press, and have a force to compare with
             more, reason, share = self._sprung(step, problem.reference_force, problem.trials)
             return iterations + more, reason, share
-        more, reason, presses = self._unaided(step)
+        more, reason, presses = self._unaided(step, short)
         if presses:
             self._trial_floating, share = (), 0.0
         else:
             self._carried = share * most
         return iterations + more, reason, share
 
-    def _unaided(self, step: StepMode) -> tuple[int, int, bool]:
+    def _unaided(self, step: StepMode, short: Attempt | None) -> tuple[int, int, bool]:
         """Solve a step as it is from what springs found, and whether contacts press; collective.
 
-        What springs found is put back if they do not.
+        What springs found is put back if they do not. ``short``: what was tried of it before.
         """
         problem, newton = self.problem, self.newton
         found, held = self.trial.array_r.copy(), problem.evaluated
         iterations, reason = newton.solve(step)
-        if reason <= 0:
+        if reason <= 0 and short is not None:
+            more, reason = self._run(short, solve_otherwise)
+            iterations += more
+        elif reason <= 0:
             more, reason = self._tried(step, self._pressed)
             iterations += more
         if reason > 0 and self._leaves_loose(step):
@@ -314,14 +317,27 @@ class ImplicitStepper:
         pressed: bool,
         idle: frozenset[int] = frozenset(),
         anew: bool = False,
-        shortly: bool = False,
     ) -> tuple[int, int]:
+        return self._run(self._attempt(step, pressed, idle, anew))
+
+    def _attempt(
+        self,
+        step: StepMode,
+        pressed: bool,
+        idle: frozenset[int] = frozenset(),
+        anew: bool = False,
+    ) -> Attempt:
         parts = self.newton, self.predictor, self.x, step, pressed, self._bodies
-        attempt = Attempt(*parts, self.failures, idle, shortly=shortly)
+        attempt = Attempt(*parts, self.failures, idle)
         largest, may_turn = self.newton.largest_force, step.holding is None and not anew
         may_turn &= self._may_float(largest)
         attempt.inside_first = anew or (may_turn and self._weak.is_pulled_off(largest))
-        found = solve(attempt)
+        return attempt
+
+    def _run(
+        self, attempt: Attempt, way: Callable[[Attempt], tuple[int, int]] | None = None
+    ) -> tuple[int, int]:
+        found = (way or solve)(attempt)
         self._relaxed, self._adrift = attempt.relaxed, attempt.adrift
         return found
 

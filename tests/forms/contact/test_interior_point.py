@@ -11,6 +11,7 @@ from tribox.forms.contact.interior_point import (
     CentralSlip,
     InteriorPoint,
     InteriorSlip,
+    SoftenedPoint,
 )
 from tribox.forms.contact.state import ContactMode
 from tribox.forms.friction.law import Regime, presliding_length
@@ -144,3 +145,22 @@ def test_slips_without_a_threshold_stay_finite_however_many_iterations_there_are
     new = at.linear(trial, nothing)
     assert np.isfinite(new.d_trial).all() and not new.d_threshold.any()
     assert np.abs(new.elastic).max() <= 1e-9 * 1e-11
+
+
+def test_softened_points_come_to_the_law_of_the_penalty():
+    """A body of stiffness k under a force, pressed or pulled: each point begins the next one."""
+    force, body, softness = np.array([-2.0, 0.5, 3.0]), 0.2, 0.03  # Pa, and of the penalty
+    exact = np.maximum(force, 0.0) / (1.0 + body)
+    pressure, errors = np.zeros(3), []
+    for _ in range(4):
+        point = SoftenedPoint((1.0 - softness) * pressure, np.full(3, PENALTY), softness)
+        # k g + p(g) K = f of what is closed; what is open carries nothing
+        closed = (point.base + force * softness / body) / (1.0 + softness / body)
+        gap = -(force - np.maximum(closed, 0.0)) / (body * PENALTY)
+        found, stiffness = point.law(gap, np.full(3, PENALTY))
+        assert np.all((found > 0.0) == (gap < point.reach))
+        np.testing.assert_allclose(stiffness, softness * PENALTY)
+        pressure = found
+        errors.append(np.abs(found - exact).max())
+    ratio = (1.0 - softness) * body / (body + softness)
+    np.testing.assert_allclose(np.array(errors[1:]) / errors[:-1], ratio, rtol=1e-6)
