@@ -2,7 +2,7 @@
 
 The first phase starts from the prediction. Those after it start elsewhere, or approach the solution
 through softer contacts: where many points open or close at once, a stiff penalty makes Newton's
-method try one set of them after another, while a soft one lets it find the region. Metal that snaps
+method try one set of them after another, while a soft one lets it find the region. What snaps
 is relaxed last (:mod:`tribox.app.implicit.relaxation`).
 """
 
