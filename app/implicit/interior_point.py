@@ -330,13 +330,20 @@ def _starting_point(
     if mean <= PRESSED * term.rounded_gap * stiffest / facet:
         mean = modulus
         if load > 0.0 and least < NOWHERE and way <= LEAST_WAY * facet:  # forces alone drive
-            area = term.surface.vertices.comm.allreduce(float(term.surface.slave.weight.sum()))
-            mean, ahead, barrier = load / area, max(least, 0.0) + NO_WAY * facet, 1.0
+            ahead, barrier = max(least, 0.0) + max(barrier, NO_WAY) * facet, 1.0
+            mean = load / _felt_area(term, np.maximum(gap, ahead) / ahead)
     mu = barrier * mean * ahead
     pressure = np.maximum(pressure, mu / np.maximum(gap, barrier * ahead))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)
     found = InteriorPoint(pressure, mu / pressure, mu, near)
     return replace(found, slip=_starting_slip(term, trial, found, mean, barrier * ahead))
+
+
+def _felt_area(term: ContactTerm, apart: Floats) -> float:
+    """Area over the distances (v,) or (q,) of a pair, m² (m in the plane); collective."""
+    averaged = isinstance(term.rule, AveragedPressure)
+    near = term.surface.vertices.at_points(1.0 / apart) if averaged else 1.0 / apart
+    return float(term.surface.vertices.comm.allreduce(float(term.surface.slave.weight @ near)))
 
 
 def _starting_slip(
