@@ -329,9 +329,9 @@ def _starting_point(
     ahead = float(np.clip(way, LEAST_WAY * facet, MOST_WAY * facet)) if way else NO_WAY * facet
     if mean <= PRESSED * term.rounded_gap * stiffest / facet:
         mean = modulus
-        if load > 0.0 and least < NOWHERE and way <= LEAST_WAY * facet:  # forces alone drive
-            ahead, barrier = max(least, 0.0) + max(barrier, NO_WAY) * facet, 1.0
-            mean = load / _felt_area(term, np.maximum(gap, ahead) / ahead)
+    if load > 0.0 and least < NOWHERE and way <= LEAST_WAY * facet:  # forces alone drive
+        ahead, barrier = max(least, 0.0) + max(barrier, NO_WAY) * facet, 1.0
+        mean = load / _felt_area(term, np.maximum(gap, ahead) / ahead)
     mu = barrier * mean * ahead
     pressure = np.maximum(pressure, mu / np.maximum(gap, barrier * ahead))
     near = max(REACH * facet, 2.0 * least if least < NOWHERE else 0.0)

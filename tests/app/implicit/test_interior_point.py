@@ -165,7 +165,7 @@ def test_pressures_follow_the_gaps_that_the_tangent_expects():
         np.testing.assert_allclose(gap[pressed], expected[pressed], rtol=0, atol=1e-9)
         assert pressed.any() and np.abs(there - gap)[pressed].max() > 1e-7
         # Friction begins below its threshold, also where that has fallen.
-        begun = interior_point._starting_point(term, here, 1e-4, 1e-2)
+        begun = interior_point._starting_point(term, here, 1e-4, 1e-2, 0.0)
         lighter = replace(begun, pressure=0.5 * begun.pressure)
         slip = interior_point._starting_slip(term, here, lighter, begun.pressure.max(), 1e-6)
         elastic = np.linalg.norm(here.response.state.elastic_slip, axis=1)
@@ -235,6 +235,7 @@ def test_no_path_is_tried_twice_and_a_first_contact_says_nothing_of_them(
     attempt = SimpleNamespace(
         newton=newton, pressed=pressed, continued=continued, trial=vector, x=vector, step=None
     )
+    attempt.bodies, attempt.adrift = SimpleNamespace(directions=()), ()
     iterations, reason = interior_point.FromInside().run(attempt)
     assert (asked, inside.opening) == (tried, kept)
     assert iterations == len(tried) + 1 and reason > 0
@@ -279,6 +280,7 @@ def test_a_path_has_patience_and_an_end_where_the_exact_law_stalls_near_it(
         trial=vector,
         x=vector,
         continued=True,
+        loads=np.zeros(0),
         step=SimpleNamespace(inside=lambda points: "inside"),
         return_to_start=lambda: None,
     )

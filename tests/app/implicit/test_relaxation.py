@@ -7,7 +7,7 @@ import pytest
 from tests.app.implicit.test_interior_point import FRICTIONLESS, bending, strip
 from tests.solved import built
 from tribox.app.equilibrium.step_mode import StepMode
-from tribox.app.implicit.globalisation import PredictedStart
+from tribox.app.implicit.globalisation import FirmSprings, PredictedStart, SoftContact
 from tribox.app.implicit.interior_point import FromInside
 from tribox.app.implicit.relaxation import Pace
 from tribox.app.implicit.stepper import StepResult
@@ -35,6 +35,8 @@ def found(comm, directory):
             if fails:
                 patch.setattr(PredictedStart, "run", lost)
                 patch.setattr(FromInside, "run", lost)
+                patch.setattr(SoftContact, "run", lost)
+                patch.setattr(FirmSprings, "run", lost)
                 assert not stepper.attempt(0.25).converged
                 stepper.failures = 1
             result = stepper.attempt(0.25)
