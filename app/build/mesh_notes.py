@@ -372,7 +372,12 @@ def _supports_of(case: Case, problem: Equilibrium, loads: Loads, stage: str) -> 
     for load, surface in zip(loads.forms.loads, loads.forms.surfaces, strict=True):
         tables = [b for b in case.boundary if b.surface == surface and b.foundation]
         if isinstance(load, Foundation):
-            put(load, "acts", any(b.acts_in(stage) for b in tables))
+            springs = [b.foundation for b in tables if b.foundation and b.acts_in(stage)]
+            put(load, "strongest", load.strongest)
+            amount = np.zeros_like(load.amount)
+            if springs:
+                amount[-2:] = springs[0].normal, springs[0].tangential
+            put(load, "amount", amount)
     for table, term in zip(case.contact, problem.contacts, strict=True):
         put(term, "active", case.acts_in(table, stage))
     try:
