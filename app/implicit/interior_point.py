@@ -341,7 +341,7 @@ def _starting_point(
 
 def _felt_area(term: ContactTerm, apart: Floats) -> float:
     """Area over the distances (v,) or (q,) of a pair, m² (m in the plane); collective."""
-    near: Floats = 1.0 / apart
+    near: Floats = np.divide(1.0, apart)
     if isinstance(term.rule, AveragedPressure):
         near = term.surface.vertices.at_points(near)
     return float(term.surface.vertices.comm.allreduce(float(term.surface.slave.weight @ near)))
