@@ -365,7 +365,7 @@ def notes_on_tabulation(parameters: FrictionMapParameters, film: Floats) -> Iter
     missing = asked[~np.isclose(asked[:, None], rows, rtol=SAME, atol=0.0).any(axis=1)]
     if not missing.size:
         return
-    inside = (missing > rows[0]) & (missing < rows[-1])
+    inside = (missing > rows[0]) & (missing < rows[-1]) | (name == "alpha")
     alpha = 1.0 - at_rest(parameters, missing).solid
     told = [
         f"{value:.4g} at D = {thickness:g} m ({'interpolated' if within else 'end of the table'})"

@@ -125,7 +125,8 @@ class Recorder(Observer):
             self._output(state)
         self._watch(state, row)
         self._count([row])
-        self._watches.step(row, result)
+        sampled = state.energy_balance.sampled * self.model.thickness
+        self._watches.step(row, result, sampled)
         with self.saving:
             self._write_tables(state)
 
@@ -141,7 +142,7 @@ class Recorder(Observer):
     ) -> None:
         """Write the fields at the end of a load step and keep its last row."""
         self._output(state)
-        self._watches.roundoff.end(load_step.label)
+        self._watches.end(load_step.label)
         self.load_steps.append({"label": load_step.label, "steady": steady, **asdict(row)})
         if load_step.stage.rate_dependent:
             # Once for each contact whose film loses force below its onset.

@@ -13,9 +13,10 @@ from petsc4py import PETSc
 from tribox.app.case.case import Case
 from tribox.app.case.stage import LoadStep
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot
+from tribox.app.equilibrium.snapshot import AtPoints, Kept, Nodal, Remembers, Snapshot
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.simulation.contact_resultants import ContactResultants
+from tribox.app.simulation.history import Row
 from tribox.forms.contact.lubricated import LubricatedTerm
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.pressure import AveragedPressure
@@ -29,7 +30,7 @@ _COLUMNS = {
     **{name: f"{name}_dissipation" for name in ("plastic", "viscous", "numerical", "damping")},
     "work": "external_work",
 }
-_SUMS = (*_COLUMNS, "_initial_kinetic")
+_SUMS = (*_COLUMNS, "sampled", "_initial_kinetic")
 
 
 @dataclass(slots=True)
@@ -53,17 +54,20 @@ class Work:
         ]
         return cls(force, position.copy(), contacts)
 
-    def until(self, other: Work, problem: Equilibrium) -> float:
-        """Work from this state to ``other``, J/m; collective.
+    def until(self, other: Work, problem: Equilibrium) -> Floats:
+        """Work from this state to ``other`` (2,), J/m, and what the step's ends make of it.
 
-        By the trapezoidal rule, less what that adds where contact begins or ends in between.
+        By the trapezoidal rule, less what that adds where contact begins or ends in between;
+        collective.
         """
-        mean = 0.5 * (self.force + other.force)
+        mean, less = 0.5 * (self.force + other.force), 0.0
         work = float(mean @ (other.position - self.position))
         pairs = zip(problem.contacts, self.contacts, other.contacts, strict=True)
         for term, before, after in pairs:
-            work += fit_work(term, before, after) - kinks(term, before[:2], after[:2])
-        return float(problem.comm.allreduce(work))
+            work += fit_work(term, before, after)
+            less += kinks(term, before[:2], after[:2])
+        done: Floats = problem.comm.allreduce(np.array([work - less, work]))
+        return done
 
 
 def _given(problem: Equilibrium) -> Ints:
@@ -148,6 +152,7 @@ class EnergyBalance:
         plastic: J/m since the start, of the bodies' materials; its numerical part, the yield stress
             at the end of a step less the mean over it, is contained in ``numerical`` too; viscous:
             likewise, of bodies that creep and do not yield.
+        sampled: J/m since the start, as ``work`` with forces as they stand at the ends of steps.
         kinetic: J/m, present; damping: J/m taken by mass-proportional damping, the contacts'
             dashpots and relaxation.
     """
@@ -174,7 +179,7 @@ class EnergyBalance:
         stored = sum(term.interface_energy(trial) for term, trial in pairs)
         interface = float(problem.comm.allreduce(stored, op=MPI.SUM))
         self._start = (problem.strain_energy(), interface)
-        self.work = self.dissipation = self.numerical = 0.0
+        self.work = self.sampled = self.dissipation = self.numerical = 0.0
         self.strain = self.interface = self.kinetic = self.damping = 0.0
         self.plastic = self.viscous = 0.0
         self._flow = self._lost()
@@ -194,6 +199,7 @@ class EnergyBalance:
                 dashpots and relaxation; both of all ranks. kinetic: energy at the end.
         """
         self.work += work
+        self.sampled += work  # of means of forces
         self.damping += damping
         self.kinetic = kinetic
         self._enter_contacts(resultants)
@@ -217,7 +223,9 @@ class EnergyBalance:
     def add(self, x: PETSc.Vec, resultants: Sequence[ContactResultants]) -> None:
         """Enter the converged step that was evaluated last, at ``x``; collective."""
         now = Work.at(self.problem, x.array_r)
-        self.work += self._last.until(now, self.problem)
+        work, sampled = self._last.until(now, self.problem)
+        self.work += float(work)
+        self.sampled += float(sampled)
         self._last = now
         self._enter_contacts(resultants)
 
@@ -242,8 +250,8 @@ class EnergyBalance:
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
-        for name in _SUMS:
-            setattr(self, name, kept["sums"][name])
+        for name, value in kept["sums"].items():
+            setattr(self, name, value)
         self._flow = np.array(kept["flow"])
         self._start = (kept["start"][0], kept["start"][1])
         contacts = [(gap, pressure, offset) for gap, pressure, offset in kept["contacts"]]
@@ -261,6 +269,55 @@ class EnergyBalance:
         columns = {column: getattr(self, name) for name, column in _COLUMNS.items()}
         columns["energy_error"] = self.error
         return {name: energy * thickness for name, energy in columns.items()}
+
+
+# -- Forces at the ends of steps, which are samples, against the work that was done ---------------
+
+FEWEST = 8  # steps, over which a mean of forces says something
+LASTS = 0.5  # of the largest normal force, that presses all the while
+OFF, COUNTS = 0.03, 0.1  # of the work that was spent, and of the largest of the run
+
+
+class SampledForces(Remembers):
+    """Looks at the second half of each load step: means of forces there would be steady ones.
+
+    Where a facet comes and another goes in each step, forces at the ends of steps are always those
+    of one phase, and their mean is not the force that does the work.
+    """
+
+    _steps: Kept[list[tuple[float, float, float]]]  # of the load step: J, J by forces, N
+    _found: Kept[list[str]]
+    _largest: Kept[float]  # J, work of the run so far
+
+    def __init__(self) -> None:
+        self._steps, self._found, self._largest = [], [], 0.0
+
+    def step(self, row: Row, sampled: float) -> None:
+        """Look at a converged step, and at the work of the forces at the ends of all so far, J."""
+        self._largest = max(self._largest, abs(row.external_work))
+        self._steps.append((row.external_work - row.energy_error, sampled, row.normal_force))
+
+    def end(self, label: str) -> None:
+        """A load step has ended."""
+        half = np.array(self._steps[len(self._steps) // 2 :]).reshape(-1, 3)
+        self._steps = []
+        if len(half) < FEWEST or half[:, 2].min() <= LASTS * half[:, 2].max():
+            return
+        spent, sampled = half[-1, :2] - half[0, :2]
+        off, of = abs(sampled - spent), max(abs(spent), abs(sampled), COUNTS * self._largest)
+        # Where the half begins and ends within a facet makes up to the work of a step.
+        if off > max(OFF * of, np.abs(np.diff(half[:, 1])).max()):
+            self._found.append(
+                f"stage {label}: over its second half forces at the ends of steps make a work of "
+                f"{sampled:.4g} J, but {spent:.4g} J were spent: as contact comes and goes within "
+                f"steps of about a facet, means of forces in the tables are off by "
+                f"{100.0 * off / of:.2g} % (steps of a third of a facet, or external_work over the "
+                "way)"
+            )
+
+    def warnings(self) -> Iterator[str]:
+        """A line for each load step."""
+        yield from self._found
 
 
 # -- Kinetic against strain energy of explicit load steps, and what is said of it ------------------

@@ -38,9 +38,7 @@ DEEP = 0.25  # cell over the half-width of the contact; .35 of it left friction 
 GIVES = 1.0  # of the film, that a column of a cell's depth gives way by: less moves no film
 AHEAD = 4.0  # half-widths of film upstream of the contact's edge
 THIN = 0.5  # h/σ below which the laws of film and asperities are extrapolated
-BOUNDED = (
-    10.0  # film at the end of the slave over the least: up to it a contact ends there by itself
-)
+BOUNDED = 10.0  # film at the slave's end over the least, up to which a contact ends by itself
 SAGITTA = 0.05  # of the film, that a facet of the master may miss its arc by
 EDGE = np.radians(20.0)  # between facets of the master: from there on it is an edge, and no arc
 LAGS = 1.5  # by which the load is off, over the mean change of the film: wedges of 1.2 to 3
@@ -53,6 +51,7 @@ MOVED = 0.1  # of the way slid, by which the contact may move along the slave in
 OWN = 0.02  # of what a film carries, that a flooded reservoir's own pressure may make of it
 CONDUCTS = 0.14  # W/(m K), of oils; they lose some 3 % of their viscosity a kelvin
 WARMS = 5.0  # K, by which a film's middle may be warmer than its walls
+THICKENS, THICKER = 15e-9, 1.5  # 1/Pa, of mineral oils; by how much, where barus is not given
 UNEVEN = 1e-3  # of the flow, by which it may change along the film in a steady state
 NEGLECTED = 0.2  # of the flow, that a film stores in a step, of which a steady state takes none
 AGAIN = 0.05  # share of the contact's area that may have been in it before
@@ -479,6 +478,18 @@ def heat(look: Look) -> Found:
         )
 
 
+def thickening(look: Look) -> Found:
+    """Hold the pressure against what makes oils more viscous, where none is to."""
+    most = float(look.solution.pressure.max(initial=0.0))
+    thicker = float(np.exp(THICKENS * most))
+    if look.solver.rheology.barus == 0.0 and thicker > THICKER:
+        said = (
+            f"the film presses by up to {most:.2g} Pa ({look.when}), where a mineral oil of "
+            f"{THICKENS:.2g}/Pa is {thicker:.2g} times as viscous as eta_b: film.barus"
+        )
+        yield "thickening", thicker, said
+
+
 def lag(look: Look) -> Found:
     """Hold by how much a film changes in a step as its master slides on against the film.
 
@@ -510,7 +521,10 @@ def lag(look: Look) -> Found:
         )
 
 
-CHECKS = (inlet, cells_below, roughness, master_facets, oil, steady_flow, reservoirs, heat, lag)
+CHECKS = (
+    *(inlet, cells_below, roughness, master_facets, oil),
+    *(steady_flow, reservoirs, heat, thickening, lag),
+)
 """All that a film which carries a part of the load is held against."""
 
 

@@ -20,6 +20,7 @@ from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snaps
 from tribox.app.implicit.factor import Effort
 from tribox.app.implicit.stepper import StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
+from tribox.app.simulation.energy_balance import SampledForces
 from tribox.app.simulation.failure_diagnosis import most_squeezed
 from tribox.app.simulation.film_watch import FilmWatch
 from tribox.app.simulation.history import Row
@@ -498,7 +499,8 @@ class Watches:
     """The watches of a run, told of every step.
 
     Attributes:
-        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution.
+        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
+            sampled: forces at the ends of steps.
         told: warnings that are given once only and have been, by a word for each.
     """
 
@@ -527,14 +529,17 @@ class Watches:
             "relaxation": RelaxationWatch(),
             "linear": LinearWatch(),
         }
-        self._named = {**self._of_rows, **self._of_both, **self._of_steps}
+        self.sampled = SampledForces()
+        self._named = {**self._of_rows, **self._of_both, **self._of_steps, "sampled": self.sampled}
         self.told: set[str] = set() if kept is None else set(kept["told"])
         if kept is not None:
             for name, watch in self._named.items():
-                watch.restore(kept[name])
+                if name in kept:  # not of checkpoints that know less
+                    watch.restore(kept[name])
 
-    def step(self, row: Row, result: StepResult | Interval) -> None:
-        """Look at a converged step; collective."""
+    def step(self, row: Row, result: StepResult | Interval, sampled: float) -> None:
+        """Look at a converged step, ``sampled`` as :class:`SampledForces` has it; collective."""
+        self.sampled.step(row, sampled)
         self.contacts.step(row, self._thickness, balanced=isinstance(result, StepResult))
         for watch in self._of_rows.values():
             watch.step(row)
@@ -550,15 +555,21 @@ class Watches:
         self.told.add(what)
         return new
 
+    def end(self, label: str) -> None:
+        """A load step has ended, with or without a solution; collective."""
+        self.roundoff.end(label)
+        self.sampled.end(label)
+
     def warnings(self, stage: str) -> Iterator[str]:
         """What there is to say at the end, in stage ``stage``; collective."""
         for name in ("left", "ends", "one_sided", "late"):
             yield from self._named[name].warnings()
         yield from self._named["folds"].warnings(self._named["ends"].short_slaves)
         yield from self.contacts.warnings()
+        self.end(stage)
         for name in ("floating", "relaxation", "linear", "turn", "flow", "collapse", "films"):
             yield from self._named[name].warnings()
-        self.roundoff.end(stage)
+        yield from self.sampled.warnings()
 
     def snapshot(self) -> Snapshot:
         """What has been seen so far."""

@@ -187,7 +187,11 @@ def at_rest(parameters: FrictionMapParameters, film: Floats) -> AtRest:
         rate = (1.0 - solid) * (beta / (safe - lowest) + slope * logarithm)
     else:
         assert parameters.alpha is not None
-        alpha, rate = _linear(parameters.alpha, safe)
+        value = parameters.alpha
+        if isinstance(value, tuple):  # From dry at D_min on, and up to all film at D_max.
+            rows = (row for row in value if lowest < row[0] < highest)
+            value = ((lowest, 0.0), *rows, (highest, 1.0))
+        alpha, rate = _linear(value, safe)
         solid = 1.0 - alpha
     outside = np.where(film >= highest, 0.0, 1.0)
     return AtRest(np.where(inside, solid, outside), np.where(inside, rate, 0.0))

@@ -15,6 +15,7 @@ from tests.solved import solved
 from tribox.app.build.model import build_model
 from tribox.app.case.reading import load_case
 from tribox.app.simulation.contact_resultants import contact_columns, measure_contact
+from tribox.app.simulation.energy_balance import SampledForces
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
@@ -129,6 +130,59 @@ def test_friction_of_points_that_open_within_a_step_is_in_the_balance():
         getattr(last, name) - getattr(first, name) for name in ("external_work", "energy_error")
     )
     assert last.viscous_fraction > 0.99 and abs(error) < 1e-3 * work
+
+
+COARSE = """
+geometry.kind = "blocks"
+geometry.blocks.rubber = { x = ["-2 mm", "11 mm"], y = ["-0.5 mm", "0 mm"], elements = [26, 1] }
+bodies = { rubber = { material = "neo-hookean", G = "1 MPa", K = "5 MPa" } }
+tools.bump.shape = "circle"
+tools.bump.centre = ["0.1 mm", "2 mm"]
+tools.bump.radius = "2 mm"
+tools.bump.displacement = { x = "driven", y = [["0 s", "0 um"], ["1 s", "-60 um"]] }
+boundary = [{ surface = "rubber_bottom", displacement = { x = 0, y = 0 } }]
+[[contact]]
+slave = "rubber_top"
+master = "bump"
+friction.law = "frictionless"
+[[stage]]
+name = "press"
+duration = "1 s"
+steps = 2
+[[stage]]
+name = "slide"
+velocity = "1 mm/s"
+duration = "9 s"
+"""
+
+
+class _Watched(Observer):
+    """Tells a watch of the steps; keeps what drives the tool, N."""
+
+    def __init__(self) -> None:
+        self.watch, self.drive = SampledForces(), [0.0]
+
+    def step(self, state, row, result) -> None:
+        self.watch.step(row, state.energy_balance.sampled * state.model.thickness)
+        self.drive.append(state.tools.rows[-1][state.tools.columns.index("driving_force_x")])
+
+    def load_step(self, state, load_step, row, steady) -> None:
+        self.watch.end(load_step.label)
+
+
+@pytest.mark.parametrize(("steps", "said"), [(18, True), (60, False)])
+def test_forces_that_are_always_of_one_phase_of_a_facet_are_told(steps, said):
+    """Nothing rubs and nothing is lost: what is driven takes no work in the mean."""
+    data = tomllib.loads(COARSE)
+    data["stage"][1]["steps"] = steps
+    seen = _Watched()
+    solved(data, observer=seen)
+    lines = list(seen.watch.warnings())
+    assert len(lines) == said
+    assert not said or ("off by 1e+02 %" in lines[0] and "stage slide" in lines[0])
+    # One step a facet: all of one size; three and a third: of all phases.
+    steady = np.array(seen.drive[-steps // 2 :])
+    assert bool(abs(steady.mean()) > 0.99 * np.abs(steady).max()) == said
 
 
 # -- Resultants of a contact in the plane, in space and round an axis, in numbers ------------------

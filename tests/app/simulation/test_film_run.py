@@ -338,3 +338,6 @@ def test_a_flow_that_is_not_conserved_is_told():
     normal.lubrication = replace(film, solution=replace(film.solution, flux=flux))
     watch.step(row)
     assert any("the flow changes by 0.99 % of itself" in line for line in watch.warnings())
+    film.solution.pressure[:] = 50e6  # exp(0.75)
+    watch.step(row)
+    assert any("2.1 times as viscous as eta_b: film.barus" in line for line in watch.warnings())

@@ -81,7 +81,7 @@ def test_collapsed_elements_and_relaxed_steps_are_said_by_stages(pressed, to, ev
     watches, row = Watches(pressed.model), pressed.rows[-1]
     squeezed(pressed, to, everywhere)
     for _ in range(2):
-        watches.step(row, StepResult(True, 1, 1, 2, [1e-9], relaxed=True))
+        watches.step(row, StepResult(True, 1, 1, 2, [1e-9], relaxed=True), 0.0)
     lines = list(watches.warnings("press"))
     assert sum("relaxed by springs in 2 steps" in line for line in lines) == 1
     found = [line for line in lines if "has nearly collapsed" in line]

@@ -9,7 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.forms.friction.test_friction_map import FLOWS, K_T, V_STAR, P, parameters, with_flow
-from tribox.forms.friction.film import ConstantFilm, FilmField, FilmTable, film_thickness
+from tribox.forms.friction.film import (
+    ConstantFilm,
+    FilmField,
+    FilmTable,
+    at_rest,
+    film_thickness,
+)
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
@@ -175,6 +181,15 @@ def test_each_option_does_what_it_is_named_after():
     thick = FilmRheology(eta_b=0.8, barus=2e-8)
     assert thick.viscosity(one, 1e8 * one).value[0] == pytest.approx(0.8 * math.exp(2.0))
     assert FilmRheology(eta_b=0.8).newtonian and not thick.newtonian
+
+
+def test_a_table_of_film_fractions_goes_from_dry_to_all_film():
+    """D = 0 and the least film rub alike, and so do D_max and a little less; by hand in between."""
+    film = np.array([0.0, 1e-12, 5e-9, 10e-9, 215e-9, 250e-9 - 1e-12, 250e-9])
+    table = parameters(alpha=((10e-9, 0.4), (180e-9, 0.8)), D_min=0.0, D_max=250e-9)
+    found = at_rest(table, film)
+    assert found.solid == pytest.approx([1.0, 1.0, 0.8, 0.6, 0.1, 0.0, 0.0], abs=1e-4)
+    assert found.d_alpha_d_film[[2, 4]] == pytest.approx([0.4 / 10e-9, 0.2 / 70e-9])
 
 
 @pytest.mark.parametrize(

@@ -294,7 +294,9 @@ def test_presliding_length_is_where_the_asperities_give_way(rule, film):
         ({}, [0.0, 250e-9, 300e-9], None),
         # 0.9967 + 70/150 (0.9999 - 0.9967)
         ({}, [30e-9, 100e-9], "alpha = 0.9982 at D = 1e-07 m (interpolated);"),
-        ({}, [5e-9], "alpha = 0.039 at D = 5e-09 m (end of the table);"),
+        # From 0 at D_min on.
+        ({}, [5e-9], "alpha = 0.0195 at D = 5e-09 m (interpolated);"),
+        ({"alpha": None, "beta": ((1e-8, 1.0), (3e-8, 1.0))}, [5e-9], "(end of the table);"),
         ({"alpha": 0.5}, [100e-9], None),
         ({"alpha": None, "beta": ((10e-9, 1.0), (30e-9, 1.0))}, [25e-9], "no row for some"),
         ({}, [11e-9, 12e-9, 13e-9, 14e-9, 15e-9, 16e-9], "at D = 1.4e-08 m (interpolated), and 2"),
