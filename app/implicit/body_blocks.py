@@ -41,6 +41,7 @@ from tribox.app.implicit.multigrid import (
     damped,
     rigid_motions_of,
 )
+from tribox.app.implicit.volume_split import Volumes, VolumeSplitSolver
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.facets import Ints
 
@@ -223,13 +224,15 @@ class BodyBlocks:
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
-        if self._whole is None or (widened and self.direct):
+        if self._whole is None or (widened and isinstance(self._whole, Factor)):
             self._drop_whole()
             self._whole = self._new_whole()
         self._works = self._whole.make(widened)
 
     def _new_whole(self) -> Factor | MultigridSolver:
-        if self.direct:
+        comm, size = self._problem.comm, self._problem.size
+        # What iterations for the bodies do not get to is no easier for those of the whole.
+        if self.direct or (self._bodies is not None and factors_fit(comm, size)):
             return Factor(self._matrix, self._prefix)
         near, prefix = rigid_motions_of(self._problem), f"{self._prefix}whole_"
         return MultigridSolver(self._matrix, near, prefix, KRYLOV, self._tell)
@@ -409,18 +412,18 @@ class BodyByBody:
         """
         self.factorised = factorised
         self._prefix, self._count, self._problem = prefix, count, problem
-        self._kept, self._others = bodies.dofs, bodies.others
+        self._kept, self._places = bodies.dofs, PlacesOfPart(bodies.others, bodies.others)
+        self._volumes = Volumes(problem, self._places.rows)
         self._stiff = self._solver_of_kept(bodies.tangent(problem))
         self.works = self._stiff.make()
-        self._rows = self._global(self._others, problem.comm)
+        self._rows = self._global(bodies.others, problem.comm)
         self._rows.setBlockSize(problem.dim)
         # Of the stiff bodies the rows that contacts couple to the others.
-        self._touched = PlacesOfPart(self._others[:0], self._others)
+        self._touched = PlacesOfPart(bodies.others[:0], bodies.others)
         self._coupling: PETSc.Mat | None = None
         self._touched_rows: PETSc.IS | None = None
         self._matrix: PETSc.Mat | None = None
         self._block: PETSc.Mat | None = None  # of the other bodies, as it is factorised
-        self._places = PlacesOfPart(self._others, self._others)
         self.own: Factor | MultigridSolver | None = None
         self._left, self._step = problem.new_vector(), problem.new_vector()
         self._image = problem.new_vector()
@@ -461,6 +464,8 @@ class BodyByBody:
         """
         self._matrix = matrix
         anew = self._extract(matrix, widened)
+        if self._count is not None and self._volumes:
+            self._volumes.take_off(matrix, self._block)
         self._couple(matrix, widened)
         if anew:
             self._analyse()
@@ -502,7 +507,7 @@ class BodyByBody:
                 old.destroy()
         self._touched_rows = self._global(touched, comm)
         self._coupling = matrix.createSubMatrix(self._touched_rows, self._rows)
-        self._touched = PlacesOfPart(touched, self._others)
+        self._touched = PlacesOfPart(touched, self._places.rows)
         self._touched.find(matrix, self._coupling)
         self._felt = self._coupling.createVecLeft()
         for part in (every, kept):
@@ -515,8 +520,10 @@ class BodyByBody:
         if self._count is None:
             self.own = Factor(self._block, self._prefix)
             return
-        near = rigid_motions_of(self._problem, self._others)
-        self.own = MultigridSolver(self._block, near, f"{self._prefix}own_", KRYLOV, self._count)
+        near = rigid_motions_of(self._problem, self._places.rows)
+        known = self._block, near, f"{self._prefix}own_", KRYLOV, self._count
+        split = self._volumes
+        self.own = VolumeSplitSolver(*known, split) if split else MultigridSolver(*known)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, share: float) -> bool:
         """Solve with the tangent for ``x`` (m) until a share of the forces ``b`` (N) is left.
@@ -553,19 +560,19 @@ class BodyByBody:
 
     def _on_others(self, forces: PETSc.Vec) -> float:
         """Norm of the forces on the other bodies, N; collective."""
-        mine = forces.array_r[self._others]
+        mine = forces.array_r[self._places.rows]
         return float(np.sqrt(self._problem.comm.allreduce(float(mine @ mine))))
 
     def _move_others(self, x: PETSc.Vec, most: float) -> None:
         """Solve for the other bodies: the stiff ones feel it by few unknowns only."""
         assert self.own is not None and self._coupling is not None
-        forces = self._left.array_r[self._others]
+        forces = self._left.array_r[self._places.rows]
         if isinstance(self.own, Factor):
-            x.array[self._others] += self.own.solve(forces)
-            self._left.array[self._others] = 0.0
+            x.array[self._places.rows] += self.own.solve(forces)
+            self._left.array[self._places.rows] = 0.0
         else:
-            x.array[self._others] += self.own.solve(forces, most)
-            self._left.array[self._others] -= self.own.image().array_r
+            x.array[self._places.rows] += self.own.solve(forces, most)
+            self._left.array[self._places.rows] -= self.own.image().array_r
         self._coupling.mult(self.own.solution, self._felt)
         self._left.array[self._touched.rows] -= self._felt.array_r
 

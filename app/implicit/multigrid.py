@@ -163,7 +163,7 @@ class Multigrid:
         """Iterations that the last solve took, or would have, to leave the usual share."""
         taken = float(self.ksp.getIterationNumber())
         if self._share != self._usual:
-            taken *= math.log(min(self._usual, 0.5)) / math.log(min(self._share, 0.5))
+            taken *= min(1.0, math.log(min(self._usual, 0.5)) / math.log(min(self._share, 0.5)))
         return taken
 
 
@@ -247,15 +247,19 @@ class MultigridSolver:
             most: N, norm of the forces that may be left.
         """
         self._rhs.array[:] = rhs
-        size = self._rhs.norm()
+        return self._solve(self._rhs, self.solution, most)
+
+    def _solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, most: float) -> Floats:
+        """Solve what PETSc has been told to be the system; collective."""
+        size = rhs.norm()
         if size <= most:
-            self.solution.set(0.0)
-            return self.solution.array_r
+            solution.set(0.0)
+            return solution.array_r
         self.multigrid.leave(most / size)
-        self._ksp.solve(self._rhs, self.solution)
+        self._ksp.solve(rhs, solution)
         self._count(self._ksp.getIterationNumber())
         self.converged = self._ksp.getConvergedReason() > 0
-        return self.solution.array_r
+        return solution.array_r
 
     def image(self) -> PETSc.Vec:
         """The matrix times the last solution, N; collective."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
@@ -26,7 +27,7 @@ from tribox.forms.contact.pressure import nodal_pressure
 from tribox.forms.contact.shared_slave import covered_by_others
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.body_facets import OuterFacets, facet_nodes
-from tribox.geometry.surfaces.facets import Bools, Floats, Longs, facet_shape
+from tribox.geometry.surfaces.facets import Bools, Floats, Ints, Longs, facet_shape
 from tribox.geometry.surfaces.master import MasterFacets
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid import RigidSurface
@@ -407,20 +408,26 @@ class Fold:
 class _Beside:
     """Nodes (n) on the boundary of a slave's body, and which of them went through its master."""
 
-    def __init__(self, model: Model, index: int, nodes: Longs, kept: Mapping[int, Bools]) -> None:
-        """Begin with them as they lie undeformed.
+    def __init__(
+        self, model: Model, index: int, nodes: Longs, kept: Mapping[int, Bools], around: Ints
+    ) -> None:
+        """Begin with them as they lie undeformed; collective.
 
         Args:
             nodes: (n,), this rank's local ones.
             kept: by pair with this master, the nodes (n,) that it keeps out while it acts.
+            around: local facets, owned and ghosts, of the boundary.
         """
         self._named, self._problem, self._index = model.named, model.problem, index
-        self._surface = surface = model.problem.contacts[index].surface
-        self._target, self._nodes, self._kept = surface.target.for_others(), nodes, kept
+        surface, self._nodes, self._kept = model.problem.contacts[index].surface, nodes, kept
+        self._length = surface.facet_length
+        name = model.case.contact[index].master
+        master = model.named.facets(name) if name in model.named.surfaces else around[:0]
+        self._surface = surface.for_others(around, master)
         places = model.problem.space.tabulate_dof_coordinates()[nodes, : surface.dim]
         self._reference: Floats = places
         self._outside: Bools = np.zeros(len(nodes), dtype=bool)
-        self._outside = self._look(surface.master.position, places)[0]
+        self._outside = self._look(self._surface.master.position, places)[0]
 
     def _look(self, master: Floats, places: Floats) -> tuple[Bools, Floats]:
         """Which nodes are in front of the master or have gone through it; depths, m, of the latter.
@@ -429,9 +436,9 @@ class _Beside:
         """
         if not len(places):
             return self._outside, np.zeros(0)
-        at = self._target.project(places, master)
+        at = self._surface.target.project(places, master)
         through: Bools = at.on_surface & (at.gap < 0.0) & self._outside
-        front = at.on_surface & (at.gap >= -TOUCHES * self._surface.facet_length)
+        front = at.on_surface & (at.gap >= -TOUCHES * self._length)
         return front | through, np.where(through, -at.gap, 0.0)
 
     def deepest(self) -> Fold:
@@ -447,21 +454,26 @@ class _Beside:
             if problem.contacts[pair].active:
                 depth[nodes] = 0.0
         if depth.any():
-            at = int(np.argmax(depth))
+            # The same of as many that are as deep, whichever rank has them.
+            steps = np.round(depth / (TOUCHES * self._length))
+            at = int(np.lexsort((*self._reference.T[::-1], steps))[-1])
             place = tuple(map(float, self._reference[at]))
-            found = Fold(float(depth[at]), place, self._side(self._nodes[depth > 0.0]))
+            found = Fold(float(steps[at]) * TOUCHES * self._length, place)
         own = penetration_of(problem.committed[self._index])
         folds, depths = zip(*problem.comm.allgather((found, own)), strict=True)
-        most = max(folds, key=lambda one: (one.depth, one.place, one.side))
-        return most if most.depth > max(depths) + DEEP * surface.facet_length else Fold()
+        most = max(folds, key=lambda one: (one.depth, one.place))
+        if most.depth <= max(depths) + DEEP * self._length:
+            return Fold()
+        return replace(most, side=self._side(self._nodes[depth > 0.0]))
 
     def _side(self, through: Longs) -> str:
-        """The named surface that most of this rank's nodes (n,) are on, if any is."""
-        count = {
-            name: int(np.isin(through, facet_nodes(self._problem.space, facets)).sum())
-            for name in self._named.surfaces
-            if len(facets := self._named.facets(name))
-        }
+        """The named surface that most nodes are on, (n,) on this rank, if any is; collective."""
+        space, count = self._problem.space, dict[str, int]()
+        mine = through[through < space.dofmap.index_map.size_local]
+        for name in self._named.surfaces:
+            facets = self._named.facets(name)
+            on = facet_nodes(space, facets) if len(facets) else facets
+            count[name] = space.mesh.comm.allreduce(int(np.isin(mine, on).sum()))
         most = max(count, key=lambda name: count[name], default="")
         return most if count.get(most) else ""
 
@@ -522,27 +534,30 @@ class FoldedSides(Remembers):
 def _all_beside(model: Model) -> dict[int, _Beside]:
     """By pair: the nodes of its slave's body; collective.
 
-    Not of fits that overlap, nor of masters of which a rank knows but a part.
+    Not of fits that overlap.
     """
     problem, contacts, found = model.problem, model.case.contact, dict[int, _Beside]()
     space, comm = problem.space, problem.comm
-    outer, own = OuterFacets(space).nodes, space.dofmap.index_map
+    outer, own, topology = OuterFacets(space).nodes, space.dofmap.index_map, space.mesh.topology
+    facets = dolfinx.mesh.exterior_facet_indices(topology)
+    cells = topology.connectivity(topology.dim - 1, topology.dim)
+    behind = cells.array[cells.offsets[facets]]
     slaves = [
         np.concatenate(comm.allgather(np.unique(term.surface.slave.nodes)))
         for term in problem.contacts
     ]
     for index, term in enumerate(problem.contacts):
-        surface, master = term.surface, contacts[index].master
-        part = isinstance(surface.master, MasterFacets) and surface.dim == 3 and comm.size > 1
-        if part or term.offset is not None:
+        if term.offset is not None:
             continue
-        body = np.unique(space.dofmap.list[bodies_of(problem, term).slave.cells])
+        solid = bodies_of(problem, term).slave
+        body = np.unique(space.dofmap.list[solid.cells])
         nodes = np.intersect1d(outer, body).astype(np.int64)
         number = own.local_to_global(nodes.astype(np.int32))
         kept = {
             pair: np.isin(number, slave)
             for pair, slave in enumerate(slaves)
-            if contacts[pair].master == master
+            if contacts[pair].master == contacts[index].master
         }
-        found[index] = _Beside(model, index, nodes, kept)
+        around = facets[np.isin(behind, solid.cells)]
+        found[index] = _Beside(model, index, nodes, kept, around)
     return found

@@ -266,6 +266,20 @@ class PointCells:
         """Put the deformation gradients at ``u`` (n,), m, into ``F`` (k, p)."""
         self._run(u=u, F=F)
 
+    def dilatation(self, u: Floats) -> tuple[Floats, Floats]:
+        """The logarithm ln J (c,) at the centres of cells in space, and its slopes (c, a·i), 1/m.
+
+        Args:
+            u: (n,), m.
+        """
+        cells, F = self.cells, np.empty((self.cells.count, 3, 3))
+        self.gradients(u, F)
+        table = cells.table.transpose(0, 2, 1).reshape(-1, cells.table.shape[1])[: cells.count]
+        # The gradients of the nodes' functions, carried over to the present place.
+        carried = table[:, :9].reshape(-1, 3, 3) @ np.linalg.inv(F)
+        slopes: Floats = np.einsum("az,czj->caj", cells.shape[0, :, 1:], carried)
+        return np.log(np.linalg.det(F)), slopes.reshape(cells.count, -1)
+
     def add_forces(self, u: Floats, P: Floats, forces: Floats) -> None:
         """Add the nodal forces of the stress ``P`` (k, p), Pa, to ``forces`` (n,), N (N/m)."""
         self._run(u=u, P=P, forces=forces)

@@ -7,6 +7,7 @@ may be partitioned anywhere.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -185,6 +186,20 @@ class ContactSurface:
         self.master = no_facets(self.shape, self._source.extent)
         still = np.zeros((len(np.unique(self.slave.nodes)), self.dim))
         self._take(self._source.fetch(self.slave.position, still, self.master.number))
+
+    def for_others(self, facets: Ints, master: Ints) -> ContactSurface:
+        """The same master for other points, of what of it this rank has within reach; collective.
+
+        Args:
+            facets: local facets, owned and ghosts, that the points lie on.
+            master: those of the master, if it has any.
+        """
+        if (source := self._source) is None:
+            other = copy.copy(self)
+            other.target = self.target.for_others()
+            return other
+        held = () if source.held is None else source.held.nodes
+        return ContactSurface(self.space, facets, master, 1, False, *source.ends, held)
 
     def _searched(
         self, master: MasterFacets, ends: tuple[float | None, float | None], rings: bool = False

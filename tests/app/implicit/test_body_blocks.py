@@ -18,12 +18,13 @@ from tests.laws import coulomb
 from tests.solved import built, solved
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.errors import InputError
-from tribox.app.implicit import body_blocks
+from tribox.app.implicit import body_blocks, volume_split
 from tribox.app.implicit.body_blocks import KEPT_LIMIT, MOST, BodyBlocks, BodyByBody
 from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies
 from tribox.app.implicit.factor import CoupledFactor, Factor
 from tribox.app.implicit.kept_bodies import kept_bodies, stiff_solids
 from tribox.app.implicit.multigrid import MultigridSolver
+from tribox.app.implicit.volume_split import VolumeSplitSolver
 from tribox.forms.bodies.materials import NeoHookean
 from tribox.forms.contact.penalty import ContactTerm
 
@@ -231,9 +232,9 @@ def test_a_run_is_that_with_the_whole_factorised(by, with_the_whole):
     assert spent[0] <= spent[1] + 1
 
 
-def boxes(comm, linear):
+def boxes(comm, linear, nu=0.45):
     """Boxes in space, the lower one a thousand times stiffer, are pressed and slid."""
-    keys = {"solver": {"linear": linear, "tolerance": 1e-9}, "bodies.elastomer.nu": 0.45}
+    keys = {"solver": {"linear": linear, "tolerance": 1e-9}, "bodies.elastomer.nu": nu}
     return solved(changed(BOXES, keys), comm)
 
 
@@ -273,6 +274,39 @@ def test_bodies_solved_for_by_iterations(on_ranks, boxes_by_factors, ranks, limi
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
     assert newton <= exactly + 2 * len(wanted)
     assert 5 * newton < linear < 40 * newton
+
+
+def test_iterations_that_fail_are_followed_by_a_factorisation(boxes_by_factors, monkeypatch):
+    """Of the whole, for that tangent, and for all where it happens often."""
+    monkeypatch.setattr(BodyByBody, "solve", lambda *_: False)
+    sim = boxes(MPI.COMM_SELF, "krylov")
+    way, (wanted, exactly) = sim.stepper.solver.way, boxes_by_factors
+    assert isinstance(way._whole, Factor) and way._given_up and not way.direct
+    np.testing.assert_allclose(forces_of(sim), wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
+    assert sum(row.newton_iterations for row in sim.rows) <= exactly + 1
+
+
+def nearly_incompressible(comm, directory, split=True):
+    """Forces, and iterations of linear solves over those of Newton's method; collective."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(volume_split, "NEARLY", volume_split.NEARLY if split else np.inf)
+        sim = boxes(comm, "krylov", 0.499)
+    assert isinstance(sim.stepper.solver.way._bodies.own, VolumeSplitSolver) == split
+    newton, linear = (
+        sum(getattr(row, f"{name}_iterations") for row in sim.rows) for name in ("newton", "linear")
+    )
+    return forces_of(sim), linear / newton
+
+
+@pytest.mark.mpi(nearly_incompressible, 2)
+def test_pressures_as_unknowns_halve_the_iterations_of_rubber(on_ranks):
+    wanted, plain = nearly_incompressible(MPI.COMM_SELF, None, split=False)
+    for found, each in (
+        nearly_incompressible(MPI.COMM_SELF, None),
+        on_ranks(nearly_incompressible, 2),
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-7 * np.abs(wanted).max())
+        assert 2.0 * each < plain
 
 
 def test_nothing_outlives_the_solver(pair):

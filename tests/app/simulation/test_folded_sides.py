@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.app.checkpoint.small_cases import changed
+from tests.app.conftest import BOXES
 from tests.app.read_log import read_log
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
@@ -103,6 +105,30 @@ def test_what_goes_round_the_end_of_a_tool_has_not_gone_through_it(way, deep):
         )
     # Where the slave is told to be too short, what goes on behind it under a name is told too.
     assert list(watch.warnings({0})) == said
+
+
+def pushed_in(comm, directory):
+    """What is said of a box in space whose bottom, of no contact, goes through the other's top."""
+    model = build_model(
+        Case.model_validate(changed(BOXES, {"contact.0.slave": "elastomer_front"})), comm
+    )
+    watch, problem = FoldedSides(model), model.problem
+    body = np.unique(problem.space.dofmap.list[problem.solids[0].cells])
+    for way in ((0.0, 0.0, 0.0), (0.1, -0.05, 0.0), (0.3, -0.05, 0.0)):  # further than is at hand
+        problem.u.x.array.reshape(-1, 3)[body] = 1e-3 * np.array(way)
+        look(watch, problem)
+    return list(watch.warnings())
+
+
+@pytest.mark.mpi(pushed_in, 2)
+def test_what_goes_through_a_mesh_in_space_is_seen_on_any_ranks(on_ranks):
+    said = pushed_in(MPI.COMM_SELF, None)
+    assert len(said) == 1
+    assert (
+        "elastomer_contact goes through aluminium_contact beyond the end of elastomer_front, 5e-05"
+        in said[0]
+    )
+    assert on_ranks(pushed_in, 2) == said
 
 
 def test_what_was_seen_is_kept():
