@@ -275,7 +275,11 @@ def test_a_pad_closes_round_the_sheet_and_forms_the_recess(tmp_path):
 
 @pytest.mark.long
 def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp_path):
-    """Fibres with the upper side's own curvatures are left straight to 8 % of the curl."""
+    """Fibres with the upper side's own curvatures are left straight to 4 % of the curl.
+
+    Fibres without backstress are so too: their moments differ by 1 % of the curl, whose sign hangs
+    on how the strip snaps at its lift, and that on the processor.
+    """
     way, up = '[["1 s", "0 mm"], ["2 s", "10 mm"]]', '[["2 s", "0 mm"], ["3 s", "-6 mm"]]'
     down = '[["0 s", "0 mm"], ["1 s", "-0.8 mm"], ["2 s", "-0.8 mm"], ["3 s", "6 mm"]]'
     less = {"geometry__blocks__strip__x": '["0 mm", "31 mm"]', "stage__0__steps": "4"}
@@ -294,8 +298,7 @@ def test_a_strip_that_rollers_have_bent_and_bent_back_curls_as_its_fibres_do(tmp
     moment = fibre_moments(history, law, back, steps=100, young=70e9)[-1]
     left = moment / (70e9 / (1.0 - 0.33**2) * 1e-9 / 12.0)
     assert history.max() > 60.0 and history[-1] < -15.0
-    # At its lift the strip snaps: which way it takes, and how it curls, is decided by rounding.
-    assert abs(left) < 0.08 * abs(history[-1])
+    assert abs(left) < 0.04 * abs(history[-1])
 
 
 @pytest.mark.long

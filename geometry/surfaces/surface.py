@@ -516,3 +516,50 @@ class SurfaceExchange:
         if self._scatter is None or self._here is None:
             self._scatter, self._here = node_scatter(vector.vec, self.nodes, self.dim)
         return self._scatter, self._here
+
+
+def facet_turns(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats, Floats, Longs]:
+    """Lengths (f,), m, of a master's facets in the plane, and how they turn at their ends.
+
+    Args:
+        target: the master.
+        nodes: (n, i), m, current.
+
+    Returns:
+        Also the angles (f, 2), rad, by which the way along a facet turns to the left from what is
+        before it, and to what is behind it (at planes of symmetry its image), 0 at ends; and the
+        facets (f, 2) that are there.
+    """
+    near = target.neighbours.tocoo()
+    facet, other = (index[near.row != near.col] for index in (near.row, near.col))
+    count = near.shape[0]
+    every = np.arange(count, dtype=np.int32)
+    # Places and directions (e, f, i) of both ends.
+    ends = [target.places(every, np.full((count, 1), xi), nodes) for xi in (0.0, 1.0)]
+    place = np.stack([at for at, _ in ends])
+    way = np.stack([tangent[:, 0] for _, tangent in ends])
+    length = np.linalg.norm(way, axis=2).mean(axis=0)
+    turn, beside = np.zeros((count, 2)), np.repeat(every[:, None], 2, axis=1).astype(np.int64)
+    for end in (0, 1):
+        for begin in (0, 1):
+            apart = np.linalg.norm(place[end, facet] - place[begin, other], axis=1)
+            meet = apart <= 1e-6 * length[facet]
+            one, two = facet[meet], other[meet]
+            a, b = way[end, one], way[begin, two] * (1.0 if end != begin else -1.0)
+            if end == 0:
+                a, b = b, a
+            turn[one, end] = _turned(a, b)
+            beside[one, end] = two
+    if isinstance(target, FacetSurface):
+        for axis, on in target.ends.planes:
+            at, last = np.nonzero(on[target.facets[:, :2]])
+            mine = way[last, at]
+            image = np.where(np.arange(mine.shape[1]) == axis, mine, -mine)
+            turn[at, last] = _turned(mine, image) * np.where(last == 0, -1.0, 1.0)
+    return length, turn, beside
+
+
+def _turned(a: Floats, b: Floats) -> Floats:
+    """Angles (p,), rad, from directions (p, i) in the plane to others, to the left."""
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.arctan2(cross, np.einsum("pi,pi->p", a, b))
