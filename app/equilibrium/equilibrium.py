@@ -246,6 +246,15 @@ class Equilibrium:
         """Owned unknowns (…,) with the prescribed values put into a copy of ``x``."""
         return self.constraints.values(x)
 
+    def given_way(self, x: PETSc.Vec) -> float:
+        """Largest way from ``x``, m, that supports go, and ends of springs are off; collective."""
+        way = float(np.abs(self.constrained_values(x) - x.array_r).max(initial=0.0))
+        for platen in self.constraints.acting:
+            if platen.loaded and platen.stiffness > 0.0:
+                off = np.abs(platen.end - x.array_r[platen.dofs])
+                way = max(way, float(off.max(initial=0.0)))
+        return self.comm.allreduce(way, op=MPI.MAX)
+
     def new_vector(self) -> PETSc.Vec:
         """A global vector of unknowns, m, holding zeros."""
         return self.unknowns.new_vector()

@@ -316,11 +316,9 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
 
 
 def is_moved(attempt: Attempt) -> bool:
-    """Whether a prescribed displacement changes in the step: not forces alone drive; collective."""
+    """Whether a displacement, or a spring's end, drives the step: not forces alone; collective."""
     problem = attempt.newton.problem
-    given = np.abs(problem.constrained_values(attempt.x) - attempt.x.array_r)
-    moved = bool(given.max(initial=0.0) > STANDS * facet_length(problem))
-    return bool(problem.comm.allreduce(moved, op=MPI.LOR))
+    return problem.given_way(attempt.x) > STANDS * facet_length(problem)
 
 
 def solve(attempt: Attempt) -> tuple[int, int]:

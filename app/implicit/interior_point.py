@@ -299,8 +299,7 @@ def starting_points(attempt: Attempt, barrier: float) -> Points:
     """
     problem, step = attempt.newton.problem, attempt.step
     load = float(np.abs(attempt.loads).max(initial=0.0))
-    given = np.abs(problem.constrained_values(attempt.x) - attempt.x.array_r)
-    way = problem.comm.allreduce(float(given.max(initial=0.0)), op=MPI.MAX)
+    way = problem.given_way(attempt.x)
     pairs = step.pairs(problem.contacts)
     trials = [(term, term.evaluate(attempt.x, step.dt, mode)) for term, mode in pairs]
     return [

@@ -285,10 +285,10 @@ def explain(
         look_ahead: evaluates where what is prescribed leads. Where the state evaluated last shows
             nothing, the iteration has turned back from it.
     """
-    residual = f"{result.residuals[-1]:.1e}" if result.residuals else "none"
+    left = [f"residual {size:.1e} of the contact force " for size in result.residuals[-1:]]
     text = (
-        f"{reason_of(result)}, residual {residual} of the contact force after {result.iterations} "
-        f"iterations, largest at {place_text(problem.worst_place())}, undeformed"
+        f"{reason_of(result)}, {''.join(left)}after {result.iterations} iterations, largest at "
+        f"{place_text(problem.worst_place())}, undeformed"
     )
     loose = list(loose)
     adrift = any(_of_supports(problem, loose, result.strayed))  # its rounding explains nothing

@@ -234,7 +234,7 @@ def forces_balance() -> Iterator[None]:
     @wraps(run)
     def run_and_look(simulation: Simulation, observer: Observer) -> None:
         run(simulation, observer)
-        allowed = max(1e-8, 5.0 * simulation.model.case.solver.tolerance)
+        allowed = max(1e-8, 3.0 * simulation.model.case.solver.tolerance)
         problem, left = simulation.model.problem, force_balance(simulation)
         rounding = problem.roundoff / max(problem.reference_force, 1e-300)
         assert left is None or left < max(allowed, 10.0 * rounding), left

@@ -86,7 +86,7 @@ def overrun(block: str, film: str) -> dict:
     data["geometry"]["lower"] = {"width": 1.5e-3, "height": 5e-4, "elements": [45, 4]}
     data["boundary"][1]["displacement"]["x"] = [[1.0, 0.0], [2.0, 4e-4]]
     data["stage"][1]["steps"] = 4
-    data["solver"]["max_iterations"] = 6
+    data["solver"]["max_iterations"] = 2
     return data
 
 
@@ -136,6 +136,7 @@ def firm(block: str, film: str) -> dict:
     data["geometry"]["upper"]["elements"] = [20, 3]
     data["geometry"]["lower"]["elements"] = [6, 3]
     data["bodies"]["aluminium"]["E"] = 1e6
+    data["solver"]["max_iterations"] = 4
     return data
 
 
@@ -160,11 +161,11 @@ HOPELESS = {
     unsupported: ("slide", "body aluminium has no support in y and no contact presses", SUPPORT),
     lifted: ("press", "body elastomer has no support in y, no contact presses on it, and a load of "
      "0.0125 N in y moves it away", SUPPORT),
-    stiff: ("press", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
+    stiff: ("slide", "contact.0: the penalty is 3e+07 times", "try the default penalty"),
     collapsing: ("press", "has nearly collapsed (volume ratio 0.", "try less load"),
     wedged: ("slide", "has nearly collapsed (volume ratio 0.", "less load, a rounder corner"),
     pushed: ("slide",
-     "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.18 N in x drives "
+     "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.1795 N in x drives "
      "body elastomer now",
      "try a prescribed displacement in x instead of the force, or a spring that holds it"),
     tilted: ("tilt",
@@ -175,13 +176,13 @@ HOPELESS = {
     overrun: ("slide",
      "points of elastomer_contact that pressed slide off the end of aluminium_contact at "
      "(0.0015, 0) m, undeformed", "a master surface aluminium_contact that reaches further there"),
-    firm: ("slide", "contact.0: the penalty is 1e+02 times the default", "= 30)"),
+    firm: ("press", "contact.0: the penalty is 1e+02 times the default", "= 30)"),
     torn_loose: ("slide", "contact.0: friction falls from mu_s to mu_d as the surfaces slip faster",
      "try longer steps (slip_step), or a first velocity far below V_s"),
 }  # fmt: skip
 
 
-AFTER_A_STEP = (lifted, collapsing, wedged, firm, tilted, pushed_on_a_film, torn_loose)
+AFTER_A_STEP = (lifted, stiff, collapsing, wedged, tilted, pushed_on_a_film, torn_loose)
 
 
 def rows_of(directory: Path) -> list[dict[str, str]]:
