@@ -18,9 +18,8 @@ n = C:N, g = G_k m^(1/3) J^(−2/3)
 
     P = g (F N − n/3 H).
 
-**Tangent**, about the present place (``MODULI`` of ``point_lanes.h``): there M is
-W = F⁻ᵀ M F⁻¹ = (1 − t) F⁻ᵀ C_k,n F⁻¹ + t J^(−2/3) 1, m = J² det W, and with S = g W⁻¹, p = tr S,
-e = t m^(−1/3)/G_k the branch adds to τ and c
+**Tangent**, about the present place (``MODULI`` of ``point_lanes.h``): with S = g F N Fᵀ, p = tr S
+and e = t m^(−1/3)/G_k the branch adds to τ and c
 
     τ = S − p/3 1,
     c_ijkl = ⅔ e S_ij S_kl − e (S_ik S_jl + S_il S_jk) + ⅓ p (δ_ik δ_jl + δ_il δ_jk)

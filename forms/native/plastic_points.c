@@ -661,21 +661,6 @@ INLINE void exponentiate(int space, Strain *at)
     }
 }
 
-/* b a b^T of a symmetric tensor a. */
-INLINE void sandwich(int space, const tensor b, const tensor a, tensor to)
-{
-    tensor half;
-    multiply(space, b, a, half);
-    UPPER(space, i, j)
-    {
-        to[i][j] = all(0.0);
-        for (int k = 0; k < 3; ++k)
-            if (COUPLED(space, k, i))
-                to[i][j] += half[i][k] * b[j][k];
-    }
-    mirror(space, to);
-}
-
 /* A branch at a step whose decay is known. */
 INLINE void move(int space, const Strain *at, vec step, Branch *k)
 {

@@ -109,6 +109,21 @@ INLINE vec contract(int space, const tensor a, const tensor b)
     return row[0] + (a[2][2] * b[2][2] + 2.0 * row[1]);
 }
 
+/* b a b^T of a symmetric tensor a. */
+INLINE void sandwich(int space, const tensor b, const tensor a, tensor to)
+{
+    tensor half;
+    multiply(space, b, a, half);
+    UPPER(space, i, j)
+    {
+        to[i][j] = all(0.0);
+        for (int k = 0; k < 3; ++k)
+            if (COUPLED(space, k, i))
+                to[i][j] += half[i][k] * b[j][k];
+    }
+    mirror(space, to);
+}
+
 /* Cofactors of a symmetric tensor; returns its determinant. */
 INLINE vec cofactors(int space, const tensor a, tensor cof)
 {

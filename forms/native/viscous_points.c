@@ -34,47 +34,33 @@ INLINE vec distance(int space, const tensor B, const tensor K)
     return choose((ivec)(sum < 0.0), all(0.0), sum);
 }
 
-/* A point: the columns of F, in the plane of its part there, whose J it has, and the stretch across. */
-typedef struct {
-    const vec *g;
-    vec J, hoop;
-} Place;
-
-/* What a point has of its deformation alone: F, H = F^-T, C = F^T F and J^(-2/3). */
+/* What a point has of its deformation alone: F, its cofactors J F^-T, C = F^T F, J and J^(-2/3). */
 typedef struct {
     tensor F, H, C;
-    vec j;
+    vec J, j;
     ivec good;
 } Deformation;
 
-/* The root of the volume's ratio. */
-INLINE vec root_of(vec J, ivec *good)
+INLINE void deformation(int space, const vec *F, Deformation *at)
 {
-    *good = (ivec)(J > 0.0) & is_finite(J);
-    return inverse_cube_root_of_ratio(choose(*good, J, all(1.0)));
-}
-
-INLINE void deformation(int space, const Place *place, Deformation *at)
-{
-    const int dim = space ? 3 : 2;
-    const vec *g = place->g;
-    for (int x = 0; x < dim; ++x)
-        for (int i = 0; i < dim; ++i)
-            at->F[i][x] = g[dim * x + i];
+    const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
+    for (int p = 0; p < (space ? 9 : 5); ++p)
+        at->F[place[p][0]][place[p][1]] = F[p];
     if (space) {
         for (int i = 0; i < 3; ++i)
             cross(at->F[(i + 1) % 3], at->F[(i + 2) % 3], at->H[i]);
+        at->J = dot(at->F[0], at->H[0]);
     } else {
-        at->F[2][2] = place->hoop;
-        at->H[0][0] = g[3] * place->hoop;
-        at->H[0][1] = -g[1] * place->hoop;
-        at->H[1][0] = -g[2] * place->hoop;
-        at->H[1][1] = g[0] * place->hoop;
-        at->H[2][2] = place->J;
+        at->H[0][0] = F[3] * F[4];
+        at->H[0][1] = -F[2] * F[4];
+        at->H[1][0] = -F[1] * F[4];
+        at->H[1][1] = F[0] * F[4];
+        at->H[2][2] = F[0] * F[3] - F[1] * F[2];
+        at->J = at->H[2][2] * F[4];
     }
-    const vec J = space ? place->J : place->J * place->hoop, root = root_of(J, &at->good), scale = 1.0 / J;
+    at->good = (ivec)(at->J > 0.0) & is_finite(at->J);
+    const vec root = inverse_cube_root_of_ratio(choose(at->good, at->J, all(1.0)));
     at->j = root * root;
-    EACH(space, i, j) at->H[i][j] *= scale; /* not by root^3, which takes longer to come */
     UPPER(space, i, j)
     {
         at->C[i][j] = all(0.0);
@@ -91,17 +77,28 @@ typedef struct {
     vec pressure;
 } Sum;
 
-/* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
- * the rate at the end, where there is a place for them. */
-INLINE void branch(int space, double G, double t, double s, double ratio, const Deformation *at,
-                   const vec *from, vec *to, vec *energies, Sum *sum)
+/* A branch at the end: M, m N and m^(-1/3). */
+typedef struct {
+    tensor M, K;
+    vec root;
+} Moved;
+
+INLINE void move(int space, double t, double s, const Deformation *at, const vec *from, Moved *b)
 {
-    tensor old, M, K;
+    tensor old;
     vec share = t * at->j;
     symmetric_of(space, from, old);
-    UPPER(space, i, j) M[i][j] = s * old[i][j] + share * at->C[i][j];
-    mirror(space, M);
-    vec m = cofactors(space, M, K), root = inverse_cube_root_of_ratio(m), square = root * root, part = square * at->j;
+    UPPER(space, i, j) b->M[i][j] = s * old[i][j] + share * at->C[i][j];
+    mirror(space, b->M);
+    b->root = inverse_cube_root_of_ratio(cofactors(space, b->M, b->K));
+}
+
+/* One branch: from C_n to C_k, both as in the state, with what it stores and what it dissipates by
+ * the rate at the end, where there is a place for them. */
+INLINE void branch(int space, double G, double t, double ratio, const Deformation *at, const Moved *b,
+                   const vec *from, vec *to, vec *energies, Sum *sum)
+{
+    const vec(*K)[3] = b->K, root = b->root, square = root * root, part = square * at->j;
     vec along[3], apart = all(0.0);
     UPPER(space, i, j)
     {
@@ -118,54 +115,52 @@ INLINE void branch(int space, double G, double t, double s, double ratio, const 
     if (energies) {
         const int late = t < 0.5;
         for (int k = 0; k < (space ? 6 : 4); ++k)
-            to[k] = root * M[PAIRS[k][0]][PAIRS[k][1]];
+            to[k] = root * b->M[PAIRS[k][0]][PAIRS[k][1]];
         vec excess = 3.0 * (part * mean - 1.0), by = late ? part : square;
         energies[0] = 0.5 * G * choose((ivec)(excess < ROUNDOFF), all(0.0), excess);
+        tensor old;
+        symmetric_of(space, from, old);
         energies[1] = (0.5 * ratio * G) * (by * by) * distance(space, late ? at->C : old, K);
     }
 }
 
-/* Adds what a branch gives to S, Z, p and c of viscous_points.py, and its dyads to the upper half of c. */
-INLINE void add_branch(enum section section, double G, double t, double s, vec J2, vec j, const tensor H,
-                       const vec *from, tensor S_sum, tensor Z, vec *p_sum, vec *both, vec *c)
+/* Adds what a branch gives to S, Z, p and c of viscous_points.py, and its dyads to the upper half of c. In
+ * the plane S^2 there is x S - y 1, x = tr S and y = det S of that part, and the dyads of S_ik S_jl are those
+ * of S_ij S_kl but for y. */
+INLINE void add_branch(enum section section, double G, double t, const Deformation *at, const Moved *b,
+                       tensor S_sum, tensor Z, vec *p_sum, vec *both, vec *c)
 {
     const int space = section == SPACE, n = space ? 6 : 4;
-    tensor C, half, W, S;
-    symmetric_of(space, from, C);
-    multiply(space, H, C, half);
-    UPPER(space, i, k)
-    {
-        vec sum = all(0.0);
-#pragma GCC unroll 9
-        for (int l = 0; l < 3; ++l)
-            if (COUPLED(space, k, l))
-                sum += half[i][l] * H[k][l];
-        W[i][k] = s * sum;
-    }
-#pragma GCC unroll 9
-    for (int i = 0; i < 3; ++i)
-        W[i][i] += t * j;
-    mirror(space, W);
-    vec m = J2 * cofactors(space, W, S), root = inverse_cube_root_of_ratio(m);
-    vec size = (G * j) * J2 * (root * root), e = (t / G) * root, p, r = all(0.0);
-    UPPER(space, i, k) S[i][k] *= size;
-    mirror(space, S);
-    p = trace(S);
-    *p_sum += p;
+    const vec size = G * at->j * b->root * b->root, e = (t / G) * b->root;
+    tensor S;
+    sandwich(space, at->F, b->K, S);
+    EACH(space, i, k) S[i][k] *= size;
+    const vec p = trace(S);
     const vec twice = (2.0 / 3.0) * e, first = (-1.0 / 3.0) * twice * p;
+    const vec x = S[0][0] + S[1][1], y = S[0][0] * S[1][1] - S[0][1] * S[0][1];
+    vec r = x * x - 2.0 * y + S[2][2] * S[2][2];
+    *p_sum += p;
+    if (space)
+        r = all(0.0);
     UPPER(space, i, k)
     {
         vec square = all(0.0);
 #pragma GCC unroll 9
-        for (int l = 0; l < 3; ++l)
-            if (COUPLED(space, k, l) && COUPLED(space, i, l))
-                square += S[i][l] * S[l][k];
-        if (i == k)
+        for (int l = 0; space && l < 3; ++l)
+            square += S[i][l] * S[l][k];
+        if (space && i == k)
             r += square;
-        Z[i][k] += first * S[i][k] + twice * square;
+        if (space)
+            Z[i][k] += first * S[i][k] + twice * square;
+        else
+            Z[i][k] += (first + twice * (i == 2 ? S[2][2] : x)) * S[i][k] - (i == k && i < 2 ? twice * y : all(0.0));
         S_sum[i][k] += S[i][k];
     }
     *both += e * ((2.0 / 27.0) * p * p - (2.0 / 9.0) * r);
+    if (!space) {
+        c[1] += 2.0 * e * y;
+        c[n * 3 + 3] -= e * y;
+    }
 #pragma GCC unroll 9
     for (int a = 0; a < n; ++a) {
         const int i = PAIRS[a][0], k = PAIRS[a][1];
@@ -178,18 +173,17 @@ INLINE void add_branch(enum section section, double G, double t, double s, vec J
             if (!counts(section, b))
                 continue;
             vec sum = by * S[l][o];
-            if (COUPLED(space, i, l) && COUPLED(space, k, o))
-                sum -= e * (S[i][l] * S[k][o]);
-            if (COUPLED(space, i, o) && COUPLED(space, k, l))
-                sum -= e * (S[i][o] * S[k][l]);
+            if (space)
+                sum -= e * (S[i][l] * S[k][o] + S[i][o] * S[k][l]);
+            else if ((a == 2) == (b == 2))
+                sum *= -2.0;
             c[n * a + b] += sum;
         }
     }
 }
 
 /* Moduli, see MODULI of point_lanes.h; returns which points can be evaluated. */
-INLINE ivec by_place(enum section section, const Branches *w, const Deformation *at, vec J, const vec *state,
-                     vec *moduli)
+INLINE ivec by_place(enum section section, const Branches *w, const Deformation *at, const Moved *moved, vec *moduli)
 {
     const int space = section == SPACE, n = space ? 6 : 4;
     vec *c = tangent_of(space, moduli), p = all(0.0), both = p, ok = p;
@@ -200,8 +194,7 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
         c[k] = all(0.0);
 #pragma GCC unroll 1
     for (int b = 0; b < w->branches; ++b)
-        add_branch(section, w->modulus[b], w->share[b], w->rest[b], J * J, at->j, at->H, state + n * b, S, Z, &p,
-                   &both, c);
+        add_branch(section, w->modulus[b], w->share[b], at, moved + b, S, Z, &p, &both, c);
     both += (2.0 / 9.0) * p;
 #pragma GCC unroll 9
     for (int a = 0; a < n; ++a) {
@@ -224,25 +217,21 @@ INLINE ivec by_place(enum section section, const Branches *w, const Deformation 
 INLINE void update(enum section section, const Branches *w, const vec *F, const vec *state, vec *P,
                    vec *end, vec *moduli, vec *energies, ivec *good)
 {
-    const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4, dim = space ? 3 : 2;
+    const int space = section == SPACE, count = space ? 9 : 5, size = space ? 6 : 4;
     const int branches = (int)w->branches, lost = size * branches, kept = lost + branches;
     const int width = kept + branches;
     const int(*place)[2] = space ? IN_SPACE : IN_PLANE;
     Sum sum;
     Deformation at;
+    Moved moved[branches];
     tensor FN;
-    vec ok = all(0.0), g[9];
-    for (int p = 0; p < dim * dim; ++p)
-        g[dim * (p % dim) + p / dim] = F[p];
-    Place here = {g, space ? all(0.0) : g[0] * g[3] - g[1] * g[2], F[4]};
-    if (space) {
-        vec normal[3];
-        cross(g + 3, g + 6, normal);
-        here.J = dot(g, normal);
-    }
-    deformation(space, &here, &at);
+    vec ok = all(0.0);
+    deformation(space, F, &at);
+#pragma GCC unroll 1
+    for (int b = 0; b < branches; ++b) /* none waits for another one's root */
+        move(space, w->share[b], w->rest[b], &at, state + size * b, moved + b);
     if (moduli) {
-        *good = by_place(section, w, &at, space ? here.J : here.J * here.hoop, state, moduli);
+        *good = by_place(section, w, &at, moved, moduli);
         return;
     }
     EACH(space, i, j) sum.N[i][j] = all(0.0);
@@ -254,7 +243,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         const double ratio = w->ratio[b];
         const int late = w->share[b] < 0.5;
         vec energy[2];
-        branch(space, w->modulus[b], w->share[b], w->rest[b], ratio, &at, state + size * b,
+        branch(space, w->modulus[b], w->share[b], ratio, &at, moved + b, state + size * b,
                end ? end + size * b : 0, energies ? energy : 0, &sum);
         if (!energies)
             continue;
@@ -271,6 +260,7 @@ INLINE void update(enum section section, const Branches *w, const vec *F, const 
         ok += end[lost + b] - end[lost + b];
     }
     mirror(space, sum.N);
+    sum.pressure *= 1.0 / at.J;
     multiply(space, at.F, sum.N, FN);
     for (int p = 0; p < count; ++p) {
         const int i = place[p][0], J = place[p][1];
