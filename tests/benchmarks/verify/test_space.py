@@ -56,12 +56,11 @@ def test_before_all_slides_friction_is_less():
 # -- The sphere on a block, coarse: closed forms are met, and the checks can fail ------------------
 
 COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
-QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
+QUICK = ["geometry.contact_size=115 um", "stage.1.steps=3"]
 
 
-@pytest.mark.parametrize("size", [32.5, 10])
-def test_section_meets_hertz(size):
-    found = press_sphere([*SECTION, f"geometry.contact_size={size} um"])
+def test_section_meets_hertz():
+    found = press_sphere([*SECTION, "geometry.contact_size=32.5 um"])
     radius, peak = found.fitted
     assert radius == pytest.approx(found.exact.contact_radius, rel=0.02)
     assert peak == pytest.approx(found.exact.peak, rel=0.01)
@@ -111,5 +110,5 @@ def test_a_smooth_master_takes_the_jumps_out_of_sliding():
     for rough, even in zip(faceted, smooth, strict=True):
         assert jumps(rough) > 500.0 * jumps(even)
     for normal, drag in (smooth, faceted):
-        assert len(normal) == 5
+        assert len(normal) == 3
         np.testing.assert_allclose(drag / normal, 0.2, rtol=0.1)
