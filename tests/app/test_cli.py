@@ -66,13 +66,9 @@ def test_wrong_case_is_one_line_and_check_finds_the_same(
     assert snapshot(tmp_path) == before
 
 
-@pytest.mark.parametrize(
-    "words", [["frobnicate"], ["check", "nowhere.toml"], ["map", "--out", "there"], ["schema"]]
-)
-def test_a_process_does_as_the_call_does(tribox, tmp_path, words):
+@pytest.mark.parametrize("words", [["check", "nowhere.toml"], ["schema"]])
+def test_a_process_does_as_the_call_does(tribox, words):
     """Most tests here call the command; what its users start is a process."""
-    (tmp_path / "home" / "there").mkdir()
-    (tmp_path / "home" / "there" / "mine.txt").write_text("mine")
     called, started = tribox(*words), tribox(*words, process=True)
     assert (called.returncode, called.stdout) == (started.returncode, started.stdout)
     assert called.stderr == started.stderr
@@ -88,9 +84,8 @@ def test_missing_case_file_or_drawing(tribox, command):
         assert f"{name}: no such file" in result.stderr
 
 
-@pytest.mark.parametrize("words", [["run"], ["run", "a.toml", "--np", "0"]])
-def test_wrong_usage_is_code_2(tribox, words):
-    result = tribox(*words, process=True)
+def test_wrong_usage_is_code_2(tribox):
+    result = tribox("run", "a.toml", "--np", "0", process=True)
     assert result.returncode == 2
     assert "Error: " in result.stderr and "Traceback" not in result.stderr
 

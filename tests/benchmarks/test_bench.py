@@ -114,7 +114,7 @@ def test_the_film_flows_as_its_options_say():
     assert traction_over_pressure(1e4, pressure).max() < 1.0
 
 
-def test_every_figure_is_drawn(tmp_path):
+def test_every_figure_is_drawn(tmp_path, drawn_figures):
     files = draw_law(tmp_path / "figures")
     assert len(files) == 3 and all(file.stat().st_size > 1e4 for file in files)
 

@@ -129,20 +129,10 @@ def test_the_drag_of_a_film_under_a_sphere_is_that_of_the_circle_it_covers():
 
 # --- in the plane --------------------------------------------------------------------------------
 
-SLID = replace(film.QUICK, slide=0.3)
-POINTWISE = 'contact.0.pressure="pointwise"'
 
-
-@pytest.mark.parametrize("nu", [0.495, pytest.param(0.4999, marks=pytest.mark.long)])
-def test_the_drag_of_a_film_is_that_of_the_true_extent(nu, tmp_path):
-    found = film.row(replace(SLID, nu=nu), tmp_path)
+def test_the_drag_of_a_film_is_that_of_the_true_extent(tmp_path):
+    found = film.row(replace(film.QUICK, slide=0.3, nu=0.495), tmp_path)
     assert found["T/∫ηv/D"] == pytest.approx(1.0, abs=0.01) and found["ripple std %"] < 0.5
-
-
-@pytest.mark.long
-def test_point_by_point_a_film_drags_too_little(tmp_path):
-    """Only a few points of each facet touch where the rubber cannot follow the tool."""
-    assert film.row(SLID, tmp_path, (POINTWISE,))["T/∫ηv/D"] < 0.5
 
 
 def meets_hertz(found: dict) -> bool:
@@ -155,12 +145,6 @@ def test_nodal_pressures_meet_hertz_under_a_force_from_first_touch(tmp_path):
     found = pressed.row(replace(pressed.BASE, by="force"), tmp_path)
     assert found["load N"] == pytest.approx(65.0, rel=1e-6)
     assert meets_hertz(found) and abs(found["a surface %"]) < 1.0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["cylinder", "cylinders"])
-def test_nodal_pressures_meet_hertz_by_displacement(kind, tmp_path):
-    assert meets_hertz(pressed.row(replace(pressed.BASE, kind=kind), tmp_path))
 
 
 def test_a_pressure_that_is_wrong_is_seen(tmp_path):

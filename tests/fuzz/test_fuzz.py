@@ -1,6 +1,6 @@
 """The fuzzer: whatever a case file holds, it comes to a result or to one line.
 
-320 inputs by default, the same every time; ``TRIBOX_FUZZ=10000`` tries as many, others every time
+160 inputs by default, the same every time; ``TRIBOX_FUZZ=10000`` tries as many, others every time
 (docs/testing.md).
 """
 
@@ -19,7 +19,7 @@ from tests.fuzz.case_files import changed_cases, damaged_texts
 from tests.fuzz.guard import outcome
 from tests.fuzz.targets import build_case, read_case
 
-INPUTS = int(os.environ.get("TRIBOX_FUZZ", "320"))
+INPUTS = int(os.environ.get("TRIBOX_FUZZ", "160"))
 FIXED = "TRIBOX_FUZZ" not in os.environ
 SEED = int(os.environ.get("TRIBOX_FUZZ_SEED", "14" if FIXED else str(random.randrange(10**6))))
 # Kinds of inputs, what is done with them, and their part of all inputs.

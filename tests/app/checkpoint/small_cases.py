@@ -89,36 +89,6 @@ def own_law(directory: Path) -> Data:
     return changed(BLOCK, COARSE | {"stage": STAGES, "contact.0.friction": law})
 
 
-def three_bodies(directory: Path) -> Data:
-    """A strip between two pads that hold it by friction and is drawn out."""
-    bodies = {
-        "upper": Rectangle(0.0, 1e-3, 2e-3, 2e-3, (3, 2)),
-        "strip": Rectangle(-1e-3, 0.0, 3e-3, 1e-3, (7, 1)),
-        "lower": Rectangle(0.0, -1e-3, 2e-3, 0.0, (4, 2)),
-    }
-    mesh = directory / "mesh.msh"
-    write_msh(Rectangles(bodies), mesh)
-    pad = {"material": "neo-hookean", "E": "5 MPa", "nu": 0.45}
-    coulomb = [{"law": "coulomb", "mu": mu} for mu in (0.1, 0.3)]
-    sides = (("upper_bottom", "strip_top"), ("lower_top", "strip_bottom"))
-    platen = {"direction": "y", "force": [["0 s", 0], ["1 s", "2 N"]]}
-    return {
-        "geometry": {"mesh": str(mesh), "thickness": "10 mm"},
-        "bodies": {"upper": pad, "strip": pad | {"E": "500 MPa"}, "lower": pad},
-        "contact": [
-            {"slave": slave, "master": master, "friction": law}
-            for (slave, master), law in zip(sides, coulomb, strict=True)
-        ],
-        "boundary": [
-            {"surface": "upper_top", "displacement": {"x": 0}, "platen": platen},
-            {"surface": "lower_bottom", "displacement": {"x": 0, "y": 0}},
-            {"surface": "strip_right", "displacement": {"x": TRAVEL}},
-        ],
-        "stage": STAGES,
-        "output": {},
-    }
-
-
 def gripped(directory: Path, **solver: Any) -> Data:
     """A bar between two tools that it is tied to: one is fixed, one pulled and turned."""
     pull = {
@@ -297,32 +267,20 @@ IMPLICIT: dict[str, Maker] = {
     "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),
     "film until steady": plain(FILM, {**_THIN, "stage.1.max_steps": 8}),
     "platen by both": block({**_TOP, "platen": _BY_BOTH}),
-    "pressure": block({**_TOP, "pressure": [["0 s", 0], ["1 s", "0.5 MPa"]]}),
     "spring": block(
         {"surface": "top", "displacement": {"y": [["0 s", 0], ["1 s", "-0.03 mm"]]}},
         {"surface": "top", "spring": {"direction": "x", "stiffness": "5 N/mm", "end": TRAVEL}},
     ),
     "round": plain(_ROUND),
     "q2": block(bodies__elastomer__formulation="q2", bodies__aluminium__formulation="q2"),
-    "axisymmetric": block(
-        {"surface": "top", "displacement": {"x": 0, "y": [["0 s", 0], ["2 s", "-0.1 mm"]]}},
-        geometry={
-            **{"kind": "two-blocks", "section": "axisymmetric"},
-            "upper": {"width": "1 mm", "height": "0.5 mm", "elements": [5, 3]},
-            "lower": {"width": "2 mm", "height": "0.5 mm", "elements": [7, 2]},
-        },
-    ),
     "own law": own_law,
     "boundaries by stage": plain(
         BLOCK, {**COARSE, **_DENSE, **_WEIGHT, "boundary": _BY_STAGE, "stage": [*STAGES, _LET_GO]}
     ),
     "oblique": block(*_OBLIQUE[1:], stage=[*STAGES, _LET_GO | {"release": ["top"], "steps": 2}]),
-    "three bodies": three_bodies,
     "pairs": pairs,
     "gripped": gripped,
-    "pointwise": block(contact__0__pressure="pointwise"),
     "film": block(contact__0__film={"thickness": "30 nm"}, contact__0__friction=MAP),
-    "space": plain(BOXES, _BOXES),
     "space by Krylov": plain(BOXES, _BOXES | _KRYLOV),
 }
 EXPLICIT: dict[str, Maker] = {

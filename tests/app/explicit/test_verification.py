@@ -180,7 +180,6 @@ def test_a_block_on_friction_that_weakens_with_slip():
 # -- explicit and implicit ------------------------------------------------------------------------
 
 REGIMES = {  # film thickness, film fraction below V*, V*
-    "frictional": ("10 nm", 0.039, "1 m/s"),
     "mixed": ("30 nm", 0.5, "1 m/s"),
     "viscous": ("180 nm", 0.9999, "1 cm/s"),
 }

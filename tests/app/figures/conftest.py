@@ -1,9 +1,20 @@
-"""A results directory that the tests of the figures share; none of them changes its files."""
+"""Figures are drawn here; a results directory that tests share, of which none changes its files."""
+
+from collections.abc import Iterator
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tests.app.figures.made_results import write_strip
+from tests.blank_figures import CANVAS
 from tribox.app.results import Results, read
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _drawn() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CANVAS, FigureCanvasAgg)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -242,7 +242,7 @@ def test_what_hangs_on_an_open_threshold_speed_is_named():
 # -- files ----------------------------------------------------------------------------------------
 
 
-def test_the_shipped_data_give_back_the_values_they_state(tmp_path, capsys):
+def test_the_shipped_data_give_back_the_values_they_state(tmp_path, capsys, drawn_figures):
     result = run_fit(SYNTHETIC, None, [], [], tmp_path / "fit", False)
     assert {e.coordinate.name for e in result.estimates} == set(BEHIND_IT)
     assert result.warnings == ()
@@ -301,7 +301,9 @@ def test_units_loads_forces_and_viscosities_are_brought_to_one(tmp_path):
 # -- laws that ask for no film --------------------------------------------------------------------
 
 
-def test_a_stribeck_curve_without_film_thickness_gives_back_what_is_behind_it(tmp_path, capsys):
+def test_a_stribeck_curve_without_film_thickness_gives_back_what_is_behind_it(
+    tmp_path, capsys, drawn_figures
+):
     out = tmp_path / "fit"
     result = run_fit(STRIBECK, None, [], [], out, False, "stribeck", OF_THE_MACHINE)
     behind_it = {"mu_s": 0.15, "mu_d": 0.06, "V_s": 2e-3, "viscous": 8e4}

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 from tests.app.read_log import read_log
-from tests.app.simulation.test_explicit_run import THROWN
 from tests.ranks import LIMIT, called
 from tribox.app.results import read
 from tribox.app.results.directory import LOCK
@@ -30,12 +29,10 @@ Start = Callable[..., subprocess.Popen[str]]
 def start(case_file, block, environment, tmp_path) -> Iterator[Start]:
     """Starts a run into ``tmp_path / "out"``, of minutes unless told otherwise."""
     began: list[subprocess.Popen[str]] = []
-    thrown = re.sub(r'duration = "[^"]*"', 'duration = "100 s"', THROWN, count=1)
-    texts = {"explicit": thrown, "sweep": block + SWEEP}
 
     def begin(kind: str, *words: str, steps: int = 5000, nohup: bool = False):
-        path, out = case_file(texts.get(kind, block)), tmp_path / "out"
-        length = [] if kind == "explicit" else ["--set", f"stage.1.steps={steps}"]
+        path, out = case_file(block + SWEEP * (kind == "sweep")), tmp_path / "out"
+        length = ["--set", f"stage.1.steps={steps}"]
         command = [sys.executable, "-m", "tribox", "run", str(path), "--out", str(out), *length]
         hangup = signal.SIG_IGN if nohup else signal.SIG_DFL
         process = subprocess.Popen(
@@ -116,8 +113,7 @@ INDENTED = LOST.replace("\n", "\n    ")
     ("module", "number", "text"),
     [
         ("typer", signal.SIGINT, LOST),
-        ("pydantic", signal.SIGTERM, LOST),
-        ("dolfinx", signal.SIGHUP, LOST),
+        ("dolfinx", signal.SIGTERM, LOST),
         # Where the case is read.
         ("tomllib", signal.SIGINT, "TOMLDecodeError = ValueError\ndef loads(text):" + INDENTED),
     ],
@@ -170,13 +166,10 @@ def long(*values: object):
     return pytest.param(*values, marks=pytest.mark.long)
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"), [("single", signal.SIGHUP), long("explicit", signal.SIGINT)]
-)
-def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
-    process, out = start(kind), tmp_path / "out"
-    read_steps(process, 1 if kind == "explicit" else 3)
-    process.send_signal(number)
+def test_a_signal_stops_a_run_after_its_step(start, tmp_path):
+    process, out = start("single"), tmp_path / "out"
+    read_steps(process)
+    process.send_signal(signal.SIGHUP)
     assert_stopped(process, out)
     results = read(out)
     assert results.summary["status"] == "interrupted" and results.unfinished is None
@@ -186,7 +179,7 @@ def test_a_signal_stops_a_run_after_its_step(start, tmp_path, kind, number):
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("number", "whom"),
-    [(signal.SIGTERM, "tribox"), long(signal.SIGHUP, "tribox"), long(signal.SIGUSR1, "prterun")],
+    [(signal.SIGTERM, "tribox"), long(signal.SIGUSR1, "prterun")],
 )
 def test_a_signal_stops_all_ranks(start, tmp_path, number, whom):
     process, out = start("single", "--np", "2"), tmp_path / "out"
@@ -205,17 +198,6 @@ def test_a_signal_stops_all_ranks(start, tmp_path, number, whom):
     assert results.summary["steps"] == len(results.history) >= 3
 
 
-@pytest.mark.mpi
-@pytest.mark.long
-def test_mpirun_itself_told_to_end_leaves_no_rank_and_a_history(start, tmp_path):
-    process, out = start("single", "--np", "2"), tmp_path / "out"
-    read_steps(process)
-    (starter,) = [pid for pid, words in of_run(out).items() if words[0].endswith("prterun")]
-    os.kill(starter, signal.SIGTERM)
-    assert process.wait(LIMIT) == 130 and not of_run(out)
-    assert statuses(out) == {"out": "interrupted"} and len(read(out).history) >= 3
-
-
 def test_a_signal_to_a_sweep_stops_its_runs(start, tmp_path):
     process, out = start("sweep", "--jobs", "1"), tmp_path / "out"
     read_steps(process)
@@ -230,15 +212,10 @@ def test_a_signal_to_a_sweep_stops_its_runs(start, tmp_path):
     assert (out / "sweep.csv").is_file()
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        long("sweep", ("--jobs", "1")),
-        pytest.param("single", ("--np", "2"), marks=(pytest.mark.mpi, pytest.mark.long)),
-    ],
-)
-def test_who_is_killed_leaves_no_orphans(start, tmp_path, kind, words):
-    process, out = start(kind, *words), tmp_path / "out"
+@pytest.mark.mpi
+@pytest.mark.long
+def test_who_is_killed_leaves_no_orphans(start, tmp_path):
+    process, out = start("single", "--np", "2"), tmp_path / "out"
     read_steps(process)
     process.kill()
     process.wait()
@@ -246,8 +223,7 @@ def test_who_is_killed_leaves_no_orphans(start, tmp_path, kind, words):
     while of_run(out) and time.monotonic() < ends:
         time.sleep(0.1)
     assert not of_run(out)
-    run = out / "mu=0.1" if kind == "sweep" else out
-    assert json.loads((run / "summary.json").read_text())["status"] == "interrupted"
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
 
 
 def test_a_run_outlives_its_pipe_and_its_terminal(start, tmp_path):

@@ -1,7 +1,6 @@
 """Bodies with Maxwell branches, solved: a differential equation, energies, both solvers."""
 
 import math
-import shutil
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -223,36 +222,6 @@ def test_a_cylinder_rolls_on_a_thin_layer_as_on_springs_and_dashpots():
     assert abs(last.force_x / last.force_y) == pytest.approx(factor * 1e-3 / 1.0, rel=0.03)
     energy = done.rows[-1]
     assert abs(energy.energy_error) < 1e-3 * energy.external_work
-
-
-@pytest.mark.long
-def test_what_a_drive_does_is_lost_in_the_track(tmp_path):
-    """Two ways of rolling, then a rest: what the longer one takes more is lost, none is stored.
-
-    At zeta/a of 100. Begin, end and rest are the same but for their place.
-    """
-    data = tomllib.loads((ROOT / "cases" / "rolling.toml").read_text())
-    data["geometry"]["blocks"]["layer"] |= {"x": ["-1.6 mm", "4 mm"], "elements": [140, 1]}
-    rest = {"name": "rest", "duration": "1 s", "steps": 1, "rate_dependent": False}
-    roll = {"velocities": [10.0], "slip_step": "0.04 mm", "min_steps": 55, "max_steps": 55}
-    press, rolled = data["stage"][0], data["stage"][1] | roll
-    further = rolled | {"name": "further", "min_steps": 5, "max_steps": 5}
-    few = {"fields_every": 0, "checkpoint_interval": 1e9}  # but at the end, where both go on
-    run_on(case_of(data | {"stage": [press, rolled]}, **few), tmp_path / "short")
-    shutil.copytree(tmp_path / "short", tmp_path / "long")
-    ends = []
-    for name, ways in (("short", [rolled]), ("long", [rolled, further])):
-        case = case_of(data | {"stage": [press, *ways, rest]}, **few)
-        ends.append(run_on(case, tmp_path / name, extend=True).rows[-2:])
-
-    def more(name, row=1):
-        return getattr(ends[1][row], name) - getattr(ends[0][row], name)
-
-    # Springs that are relieved within a step lose nothing.
-    assert abs(more("numerical_dissipation", 0)) < 1e-3 * more("external_work", 0)
-    work, lost = more("external_work"), more("viscous_dissipation") - more("numerical_dissipation")
-    assert work > 0.0 and abs(more("strain_energy")) < 1e-6 * work
-    assert lost == pytest.approx(work, rel=1e-3)
 
 
 def linear_slide(V, G, G1, tau, K, height, radius, depth, spacing=20e-6, reach=80e-3):

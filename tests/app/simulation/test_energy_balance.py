@@ -203,7 +203,7 @@ def measured(scene, motion, driven=None):
     return measure_contact(scene.term, scene.term.evaluate(x, 1.0), MPI.COMM_SELF, driven)
 
 
-@pytest.mark.parametrize("shape", ["tet4", "hex8", "tet10"])
+@pytest.mark.parametrize("shape", ["hex8", "tet10"])
 def test_sliding_in_space(shape):
     """The slave's square of side 0.5 is dragged along an oblique way; μ p A resists."""
     way = np.array([0.6, -0.8, 0.0])
@@ -220,7 +220,7 @@ def test_sliding_in_space(shape):
         assert m.area == pytest.approx(0.25, rel=1e-12)
 
 
-@pytest.mark.parametrize("shape", ["tet4", "hex8", "hex27"])
+@pytest.mark.parametrize("shape", ["tet4", "hex27"])
 def test_twist(shape):
     """Turned by a small angle about its middle while it sticks: M = K_T θ ∫ r² dA, no resultant."""
     scene = pressed(shape)

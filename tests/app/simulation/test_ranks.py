@@ -195,19 +195,18 @@ CASES = {
 }
 SLIDING = ("plane-steady", "plane-explicit", "hexes-over")  # the others lift off
 # Beside one rank. Explicit steps make ranks wait for each other many times each.
-_TWO = ("plane-steady", "tets-lifted", "hexes-explicit")
-RANKS = dict.fromkeys(CASES, (3,)) | dict.fromkeys(_TWO, (2,))
-LONG = {"hexes-lifted": (2,), "hexes-explicit": (4,)}
+_THREE = ("plane-film", "rings", "hexes-lifted")
+RANKS = {case: 3 if case in _THREE else 2 for case in CASES}
 
 
 # -- runs -----------------------------------------------------------------------------------------
 
 
-def run_all(comm: MPI.Comm, directory: Path, ranks: dict[str, tuple[int, ...]] = RANKS) -> dict:
+def run_all(comm: MPI.Comm, directory: Path) -> dict:
     """Run the cases for this number of ranks, and note how the contact is shared out."""
     facets = {}
     for name, text in CASES.items():
-        if comm.size > 1 and comm.size not in ranks.get(name, ()):
+        if comm.size not in (1, RANKS[name]):
             continue
         case = Case.model_validate(tomllib.loads(text))
         mesh = run_case(case, directory / name, quiet=True).model.named
@@ -217,23 +216,12 @@ def run_all(comm: MPI.Comm, directory: Path, ranks: dict[str, tuple[int, ...]] =
     return {"directory": str(directory), "facets": facets}
 
 
-def run_long(comm: MPI.Comm, directory: Path) -> dict:
-    """Run the cases on more numbers of ranks."""
-    return run_all(comm, directory, LONG)
-
-
-def scene(case: str, ranks: int):
-    """Which of the two runs a case on a number of ranks."""
-    return run_long if ranks in LONG.get(case, ()) else run_all
-
-
 def sharing(cases) -> list:
-    """Cases, each with the numbers of ranks to be held against one, as parameters of a test."""
+    """Cases, each with the number of ranks to be held against one, as parameters of a test."""
     return [
-        pytest.param(case, n, marks=[pytest.mark.mpi(scene(case, n), n), *more], id=f"{case}-{n}")
-        for ranks, more in ((RANKS, ()), (LONG, (pytest.mark.long,)))
-        for case in cases
-        for n in ranks.get(case, ())
+        pytest.param(case, n, marks=pytest.mark.mpi(run_all, n), id=f"{case}-{n}")
+        for case, n in RANKS.items()
+        if case in cases
     ]
 
 
@@ -242,7 +230,7 @@ def results(on_ranks):
     """A function that gives the results of a case on a number of ranks."""
 
     def find(case: str, ranks: int) -> Path:
-        return Path(on_ranks(scene(case, ranks), ranks)["directory"]) / case
+        return Path(on_ranks(run_all, ranks)["directory"]) / case
 
     return find
 

@@ -138,17 +138,6 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
 
 
-@pytest.mark.long
-def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
-    """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
-    run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5, 28)
-    assert cuts <= 6 and sum(row.newton_iterations for row in run.rows) <= 400
-    # In the end all points slide forwards, and the friction of all has one direction with the
-    # load's: T is mu times the load to the last digit.
-    assert run.rows[-1].stick_fraction == 0.0
-    assert run.rows[-1].tangential_force == pytest.approx(0.5 * load_of(run), rel=1e-6)
-
-
 # -- what the slip of points that come into contact is measured from -------------------------------
 
 
@@ -264,14 +253,3 @@ def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
     for now, then in zip(held, left, strict=True):
         assert now.newton_iterations <= then.newton_iterations
         assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)
-
-
-@pytest.mark.long
-def test_rim_that_a_close_prediction_opens_is_not_held(monkeypatch):
-    """Where hardly anything is left, holding points and letting them go costs iterations."""
-    held = boxes_that_slip(3, "4 s", 7)
-    monkeypatch.setattr(globalisation, "SOLVED", 0.0)
-    always = boxes_that_slip(3, "4 s", 7)
-    iterations = [sum(row.newton_iterations for row in rows) for rows in (held, always)]
-    assert iterations[0] <= iterations[1] - 3
-    assert held[-1].tangential_force == pytest.approx(always[-1].tangential_force, rel=1e-7)

@@ -96,14 +96,14 @@ def outgrown(
 ENOUGH = {"cylinder": {"radius": "10 mm", "contact_width": "5 mm"}}
 
 
-@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
 @pytest.mark.parametrize(
-    ("geometry", "surface", "where"),
+    ("geometry", "surface", "where", "pressure"),
     [
-        ({}, "elastomer_contact", "(-0.0015, 0.0001131) m and (0.0015, 0.0001131) m"),
-        (ENOUGH, "aluminium_contact", "(-0.0015, 0) m and (0.0015, 0) m"),
+        ({}, "elastomer_contact", "(-0.0015, 0.0001131) m and (0.0015, 0.0001131) m", "averaged"),
+        (ENOUGH, "aluminium_contact", "(-0.0015, 0) m and (0.0015, 0) m", "averaged"),
+        (ENOUGH, "aluminium_contact", "(-0.0015, 0) m and (0.0015, 0) m", "pointwise"),
     ],
-    ids=["slave", "master"],
+    ids=["slave", "master", "pointwise"],
 )
 def test_contact_that_outgrows_a_surface_is_told(tmp_path, geometry, surface, where, pressure):
     """With the pressure at the end as it is shown, and its share of the mean one."""
@@ -369,8 +369,9 @@ lower = { width = "10 mm", height = "5 mm", elements = [20, 4] }
 """
 
 
-@pytest.mark.parametrize("elements", [20, 7, 27])
-@pytest.mark.parametrize("held", [True, False], ids=["symmetry", "free"])
+@pytest.mark.parametrize(
+    ("elements", "held"), [(20, True), (7, True), (27, True), (7, False), (20, False)]
+)
 def test_a_smooth_master_that_ends_below_its_slave(tmp_path, elements, held):
     """At planes of symmetry it passes the patch test as inside; at free ends that is told."""
     data = tomllib.loads(FLAT)
@@ -393,7 +394,7 @@ def test_a_smooth_master_that_ends_below_its_slave(tmp_path, elements, held):
     assert told != held
 
 
-@pytest.mark.parametrize("elements", [20, 7, 27])
+@pytest.mark.parametrize("elements", [20, 27])
 def test_a_smooth_master_on_the_axis_of_revolution(tmp_path, elements):
     """No vertex lacks more than 1/62 of its load, of which as stiff a body takes a half."""
     data = tomllib.loads(FLAT)

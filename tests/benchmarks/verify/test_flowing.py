@@ -100,13 +100,6 @@ def test_cooks_membrane_of_full_integration_locks():
     assert full < 0.5 * reduced
 
 
-@pytest.mark.long
-def test_cooks_membrane_is_within_the_published_range_on_a_fine_mesh():
-    tips = np.array([membrane_tip(n, "q1-sri")[0] for n in (16, 32, 64)])
-    assert PUBLISHED[0] < limit(tips) < PUBLISHED[1]
-    assert tips[-1] == pytest.approx(PUBLISHED[0], rel=2e-3)
-
-
 def test_more_steps_change_cooks_membrane_in_first_order():
     tips = [membrane_tip(8, "q1-sri", steps)[0] for steps in (5, 10, 20)]
     assert tips[2] == pytest.approx(tips[1], rel=5e-3)

@@ -47,16 +47,7 @@ def failed(found: Verification) -> set[str]:
 APART = {"hertz-point", "sphere-twist", "curved-sliding"}
 # Those of which cheaper ones see as much: coarse in test_space.py and test_flowing.py; of the same
 # parts as cattaneo-mindlin, and reversed in simulation/test_reversal.py.
-APART |= {"patch-space", "cook-membrane", "mindlin-reversal"}
-LONG = {
-    "springback",  # coarse in test_flowing.py
-    "isotropy",  # coarse in test_space.py
-}
-
-
-def by_tier(names: list[str]) -> list:
-    """Names of cases as parameters of a test, the long ones marked."""
-    return [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in names]
+APART |= {"patch-space", "isotropy", "cook-membrane", "springback", "mindlin-reversal"}
 
 
 def documented_checks() -> dict[str, int]:
@@ -65,7 +56,7 @@ def documented_checks() -> dict[str, int]:
     return {name: int(count) for name, count in rows}
 
 
-@pytest.mark.parametrize("name", by_tier([name for name in CASES if name not in APART]))
+@pytest.mark.parametrize("name", [name for name in CASES if name not in APART])
 def test_every_check_is_within_its_bar(name):
     found = result(name)
     assert found.name == name and found.title and found.setup and not found.failure

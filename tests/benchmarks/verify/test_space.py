@@ -59,9 +59,8 @@ COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geom
 QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
 
 
-@pytest.mark.parametrize("size", [32.5, 10])
-def test_section_meets_hertz(size):
-    found = press_sphere([*SECTION, f"geometry.contact_size={size} um"])
+def test_section_meets_hertz():
+    found = press_sphere([*SECTION, "geometry.contact_size=32.5 um"])
     radius, peak = found.fitted
     assert radius == pytest.approx(found.exact.contact_radius, rel=0.02)
     assert peak == pytest.approx(found.exact.peak, rel=0.01)

@@ -15,7 +15,7 @@ from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import FrictionResponse, FrictionState, Regime
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset
 
-PROFILE = settings(derandomize=True, deadline=None, max_examples=60)
+PROFILE = settings(derandomize=True, deadline=None, max_examples=30)
 
 POINTS, STEPS = 60, 10
 V_STAR, P, K_T = 1e-3, 3e6, 1e12
@@ -124,7 +124,7 @@ def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # Bounds and energy
 
 
-@settings(PROFILE, max_examples=120)
+@settings(PROFILE, max_examples=60)
 @given(laws, seeds, dims, st.sampled_from(["consistent", "literal"]))
 def test_the_threshold_bounds_and_the_work_is_stored_or_dissipated(law, seed, dim, reentry):
     """And no part of the dissipation is negative, but for the literal re-entry rule."""
