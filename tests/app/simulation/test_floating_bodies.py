@@ -328,3 +328,6 @@ def test_a_platen_holds_the_force_on_its_own_body_while_a_tool_carries_another()
     problem = solved(data, observer=seen).model.problem
     assert seen.floating[:6] == 6 * [["pad"]] and seen.floating[-1] == []
     assert problem.u.x.array[problem.platens[0].dofs] == pytest.approx(-1e-5, rel=1e-6)
+    data["boundary"][1] |= {"platen": {"direction": "y", "force": "1 N"}}
+    data["stage"] = data["stage"][:1]  # what only carries one body is no fault of the other
+    assert solved(data).rows[-1].time == 0.5
