@@ -129,6 +129,11 @@ class JoinedBodies:
     grips: tuple[Grip, ...] = ()  # contacts that tie one of them to a tool
 
     @property
+    def of_revolution(self) -> bool:
+        """Whether they are bodies of revolution, which go nowhere along the radius."""
+        return self.solids[0].section == "axisymmetric"
+
+    @property
     def solids(self) -> tuple[Solid, ...]:
         """All bodies."""
         return tuple(solid for group in self.groups for solid in group)
@@ -346,7 +351,7 @@ def supports_at_hand(problem: Equilibrium) -> tuple[object, ...]:
 
 def _free(problem: Equilibrium, joined: JoinedBodies) -> FreeBody | None:
     nodes = body_nodes(problem, joined.cells)
-    modes, extent = motions_of(problem, nodes, joined.solids[0].section == "axisymmetric")
+    modes, extent = motions_of(problem, nodes, joined.of_revolution)
     mine = nodes[:, None] * problem.dim + np.arange(problem.dim)
     beds = [load.held for load in problem.loads if isinstance(load, Foundation) and load.acts]
     resisted = np.isin(mine, np.concatenate([problem.constrained_dofs(), *beds]))

@@ -124,7 +124,7 @@ def _is_kept(problem: Equilibrium, joined: JoinedBodies, stiff: Sequence[Solid])
     touched = any(bool(mine[dofs].any()) for dofs in moved)
     if problem.comm.allreduce(int(touched)):
         return False
-    return _is_held(problem, mine, joined.solids[0].section == "axisymmetric")
+    return _is_held(problem, mine, joined.of_revolution)
 
 
 def _is_held(problem: Equilibrium, mine: Bools, axisymmetric: bool) -> bool:

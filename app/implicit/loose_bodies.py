@@ -141,8 +141,7 @@ class WeakHold:
         """Whether a free body may move and turn in all ways; collective."""
         held = self.problem.constrained_dofs() // self.problem.dim
         any_held = self.problem.comm.allreduce(bool(np.isin(body.nodes, held).any()), op=MPI.LOR)
-        of_revolution = body.joined.solids[0].section == "axisymmetric"
-        return not (any_held or body.joined.grips or of_revolution)
+        return not (any_held or body.joined.grips or body.joined.of_revolution)
 
     def _firm_forces(self) -> Floats:
         """E* times the area of the slave, of the pairs on each body the most, N; collective.
@@ -210,10 +209,13 @@ class WeakHold:
     def is_loaded(self, largest: float) -> bool:
         """Whether a load acts on a free body, which springs as weak could not hold; collective.
 
+        Loads that are in balance leave rounding.
+
         Args:
             largest: N, force of the run that loads are compared with.
         """
-        return bool(np.abs(self.loads()).max(initial=0.0) > SHARE * largest)
+        least = max(SHARE * largest, self.problem.roundoff)
+        return bool(np.abs(self.loads()).max(initial=0.0) > least)
 
     def is_let_go(self, largest: float) -> bool:
         """Whether nothing loads a free body any more that contacts pressed on; collective."""
@@ -251,7 +253,7 @@ class WeakHold:
         return self._sums(forces)
 
     def _sums(self, forces: Floats) -> Floats:
-        """Sums (2, b, i) of forces (n,) on each body: along unsupported axes, and all."""
+        """Sums (2, b, i) of forces (n,) on each body, none radial: unsupported axes, and all."""
         problem, dim = self.problem, self.problem.dim
         held, axes = problem.constrained_dofs(), np.arange(dim)
         local = [
@@ -259,6 +261,7 @@ class WeakHold:
             [np.isin(body.nodes[:, None] * dim + axes, held).sum(axis=0) for body in self.bodies],
         ]
         total, supports = problem.comm.allreduce(np.array(local, dtype=float).reshape(2, -1, dim))
+        total[[body.joined.of_revolution for body in self.bodies], 0] = 0.0
         return np.stack([np.where(supports == 0.0, total, 0.0), total])
 
     def springs(self, place: Floats, largest: Floats) -> HoldingSprings:

@@ -121,8 +121,9 @@ class ImplicitStepper:
 
     @property
     def has_carried_only(self) -> bool:
-        """Whether tools have carried free bodies, and nothing has pressed in the whole run."""
-        return self._carried > 0.0 and self.newton.largest_force <= self.problem.roundoff
+        """Whether tools have carried free bodies, and nothing else has pressed in the whole run."""
+        none = self.newton.largest_force <= self.problem.roundoff
+        return none and 0.0 < self._carried >= self.problem.reference_force / UNAIDED
 
     def _find_loose_bodies(self) -> None:
         problem = self.problem

@@ -388,7 +388,7 @@ def force_balance(simulation: Simulation) -> float | None:
     case, problem = simulation.model.case, simulation.model.problem
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left
-    noise = problem.roundoff * simulation.model.thickness
+    noise = max(problem.roundoff * simulation.model.thickness, simulation.state.springs)
     largest = simulation.state.tools.largest_force(still)
     return simulation.state.motion.force_balance(still, noise, largest)
 

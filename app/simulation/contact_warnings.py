@@ -169,10 +169,12 @@ class ContactWarnings(Remembers):
         """Find points of either surface of a pair that are deep inside the other; collective."""
         terms, x = self._problem.contacts, self._problem.u.x.petsc_vec
         for index, (term, state) in enumerate(zip(terms, states, strict=True)):
+            if not term.active:  # the bodies may pass through each other
+                continue
             if state.hidden.share > self._hidden[index][0].share:
                 self._hidden[index] = (state.hidden, row.when)
             probe = self._sunk_in[index]
-            if probe is None or not term.active or state.force <= 0.0:
+            if probe is None or state.force <= 0.0:
                 continue
             sunk = probe.deepest(term.surface.gather(x), state.deepest, term.offset)
             if sunk.share > self._sunk[index][0].share:

@@ -227,7 +227,7 @@ class MotionHistory:
         force.
 
         Args:
-            noise: N, what rounding leaves; no force beyond it is none.
+            noise: N, what rounding leaves, or springs in no table; no force beyond it is none.
             largest: N, of forces in other tables: those on both sides of a body cancel in its
                 row.
         """
@@ -238,7 +238,8 @@ class MotionHistory:
             return None
         resultant = (forces[:, :dim] + forces[:, dim:]).reshape(-1, len(self._bodies), dim)
         of_groups = np.stack([resultant[:, group].sum(axis=1) for group in self._groups])
-        return float(np.abs(of_groups).max() / largest)
+        most = float(np.abs(of_groups).max())
+        return 0.0 if most <= noise else most / largest
 
     def _largest_on_surfaces(self, stages: Collection[str]) -> float:
         """Largest component of a force on a surface, N, or force of a moment (see `force_balance`).

@@ -46,6 +46,7 @@ class RunState(Remembers):
             motion: surfaces and bodies, tools: rigid tools, likewise.
         resultants: the contacts after the last step.
         inertia: kinetic against strain energy, of each explicit load step.
+        springs: N, largest force of weak springs on bodies that float, which no table has.
         speed: m/s, of driven boundaries; where the stage drives none, of the fastest support,
             platen or tool, and 0 where these do not move.
         way: tangential force over the way of driven boundaries; steadiness: as last judged.
@@ -62,6 +63,7 @@ class RunState(Remembers):
     steadiness: Kept[Steadiness]
     position: Kept[Position]
     energy_balance: Kept[EnergyBalance]
+    springs: Kept[float]
     _last: Kept[tuple[float, float]]
 
     stepper: ImplicitStepper | ExplicitStepper
@@ -69,7 +71,7 @@ class RunState(Remembers):
     def __init__(self, model: Model) -> None:
         """Begin at rest, under the loads of the start; collective."""
         self.model = model
-        self.time = self.driven = self.speed = 0.0
+        self.time = self.driven = self.speed = self.springs = 0.0
         self.step = 0
         self.rows: list[Row] = []
         dim = model.problem.dim
@@ -146,6 +148,8 @@ class RunState(Remembers):
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
+        if isinstance(self.stepper, ImplicitStepper):
+            self.springs = max(self.springs, self.model.problem.held_weakly() * t)
         at = (row.step, row.time, row.stage)
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
             columns = contact_columns([pair], speed, rates, t, noise)

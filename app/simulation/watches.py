@@ -80,7 +80,7 @@ class RoundOffWatch(Remembers):
         pressed = bool(self._problem.contacts) and row.max_penetration > self._touching
         self._loaded |= pressed or force > self._problem.roundoff
         last = result.residuals[-1] if result.residuals else 0.0
-        if last > self._tolerance:
+        if last > self._tolerance and not result.carried:  # with forces to compare it with
             self._residual = max(self._residual, last * force)
 
     def end(self, label: str) -> None:

@@ -592,3 +592,8 @@ def test_a_facet_that_cuts_into_a_circle_is_told_of_with_its_place(tmp_path):
     depth = middle - 1.6e-3 - run.rows[-1].max_penetration
     assert told is not None and float(told[1]) == pytest.approx(depth, rel=0.01)
     assert float(told[2]) == pytest.approx(depth / 0.8e-3, rel=0.01)
+    data = tomllib.loads(OVER_A_CIRCLE.replace("[5, 4]", "[29, 4]"))
+    pressed = {"name": "press", "duration": "0.03 s", "steps": 1}
+    data["stage"] = [pressed, pressed | {"name": "off", "release": ["punch"]}]  # the pad rises
+    run_case(Case.model_validate(data), tmp_path / "off", quiet=True)
+    assert "deeper in" not in (tmp_path / "off" / "summary.json").read_text()

@@ -328,3 +328,21 @@ def test_a_platen_holds_the_force_on_its_own_body_while_a_tool_carries_another()
     problem = solved(data, observer=seen).model.problem
     assert seen.floating[:6] == 6 * [["pad"]] and seen.floating[-1] == []
     assert problem.u.x.array[problem.platens[0].dofs] == pytest.approx(-1e-5, rel=1e-6)
+    data["boundary"][1] |= {"platen": {"direction": "y", "force": "1 N"}}
+    data["stage"] = data["stage"][:1]  # what only carries one body is no fault of the other
+    assert solved(data).rows[-1].time == 0.5
+
+
+def test_a_ring_that_nothing_touches_bears_its_pressure():
+    """Radial loads move no body of revolution: weak springs hold it, and Lame's ring widens."""
+    data = closed_by(1e-4)
+    ring = {"x": [5e-3, 1e-2], "y": [0.0, 1e-3], "elements": [20, 2]}
+    data["geometry"] |= {"section": "axisymmetric", "blocks": {"pad": ring}}
+    data["bodies"]["pad"] = {"material": "neo-hookean", "E": "1 GPa", "nu": 0.3}
+    del data["tools"]["ram"]["displacement"]
+    data["boundary"] = [{"surface": "pad_left", "pressure": [["0 s", 0.0], ["1 s", "1 MPa"]]}]
+    data["stage"][0]["steps"], seen = 2, Floats()
+    simulation = solved(data, observer=seen)
+    assert seen.floating == 2 * [["pad"]] and seen.count == 0
+    widened = simulation.state.motion.of_surface("pad_left", "displacement_x")[-1]
+    assert widened == pytest.approx(5e-3 * 1e-3 * (125.0 / 75.0 + 0.3), rel=5e-3)
