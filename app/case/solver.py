@@ -328,8 +328,7 @@ ALLOWED: Mapping[str, Kind] = (
 """Kind of value by name."""
 
 # Controls of MUMPS that are numbers and no more: not its output units (ICNTL 1 to 4), by which
-# Fortran writes files, nor factors kept in files (22, 34), nor unknowns left over (19), which
-# bodies that are condensed need.
+# Fortran writes files, nor factors kept in files (22, 34), nor unknowns left over (19).
 _MUMPS = re.compile(r"mat_mumps_(?:icntl_(?!(?:[1-4]|19|22|34)$)[1-9][0-9]?|cntl_[1-7])")
 # Solvers within solvers: of the levels of multigrid, of subdomains, of eigenvalue estimates.
 _INNER = re.compile(

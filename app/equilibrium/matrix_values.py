@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -38,22 +37,17 @@ _PLAIN = 0, 0, 0  # counted from zero, not made symmetric, not compressed
 _DIRECT = {PETSc.Mat.Type.SEQAIJ, PETSc.Mat.Type.MPIAIJ}
 
 
-def petsc_library(signatures: Mapping[str, Sequence[Any]]) -> ctypes.CDLL | None:
+@functools.cache
+def _petsc() -> ctypes.CDLL | None:
     """The library that petsc4py has loaded; None where a function wanted is not found in it."""
     try:
         found = ctypes.CDLL(PETSc.__file__)  # a search there goes on in what it is linked to
-        for name, kinds in signatures.items():
+        for name, kinds in _SIGNATURES.items():
             function = getattr(found, name)
             function.argtypes, function.restype = list(kinds), ctypes.c_int
     except (OSError, AttributeError):
         return None
     return found
-
-
-@functools.cache
-def _petsc() -> ctypes.CDLL | None:
-    """PETSc's library; None where the functions needed are not found in it."""
-    return petsc_library(_SIGNATURES)
 
 
 def is_direct(A: PETSc.Mat) -> bool:

@@ -1,11 +1,9 @@
-"""Solves of bodies in contact, each by itself where one of them is far stiffer.
+"""Solves of bodies in contact, one after the other where one of them is far stiffer.
 
-The stiff bodies are condensed (:mod:`tribox.app.implicit.condensed_bodies`), or each body is solved
-for in turn (:class:`BodyByBody`): in space, on several ranks, and where most unknowns are of
-contact. The other bodies are factorised, or solved for by iterations where they are too large.
-Where no body can be kept the whole tangent is solved with in the same way, and so it is where
-solving by bodies does not get there: for that tangent, and for good where that happens often.
-Where iterations take longer than factorisations would, these may take their place.
+The stiff bodies are factorised once; the others for each tangent, or solved for by iterations where
+they are too large. Where no body can be kept the whole tangent is solved with in the same way, and
+so it is where solving by bodies does not get there: for that tangent, and for good where that
+happens often. Where iterations take longer than factorisations would, these may take their place.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.matrix_values import PlacesOfPart
 from tribox.app.equilibrium.snapshot import Snapshot
 from tribox.app.equilibrium.supports import supports_at_hand
-from tribox.app.implicit.condensed_bodies import CLOSE, CondensedBodies, can_condense
 from tribox.app.implicit.factor import (
     CLOSEST,
     DIRECT,
@@ -35,6 +32,7 @@ from tribox.app.implicit.factor import (
 )
 from tribox.app.implicit.kept_bodies import KeptBodies, kept_bodies
 from tribox.app.implicit.multigrid import (
+    CLOSE,
     ITERATED,
     KRYLOV,
     Multigrid,
@@ -120,7 +118,7 @@ class BodyBlocks(LinearWay):
         pc = ksp.getPC()
         pc.setPythonContext(_Preconditioner(self))
         self._supports: tuple[object, ...] | None = None  # that the bodies were chosen for
-        self._bodies: CondensedBodies | BodyByBody | None = None
+        self._bodies: BodyByBody | None = None
         self._whole: Factor | MultigridSolver | None = None  # None: it is solved by the bodies
         self._fallen = False  # whether that is so of the tangent at hand only
         self._given_up = False  # whether it is so for good
@@ -173,24 +171,9 @@ class BodyBlocks(LinearWay):
             self._drop_whole()
         self._given_up = self._given_up or self._failures >= TOO_MANY
         if self._bodies is not None and not self._given_up:
-            self._works = self._make_bodies(widened)
+            self._works = self._bodies.make(self._matrix, widened)
         else:
             self._make_whole(widened)
-
-    def _make_bodies(self, widened: bool) -> bool:
-        """Factorise by bodies; in turn from where the bulk is not symmetric: pressure that follows.
-
-        Returns whether that worked.
-        """
-        assert self._bodies is not None
-        works = self._bodies.make(self._matrix, widened)
-        if isinstance(self._bodies, BodyByBody) or self._bodies.bulk.symmetric:
-            return works
-        self._bodies.destroy()
-        bodies = kept_bodies(self._problem, self._stiff)
-        assert bodies is not None
-        self._bodies = self._in_turn(bodies)
-        return self._bodies.make(self._matrix, True)
 
     def _choose(self) -> None:
         """Choose the bodies that are kept, if that is to be done anew."""
@@ -204,20 +187,12 @@ class BodyBlocks(LinearWay):
         self._supports, self._chosen = supports, True
         bodies = kept_bodies(self._problem, self._stiff)
         if bodies is not None:
-            found = self._solver_of(bodies)
+            count = None if self.direct else self._tell
+            found = BodyByBody(self._problem, bodies, self._prefix, count, self.budget.stiff)
             if found.works:
                 self._bodies = found
             else:
                 found.destroy()
-
-    def _solver_of(self, bodies: KeptBodies) -> CondensedBodies | BodyByBody:
-        if self.direct and can_condense(self._problem, bodies):
-            return CondensedBodies(self._problem, bodies, self._prefix)
-        return self._in_turn(bodies)
-
-    def _in_turn(self, bodies: KeptBodies) -> BodyByBody:
-        count = None if self.direct else self._tell
-        return BodyByBody(self._problem, bodies, self._prefix, count, self.budget.stiff)
 
     def _make_whole(self, widened: bool) -> None:
         """Make ready to solve with the whole tangent."""
@@ -243,7 +218,7 @@ class BodyBlocks(LinearWay):
 
     @property
     def closest(self) -> float:
-        return CLOSE if isinstance(self._bodies, CondensedBodies) or not self.direct else CLOSEST
+        return CLOSEST if self.direct else CLOSE
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for ``x`` (m) with forces ``b`` (N); collective."""
@@ -290,8 +265,7 @@ class BodyBlocks(LinearWay):
         assert self._bodies is not None
         held = self._without_prescribed(b)
         converged = self._works and self._bodies.solve(self._rest, x, self._share)
-        if isinstance(self._bodies, BodyByBody):
-            self.budget.stiff = self._bodies.factorised
+        self.budget.stiff = self._bodies.factorised
         self._failures = max(self._failures - 1, 0) if converged else self._failures + FAILED
         x.array[held] = b.array_r[held]
         return converged
@@ -316,7 +290,7 @@ class BodyBlocks(LinearWay):
     @property
     def multigrid(self) -> Multigrid | None:
         """The preconditioner that is kept, if what is solved at present is solved by iterations."""
-        solver = self._bodies.own if isinstance(self._bodies, BodyByBody) else None
+        solver = self._bodies.own if self._bodies is not None else None
         solver = self._whole if self._given_up or self._bodies is None else solver
         return solver.multigrid if isinstance(solver, MultigridSolver) else None
 
