@@ -122,8 +122,9 @@ class ImplicitStepper:
     @property
     def has_carried_only(self) -> bool:
         """Whether tools have carried free bodies, and nothing else has pressed in the whole run."""
-        none = self.newton.largest_force <= self.problem.roundoff
-        return none and 0.0 < self._carried >= self.problem.reference_force / UNAIDED
+        if not self._carried or self.newton.largest_force > self.problem.roundoff:
+            return False
+        return self.problem.reference_force <= max(UNAIDED * self._carried, self.problem.roundoff)
 
     def _find_loose_bodies(self) -> None:
         problem = self.problem

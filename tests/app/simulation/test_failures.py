@@ -136,7 +136,7 @@ def firm(block: str, film: str) -> dict:
     data["geometry"]["upper"]["elements"] = [20, 3]
     data["geometry"]["lower"]["elements"] = [6, 3]
     data["bodies"]["aluminium"]["E"] = 1e6
-    data["solver"]["max_iterations"] = 4
+    data["solver"]["max_iterations"] = 5
     return data
 
 
