@@ -19,7 +19,7 @@ from tests.app.simulation.film_runs import (
     warnings_of,
     words_of,
 )
-from tribox import load_case, read, run_case
+from tribox import read, run_case
 from tribox.app.build.model import build_model
 from tribox.app.errors import InputError
 from tribox.app.results.reading import read_table
@@ -276,22 +276,6 @@ def test_friction_of_a_mixed_film_is_that_of_the_half_plane(tmp_path):
     tool = read_table(directory / "tools.csv")[-1]
     assert -float(tool["force_x"]) / 1e3 == pytest.approx(0.0436, rel=0.02)
     assert warnings_of(directory) == []
-
-
-@pytest.mark.long
-def test_a_jump_of_speed_is_taken_in_one_step_on_facets_of_twice_the_length(tmp_path):
-    """By the oil of the last film, thinner by as much as the speed has risen, and thicker again."""
-    speeds = {"31.6 um/s": 47.0, "100 um/s": 15.0, "316 um/s": 4.75}
-    slides = [f'{{name="{v}", velocity="{v}", duration={t}, steps=1}}' for v, t in speeds.items()]
-    press = '{name="press", duration="1 s", steps=4, rate_dependent=false}'
-    stages = f"stage=[{', '.join([press, *slides])}]"
-    case = load_case(
-        FILMS / "soft-line.toml",
-        [stages, "geometry.blocks.rubber.elements=[120, 12]", "output.figures=false"],
-    )
-    done = run_case(case, tmp_path / "out", quiet=True).rows
-    assert [row.attempts for row in done[-3:]] == [1] * 3
-    assert column(tmp_path / "out", "friction_coefficient")[-1] == pytest.approx(0.112, rel=0.01)
 
 
 # -- a soft line contact against the half plane ----------------------------------------------------

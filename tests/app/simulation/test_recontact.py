@@ -12,7 +12,6 @@ import pytest
 from benchmarks.curved_contact.shapes import ridge
 from tests.rectangles import Rectangle, Rectangles
 from tests.solved import Cuts, solved
-from tribox.app.implicit import globalisation
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.simulation import Simulation
 from tribox.geometry.meshes.gmsh_model import write_msh
@@ -228,28 +227,3 @@ def test_dry_points_that_come_over_the_end_dissipate_the_work_of_the_step(tmp_pa
     # Those that have come over by less than the spring's give stick.
     assert rows[-1].friction_coefficient == pytest.approx(0.2, rel=1e-3)
     assert dissipated(rows) == pytest.approx(1.0, rel=5e-3)
-
-
-# -- the rim of a contact that begins to slide -----------------------------------------------------
-
-
-def boxes_that_slip(layers: int, duration: str, steps: int) -> list[Row]:
-    """A box in space of so many layers, pressed until it holds and then pulled until it slides."""
-    data = tomllib.loads((ROOT / "cases" / "boxes-3d.toml").read_text())
-    data["geometry"]["upper"]["elements"] = [12, layers, 12]
-    data["geometry"]["lower"]["elements"] = [16, max(2, layers - 2), 16]
-    data["stage"][1] |= {"duration": duration, "steps": steps}
-    return simulate(data)[0].rows
-
-
-@pytest.mark.long
-def test_rim_that_only_the_prediction_opens_is_held_at_first(monkeypatch):
-    """A path opens vertices at the rim; Newton's method closes them by twos."""
-    held = boxes_that_slip(6, "0.75 s", 3)
-    monkeypatch.setattr(globalisation, "HOLDS", 0)
-    left = boxes_that_slip(6, "0.75 s", 3)
-    iterations = [sum(row.newton_iterations for row in rows) for rows in (held, left)]
-    assert iterations[0] <= iterations[1] - 3
-    for now, then in zip(held, left, strict=True):
-        assert now.newton_iterations <= then.newton_iterations
-        assert now.tangential_force == pytest.approx(then.tangential_force, rel=1e-7)

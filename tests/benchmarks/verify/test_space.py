@@ -6,12 +6,9 @@ import pytest
 from benchmarks.verify.space import (
     QUICK_BOXES,
     SECTION,
-    SMOOTH,
     hertz_point,
-    jumps,
     patch_errors,
     press_sphere,
-    roll,
     slide,
     sphere_twist,
 )
@@ -56,7 +53,6 @@ def test_before_all_slides_friction_is_less():
 # -- The sphere on a block, coarse: closed forms are met, and the checks can fail ------------------
 
 COARSE = ("geometry.contact_size=52 um", "geometry.contact_width=0.78 mm", "geometry.growth=2")
-QUICK = ["geometry.contact_size=115 um", "stage.1.steps=5"]
 
 
 def test_section_meets_hertz():
@@ -101,14 +97,3 @@ def test_twist_goes_over_into_full_slip():
     assert all(check.passed for check in last)
     moments = found.panels[0].lines[1].y
     assert np.all(np.diff(moments) > 0.0) and moments[0] < 0.5 < 0.97 < moments[-1] < 1.0
-
-
-@pytest.mark.long
-def test_a_smooth_master_takes_the_jumps_out_of_sliding():
-    smooth, faceted = roll([SMOOTH, *QUICK]), roll(QUICK)
-    assert max(map(jumps, smooth)) < 1e-5
-    for rough, even in zip(faceted, smooth, strict=True):
-        assert jumps(rough) > 500.0 * jumps(even)
-    for normal, drag in (smooth, faceted):
-        assert len(normal) == 5
-        np.testing.assert_allclose(drag / normal, 0.2, rtol=0.1)
