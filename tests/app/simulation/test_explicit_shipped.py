@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from tribox.app.case.reading import load_case
 from tribox.app.run.run import run_case
-from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.closed_forms import threshold_speed
 
 CASES = Path(__file__).parents[3] / "cases"
 
