@@ -26,12 +26,12 @@ import numpy as np
 from mpi4py import MPI
 
 import tribox
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Platen, Prescribed, component_dofs
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.explicit.stable_step import ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.run.process import with_sources
-from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import Hencky, Material, MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.solid import Formulation, Solid
 from tribox.forms.contact.explicit import ExplicitContact
@@ -176,13 +176,13 @@ def kernel_table(cells: int = 160) -> Iterator[str]:
             solid = Solid(name, u, every, material, formulation, 1.0)
             took = []
             for compiled in (False, True):
-                internal = InternalForce(u, [solid], compiled)
+                internal = Bodies(u, [solid], compiled)
                 took.append(best(partial(_four_times, internal, u.x.array, out)))
             per_cell = [1e9 * t / 4.0 / cells**2 for t in took]
             yield f"| {name}, {formulation} | {per_cell[0]:.0f} | {per_cell[1]:.1f} |"
 
 
-def _four_times(internal: InternalForce, u: Floats, out: Floats) -> None:
+def _four_times(internal: Bodies, u: Floats, out: Floats) -> None:
     for _ in range(4):
         internal.evaluate(u, out)
 
@@ -241,7 +241,7 @@ def step_table(refinements: tuple[float, ...] = (SMALL, MIDDLE, LARGE)) -> Itera
             for part in ("assembly", "contact", "time integration")
         )
         problem = case.stepper.problem
-        internal = InternalForce(problem.u, problem.solids, compiled=False)
+        internal = Bodies(problem.u, problem.solids, compiled=False)
         out = np.zeros_like(problem.u.x.array)
         one = best(lambda i=internal, o=out: i.evaluate(problem.u.x.array, o))  # type: ignore[misc]
         yield (

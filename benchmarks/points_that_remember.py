@@ -19,7 +19,6 @@ from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.pattern import cell_matrix
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Voce
-from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Hencky, Material, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid
@@ -64,7 +63,7 @@ def body(material: Material, formulation: Formulation, section: Section, cells: 
 def calls(made: FlowingBody) -> dict[str, Callable[[], object]]:
     """What is timed; before each the displacement moves by a hair and the body is as new."""
     solid, u = made.solid, made.u
-    bodies, internal = Bodies(u, [solid]), InternalForce(u, [solid])
+    bodies = Bodies(u, [solid])
     A = cell_matrix(u.function_space)
     out = np.zeros_like(u.x.array)
     first = solid.points.committed if isinstance(solid, MemorySolid) else None
@@ -83,7 +82,7 @@ def calls(made: FlowingBody) -> dict[str, Callable[[], object]]:
         bodies.add_forces(out)
 
     def step() -> None:
-        internal.evaluate(u.x.array, out, 1.0)
+        bodies.evaluate(u.x.array, out, 1.0)
         solid.commit()
 
     def known() -> None:

@@ -29,7 +29,7 @@ from tribox.app.case.generators import TwoCylindersGeometry
 from tribox.app.case.reading import load_case
 from tribox.app.results.reading import read_table
 from tribox.app.run.run import run_case
-from tribox.forms.closed_forms.homogeneous_sliding import (
+from tribox.forms.closed_forms import (
     Floats,
     effective_viscosity,
     film_fraction,

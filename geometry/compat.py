@@ -219,11 +219,6 @@ def with_more_nodes(space: dolfinx.fem.FunctionSpace, more: int) -> dolfinx.fem.
 # -- assembly -------------------------------------------------------------------------------------
 
 
-def packed_constants(form: dolfinx.fem.Form) -> Floats:
-    """Values of a form's constants, as ``dolfinx.fem.assemble_vector`` takes them."""
-    return dolfinx.cpp.fem.pack_constants(form._cpp_object)
-
-
 def add_matrix(A: PETSc.Mat, form: dolfinx.fem.Form, unrolled: bool) -> None:
     """Add a bilinear form to a matrix, as it is: no rows are replaced and nothing is communicated.
 

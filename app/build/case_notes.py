@@ -18,7 +18,7 @@ from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import Stage
 from tribox.app.case.time_tables import TimeTable
-from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.closed_forms import steady_traction
 from tribox.forms.friction.film import at_rest, threshold_speed
 from tribox.forms.friction.law import SETTLED
 from tribox.forms.friction.parameters import PRESETS, FrictionMapParameters, Table

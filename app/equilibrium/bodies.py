@@ -8,6 +8,7 @@ added in the same loop (:mod:`tribox.forms.bodies.point_cells`).
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -195,18 +196,45 @@ class Bodies:
                 solid.forms  # what is wrong with an energy is told before anything is solved
         self._placed: dict[int, _Placed] = {}
 
-    def add_forces(self, out: Floats) -> None:
+    def evaluate(self, u: Floats, out: Floats, dt: float | None = math.inf) -> bool:
+        """Put the nodal forces (n,), N per unit thickness, at ``u`` (m) into ``out``.
+
+        Args:
+            u: local unknowns, ghosts included; what the displacement is now stays.
+            out: of the same shape; ghosts get this rank's share.
+            dt: s, time step, infinite where rates do not count; None: forces of bodies that do not
+                flow on, for their elastic stiffness.
+
+        Returns:
+            False where a cell of this rank is turned inside out.
+        """
+        out[:] = 0.0
+        values, before = self._u.x.array, None
+        if u.ctypes.data != values.ctypes.data:
+            before = values.copy()
+            values[:] = u
+        try:
+            valid = [s.evaluate_elastic() if dt is None else s.evaluate(dt) for s in self.solids]
+            return self.add_forces(out) and all(valid)
+        finally:
+            if before is not None:
+                values[:] = before
+
+    def add_forces(self, out: Floats) -> bool:
         """Add the nodal forces (n,), N per unit thickness, of this rank's cells.
 
         Where a material cannot be evaluated they are NaN. Materials that remember must have been
-        evaluated before.
+        evaluated before. Returns False where a cell is turned inside out.
         """
+        u, valid = self._u.x.array, True
         for solid, cells in zip(self.solids, self.cells, strict=True):
             if cells is not None:
-                cells.add(self._u.x.array, out, None)
+                valid &= cells.add(u, out)
             for part in solid.forms if cells is None else ():
                 dolfinx.fem.assemble_vector(out, part.residual)
             solid.add_point_forces(out)
+        # Of forms the logarithm of J ≤ 0 is NaN, and a NaN anywhere makes the sum one.
+        return valid and (None not in self.cells or bool(np.isfinite(out.sum())))
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J per unit thickness; not finite where a cell is inverted."""

@@ -400,7 +400,7 @@ class Equilibrium:
         ]
         return float(max(norms[0], *shares)), scale
 
-    def _gathered(self, add: Callable[[Floats], None]) -> Floats:
+    def _gathered(self, add: Callable[[Floats], object]) -> Floats:
         """What all ranks ``add`` at the owned unknowns; collective."""
         self._work.array[:] = 0.0
         add(self._work.array)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, Partial, Remembers, Snapshot, scattered
 from tribox.app.equilibrium.unknowns import box_of, place_of_largest, place_text
 from tribox.app.explicit.leap_frog import ExplicitState, LeapFrog
-from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.contact.state import ContactTrial
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -147,12 +147,12 @@ class Energies:
         problem: Equilibrium,
         state: ExplicitState,
         mass: Floats,
-        internal: InternalForce,
+        bodies: Bodies,
         forces: LoadForces,
     ) -> None:
         """Begin at a state; ``mass``: (n,), kg per unit thickness, lumped."""
         self.work = self.damped = 0.0
-        self._problem, self._state, self._mass, self._internal = problem, state, mass, internal
+        self._problem, self._state, self._mass, self._bodies = problem, state, mass, bodies
         self.constrain(problem.constrained_dofs(), forces)
         self._before = state.u.array.copy() if forces.loads is not None else None
 
@@ -226,7 +226,7 @@ class Energies:
     def stored(self, trials: Sequence[ContactTrial]) -> float:
         """Strain, interface and kinetic energy, J/m; collective."""
         problem = self._problem
-        local = self._internal.energy(self._state.u.array)
+        local = self._bodies.strain_energy()
         pairs = zip(problem.contacts, trials, strict=True)
         local += sum(term.interface_energy(trial) for term, trial in pairs)
         return float(problem.comm.allreduce(local, op=MPI.SUM)) + self.kinetic()

@@ -21,12 +21,12 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.rigid_tool import RigidTool
 from tribox.app.equilibrium.snapshot import Kept, Nodal, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
-from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.weights import cell_field, element_frequencies, lumped_mass
 from tribox.forms.contact.stiffness import PairStiffness
@@ -204,13 +204,13 @@ class Stiffness:
     def __init__(
         self,
         dynamics: LumpedDynamics,
-        internal: InternalForce,
+        bodies: Bodies,
         u: NodalVector,
         space: dolfinx.fem.FunctionSpace,
         pairs: Sequence[PairStiffness],
     ) -> None:
         """Allocate vectors and find the smallest cell; collective."""
-        self.dynamics, self._internal, self._u, self.pairs = dynamics, internal, u, pairs
+        self.dynamics, self._bodies, self._u, self.pairs = dynamics, bodies, u, pairs
         self._moved, self._force = NodalVector(space), NodalVector(space)
         mesh = space.mesh
         cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
@@ -230,7 +230,7 @@ class Stiffness:
         for sign in (1.0, -1.0):
             self._moved.owned[:] = self._u.owned + sign * h * w
             self._moved.update_ghosts()
-            self._internal.evaluate(self._moved.array, self._force.array, None)
+            self._bodies.evaluate(self._moved.array, self._force.array, None)
             self._force.collect_ghosts()
             out += sign * self._force.owned
         return out / (2.0 * h)

@@ -17,6 +17,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
 from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot, of_bodies, of_contacts
 from tribox.app.equilibrium.supports import bodies_of
@@ -35,7 +36,6 @@ from tribox.app.explicit.stable_step import (
     scaled_mass,
     with_tools,
 )
-from tribox.forms.bodies.internal_force import InternalForce
 from tribox.forms.bodies.materials import oedometric_modulus
 from tribox.forms.contact.explicit import ExplicitContact
 from tribox.forms.contact.explicit_compiled import explicit_contact
@@ -56,7 +56,7 @@ class ExplicitStepper:
         problem: what is solved; its contacts are those of the last committed step; options: how.
         rate_dependent: whether rates count in the contacts' laws.
         state: displacements, velocities, accelerations and the time.
-        internal: the bodies' forces; contacts: the pairs; dynamics: lumped masses and platens.
+        bodies: their forces; contacts: the pairs; dynamics: lumped masses and platens.
         masses: what mass scaling made of them, without the platens' own.
         energies: work and damping; loads: forces from outside at the last whole step.
         load_residuals: of each load (n,), those at nodes last, N per unit thickness, at local
@@ -90,7 +90,7 @@ class ExplicitStepper:
         self._residual = NodalVector(problem.space)
         self.load_residuals = load_residuals(problem)
         compiled = self.options.compiled
-        self.internal = InternalForce(problem.u, problem.solids, compiled)
+        self.bodies = problem.bodies if compiled else Bodies(problem.u, problem.solids, False)
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
         for part in problem.prescribed:
             if part.acts:
@@ -123,8 +123,8 @@ class ExplicitStepper:
             raise self._invalid(0.0)
         problem.trials = trials
         self.loads = self._loads()
-        self.energies = Energies(problem, self.state, dynamics.mass, self.internal, self.loads)
-        stiffness = Stiffness(dynamics, self.internal, self.state.u, problem.space, pairs)
+        self.energies = Energies(problem, self.state, dynamics.mass, self.bodies, self.loads)
+        stiffness = Stiffness(dynamics, self.bodies, self.state.u, problem.space, pairs)
         stable_steps = StableSteps(stiffness, problem.space)
         self._estimate = StepEstimate(stable_steps, options.reestimate_every)
         softer = [bodies_of(problem, term).softer.material for term in problem.contacts]
@@ -252,7 +252,7 @@ class ExplicitStepper:
             # Without rates a step is infinitely long: branches relax, and hardening is that at
             # rest.
             felt = dt if self.rate_dependent else math.inf
-            valid = self.internal.evaluate(state.u.array, residual.array, felt)
+            valid = self.bodies.evaluate(state.u.array, residual.array, felt)
             self.load_residuals = load_residuals(self.problem, self.load_residuals)
             for values in self.load_residuals:
                 residual.array += values

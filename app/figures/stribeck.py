@@ -15,7 +15,7 @@ from tribox.app.figures import style
 from tribox.app.figures.history import spans_decades
 from tribox.app.figures.steady_points import series_numbers
 from tribox.app.figures.style import Floats, Unit
-from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.closed_forms import threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from scipy.stats import t as t_distribution
 
 from tribox.app.errors import InputError
 from tribox.app.fit.data import Floats, TribometerData
-from tribox.forms.closed_forms.homogeneous_sliding import presliding_length
+from tribox.forms.closed_forms import presliding_length
 from tribox.forms.friction.coulomb import CoulombLaw, CoulombParameters
 from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap

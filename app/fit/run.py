@@ -42,7 +42,7 @@ from tribox.app.results.directory import (
     write_table,
     write_text,
 )
-from tribox.forms.closed_forms.homogeneous_sliding import threshold_speed
+from tribox.forms.closed_forms import threshold_speed
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.parameters import FrictionMapParameters
 from tribox.forms.friction.stribeck import StribeckParameters

@@ -18,7 +18,7 @@ from tribox.app.figures.steady_points import broken, film_numbers, mark_bulk, wi
 from tribox.app.figures.style import Floats
 from tribox.app.friction_map.material_tests import Curve, FrictionMapResult, Track
 from tribox.app.friction_map.setup import MapSetup
-from tribox.forms.closed_forms.homogeneous_sliding import steady_traction, threshold_speed
+from tribox.forms.closed_forms import steady_traction, threshold_speed
 
 MARKER_SIZE = 4.0
 # Left margin, over the page's width, of panels whose ticks may have many digits beside two lines of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tribox.app.friction_map.setup import Floats, MapSetup
 from tribox.app.results.directory import write_json, write_table
-from tribox.forms.closed_forms.homogeneous_sliding import (
+from tribox.forms.closed_forms import (
     presliding_length,
     steady_traction,
     threshold_speed,
 )
 from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
-from tribox.forms.friction.law import FrictionLaw, Regime
+from tribox.forms.friction.law import Regime
 
 # -- Material points: a friction law stepped through given slip, pressure and film, without bodies -
 #
@@ -62,85 +62,33 @@ class Track:
     dissipated: Floats  # (n, q), J/m^2 in the step
 
 
-@dataclass(frozen=True, slots=True)
-class Program:
-    """Points that go through the same phases."""
+def follow(law: Any, phases: Sequence[Phase], points: int) -> Track:
+    """Step a law through phases, one after the other, from a state without history.
 
-    phases: Sequence[Phase]  # one after the other
-    points: int  # number q of points; what a phase gives as a number holds for all of them
-
-    def steps(self, value: Callable[[Phase], ArrayLike]) -> Floats:
-        """What each phase says of its points, at each step, (n, q)."""
-        parts = [
-            np.broadcast_to(np.asarray(value(phase), dtype=np.float64), (phase.steps, self.points))
-            for phase in self.phases
-        ]
-        return np.concatenate(parts)
-
-
-def follow(law: FrictionLaw, phases: Sequence[Phase], points: int) -> Track:
-    """Step a law through phases from a state without history; see :func:`follow_all`."""
-    (track,) = follow_all(law, [Program(phases, points)])
-    return track
-
-
-def follow_all(law: Any, programs: Sequence[Program]) -> tuple[Track, ...]:
-    """Step a law through programs, all points of all of them side by side.
-
-    Programs with steps of different length need a law that takes a ``dt`` (q,), as the friction
-    map does. A program that ends before the others has its last step repeated, which nobody sees.
-
-    Each program is from a state without history; all phases are alike in ``rate_dependent``.
-
-    Raises:
-        ValueError: An array of a phase does not fit its points, or the phases are not alike.
+    What a phase gives as a number holds for all points.
     """
-    phases = [phase for program in programs for phase in program.phases]
-    rate_dependent = phases[0].rate_dependent
-    if any(phase.rate_dependent != rate_dependent for phase in phases):
-        raise ValueError("time counts in all phases or in none")
-    dt, speed, pressure, film = (
-        _side_by_side([program.steps(value) for program in programs])
-        for value in (
-            lambda phase: phase.duration / phase.steps,
-            lambda phase: phase.speed,
-            lambda phase: phase.pressure,
-            lambda phase: phase.film,
-        )
-    )
-    state = law.initial_state(dt.shape[1], 1)
+    state = law.initial_state(points, 1)
     columns: list[tuple[NDArray[np.generic], ...]] = []
-    for n in range(len(dt)):
-        step = float(dt[n, 0]) if len(programs) == 1 else dt[n]
-        response = law.update(
-            (speed[n] * step)[:, None], step, pressure[n], film[n], state,
-            rate_dependent=rate_dependent,
-        )  # fmt: skip
-        state = response.state
-        columns.append((
-            speed[n] * step, speed[n], response.traction[:, 0], state.slip_path, state.alpha,
-            law.coefficient(state), response.regime, response.dissipation.total,
-        ))  # fmt: skip
-    table = [np.array(column) for column in zip(*columns, strict=True)]
-    return tuple(_tracks(programs, dt, table))
-
-
-def _side_by_side(parts: Sequence[Floats]) -> Floats:
-    """Tables (n, q) of different length in one, the last row of each repeated to the end."""
-    longest = max(len(part) for part in parts)
-    ends = [np.pad(part, ((0, longest - len(part)), (0, 0)), mode="edge") for part in parts]
-    return np.concatenate(ends, axis=1)
-
-
-def _tracks(programs: Sequence[Program], dt: Floats, table: Sequence[Any]) -> Iterator[Track]:
-    """What the points of each program went through."""
-    first = 0
-    for program in programs:
-        names = tuple(phase.name for phase in program.phases for _ in range(phase.steps))
-        own = slice(0, len(names)), slice(first, first + program.points)
-        slip, *others = (column[own] for column in table)
-        yield Track(names, np.cumsum(dt[own][:, 0]), np.cumsum(slip, axis=0), *others)
-        first += program.points
+    for phase in phases:
+        dt = phase.duration / phase.steps
+        speed, pressure, film = (
+            np.broadcast_to(np.asarray(value, dtype=np.float64), (points,))
+            for value in (phase.speed, phase.pressure, phase.film)
+        )
+        for _ in range(phase.steps):
+            response = law.update(
+                (speed * dt)[:, None], dt, pressure, film, state,
+                rate_dependent=phase.rate_dependent,
+            )  # fmt: skip
+            state = response.state
+            columns.append((
+                speed * dt, speed, response.traction[:, 0], state.slip_path, state.alpha,
+                law.coefficient(state), response.regime, response.dissipation.total,
+            ))  # fmt: skip
+    names = tuple(phase.name for phase in phases for _ in range(phase.steps))
+    time = np.cumsum(np.concatenate([[p.duration / p.steps] * p.steps for p in phases]))
+    slip, *others = (np.array(column) for column in zip(*columns, strict=True))
+    return Track(names, time, np.cumsum(slip, axis=0), *others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,13 +218,12 @@ def compute_map(setup: MapSetup) -> FrictionMapResult:
     fluid = [D for D in setup.films if setup.parameters.D_max <= D]
     tested = (*setup.between, *fluid[:1])
     moved = tested or setup.films[:1]
-    start_stop, jump = follow_all(law, [_start_stop(setup, moved), _velocity_jump(setup, moved)])
     return FrictionMapResult(
         by_film=curves[: len(setup.films)],
         by_load=curves[len(setup.films) :],
         weakening=_weakening(setup, law),
-        start_stop=start_stop,
-        jump=jump,
+        start_stop=follow(law, _start_stop(setup, moved), len(moved)),
+        jump=follow(law, _velocity_jump(setup, moved), len(moved)),
         films=tested,
     )
 
@@ -342,32 +289,30 @@ def _distance(setup: MapSetup) -> float:
     return 3.0 * _build_up(setup) + (0.0 if p.friction.constant else p.A_d + 4.0 / p.B)
 
 
-def _start_stop(setup: MapSetup, films: tuple[float, ...]) -> Program:
+def _start_stop(setup: MapSetup, films: tuple[float, ...]) -> list[Phase]:
     """Below V*: start, rest, start again, reverse."""
     V, _ = _slow_and_fast(setup)
     time = _distance(setup) / V
     D, p = np.array(films), setup.pressure
-    phases = [
+    return [
         Phase("start", time, 120, V, p, D),
         Phase("rest", 0.5 * time, 20, 0.0, p, D),
         Phase("start again", 0.5 * time, 60, V, p, D),
         Phase("rest again", 0.5 * time, 20, 0.0, p, D),
         Phase("reverse", time, 120, -V, p, D),
     ]
-    return Program(phases, len(films))
 
 
-def _velocity_jump(setup: MapSetup, films: tuple[float, ...]) -> Program:
+def _velocity_jump(setup: MapSetup, films: tuple[float, ...]) -> list[Phase]:
     """From below V* to above and back."""
     slow, fast = _slow_and_fast(setup)
     way = _distance(setup)
     D, p = np.array(films), setup.pressure
-    phases = [
+    return [
         Phase("slow", way / slow, 120, slow, p, D),
         Phase("fast", 0.5 * way / fast, 60, fast, p, D),
         Phase("slow again", way / slow, 120, slow, p, D),
     ]
-    return Program(phases, len(films))
 
 
 # -- files ----------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from tribox.app.case.friction import LawTable
 from tribox.app.case.toml_files import apply_override
 from tribox.app.case.validation import format_problem, problems_of
 from tribox.app.errors import InputError
-from tribox.forms.closed_forms.homogeneous_sliding import crossover_speed, threshold_speed
+from tribox.forms.closed_forms import crossover_speed, threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.deformation import centre_rows, rows_at
-from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.meshes.places import centre
@@ -143,7 +142,7 @@ def _numbered(rows: Longs) -> tuple[Longs, Longs]:
     return new[at].reshape(rows.shape), old[order]
 
 
-# -- Deformation at the centre of every cell: volume ratio, stretch and logarithmic strain ---------
+# -- Deformation and stress at the centre of every cell, contact pressure at the nodes -------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,39 +163,29 @@ def strain_of(F: Floats) -> Strain:
     return Strain(np.linalg.det(F), np.sqrt(squares[:, -1]), strain)
 
 
-class CellStrain:
-    """Evaluates the deformation gradient F at the centres of this rank's own cells."""
-
-    def __init__(self, u: dolfinx.fem.Function, section: Section) -> None:
-        space, topology = u.function_space, u.function_space.mesh.topology
-        owned = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
-        self._rows = rows_at(space, section, owned, centre(topology.cell_name()))
-        self._nodes = space.dofmap.list[owned]
-        self._u, self._dim = u, space.mesh.geometry.dim
-
-    def evaluate(self) -> Strain:
-        """The measures at the present displacement."""
-        u = self._u.x.array.reshape(-1, self._dim)
-        return strain_of(self._rows.deformation(u[self._nodes]))
-
-
-# -- What field output is made of: stress in the cells, contact pressure at the nodes --------------
-
-
 @dataclass(frozen=True, slots=True)
-class CellStress:
-    """Cauchy stress in the cells of this rank, and how far the material has flowed there."""
+class CellValues:
+    """What there is to say of the cells of this rank."""
 
-    stress: Floats  # (c, 3, 3), Pa
-    von_mises: Floats  # (c,), Pa
-    pressure: Floats  # (c,), Pa, −tr σ/3
+    stress: Floats  # (c, 3, 3), Pa, Cauchy's
     plastic_strain: Floats  # (c,), equivalent plastic strain
+    strain: Strain
+
+    @property
+    def von_mises(self) -> Floats:
+        """(c,), Pa."""
+        return von_mises(self.stress)
+
+    @property
+    def pressure(self) -> Floats:
+        """(c,), Pa, −tr σ/3."""
+        return mean_pressure(self.stress)
 
 
 class StressField:
-    """Evaluates the Cauchy stress at the centres of this rank's own cells.
+    """Evaluates deformation and Cauchy stress at the centres of this rank's own cells.
 
-    Of bodies that remember, it is that of the last committed step: see
+    Of bodies that remember, the stress is that of the last committed step: see
     :mod:`tribox.forms.bodies.memory_solid` for how it comes from the quadrature points to the
     centre.
 
@@ -205,37 +194,31 @@ class StressField:
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
-        topology = u.function_space.mesh.topology
+        space, topology = u.function_space, u.function_space.mesh.topology
+        self._u, self._dim = u, topology.dim
         self._count = topology.index_map(topology.dim).size_local
-        self._centres = [_CentrePoints(u, solid) for solid in solids]
+        self._parts = []
+        for solid in solids:
+            cells, middle, volumes = solid.cells, centre(solid.cell), None
+            if solid.remembers and solid.reduced:
+                volumes = centre_rows(space, solid.section, cells)
+            rows = rows_at(space, solid.section, cells, middle)
+            nodes, stress = space.dofmap.list[cells], solid.stress_at(cells, middle)
+            self._parts.append((cells, nodes, rows, volumes, stress))
         self.flows = any(solid.flows for solid in solids)
 
-    def evaluate(self) -> CellStress:
-        """The stress at the present displacement."""
-        stress, strain = np.zeros((self._count, 3, 3)), np.zeros(self._count)
-        for part in self._centres:
-            part.put(stress, strain)
-        return CellStress(stress, von_mises(stress), mean_pressure(stress), strain)
-
-
-class _CentrePoints:
-    """The centres of the cells of one body."""
-
-    def __init__(self, u: dolfinx.fem.Function, solid: Solid) -> None:
-        space = u.function_space
-        self._u, self._cells, self._nodes = u, solid.cells, space.dofmap.list[solid.cells]
-        self._values = solid.stress_at(solid.cells, centre(solid.cell))
-        reduced = solid.remembers and solid.reduced
-        self._rows = centre_rows(space, solid.section, solid.cells) if reduced else None
-        self._place = rows_at(space, solid.section, solid.cells, centre(solid.cell))
-
-    def put(self, stress: Floats, strain: Floats) -> None:
-        """Write stress (c, 3, 3), Pa, and equivalent plastic strain (c,) of the body's cells."""
-        u = self._u.x.array.reshape(-1, self._u.function_space.dofmap.index_map_bs)[self._nodes]
-        volumetric = None if self._rows is None else self._rows.deformation(u)
-        stress[self._cells] = self._values.cauchy(self._place.deformation(u), volumetric)
-        if (flowed := self._values.plastic_strain()) is not None:
-            strain[self._cells] = flowed
+    def evaluate(self) -> CellValues:
+        """What there is at the present displacement."""
+        F = np.tile(np.eye(3), (self._count, 1, 1))
+        stress, flow = np.zeros_like(F), np.zeros(self._count)
+        nodal = self._u.x.array.reshape(-1, self._dim)
+        for cells, nodes, rows, volumes, of_body in self._parts:
+            F[cells] = rows.deformation(nodal[nodes])
+            volumetric = None if volumes is None else volumes.deformation(nodal[nodes])
+            stress[cells] = of_body.cauchy(F[cells], volumetric)
+            if (flowed := of_body.plastic_strain()) is not None:
+                flow[cells] = flowed
+        return CellValues(stress, flow, strain_of(F))
 
 
 class ContactPressureField:

@@ -24,7 +24,7 @@ from tribox.app.results.contact_points import (
     slave_facets,
 )
 from tribox.app.results.directory import Place, write_text
-from tribox.app.results.fields import CellStrain, ContactPressureField, GatheredMesh, StressField
+from tribox.app.results.fields import ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
 from tribox.app.results.vtu import Array, Cells, Packed, pack, with_three_components, write_vtu
 from tribox.forms.bodies.point_stress import triaxiality
@@ -289,7 +289,6 @@ class FieldSeries:
         self._u, self._comm, self._dim = u, space.mesh.comm, space.mesh.geometry.dim
         self._owned = space.dofmap.index_map.size_local
         self._stress = StressField(u, solids)
-        self._strain = CellStrain(u, solids[0].section)
         self._contact = ContactPressureField(u, surfaces) if surfaces else None
         self._mesh = GatheredMesh(space)
         topology = space.mesh.topology
@@ -333,7 +332,8 @@ class FieldSeries:
         In single precision, 7 digits, but for what is near 1 and of interest for its difference
         from 1.
         """
-        found, strain = self._stress.evaluate(), self._strain.evaluate()
+        found = self._stress.evaluate()
+        strain = found.strain
         out: dict[str, Floats | Singles] = {
             "cauchy_stress": _single(found.stress),
             "von_mises_stress": _single(found.von_mises),

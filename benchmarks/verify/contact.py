@@ -22,7 +22,7 @@ from tribox.app.results.contact_points import contact_arrays
 from tribox.app.results.point_probes import PointProbes
 from tribox.app.simulation.history import Row
 from tribox.forms.bodies.materials import young_and_poisson
-from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity
+from tribox.forms.closed_forms import effective_viscosity
 from tribox.forms.friction.law import Regime
 
 Reals = NDArray[np.floating[Any]]

@@ -162,10 +162,10 @@ class CompiledCells:
         kernel = _kernel(self._solid.section, self._material, part)
         return PointCells(self._solid.section, cells, Moduli(kernel))
 
-    def add(self, u: Floats, out: Floats, dt: float | None) -> bool:
-        """See :meth:`tribox.forms.bodies.internal_force.BodyForce.add`.
+    def add(self, u: Floats, out: Floats) -> bool:
+        """Add the nodal forces at the displacements ``u`` to ``out``; False: a cell is inverted.
 
-        Forces of a cell that is turned inside out are NaN where the forms' would be.
+        Its forces are NaN where the forms' would be.
         """
         if self._first_order is not None:
             return self._first_order.call(u, out, None)

@@ -309,11 +309,8 @@ class Solid:
 
     def strain_energy(self) -> float:
         """This rank's strain energy, J; in plane strain per unit thickness, J/m."""
-        return self.form_energy() + self.point_energy()
-
-    def form_energy(self) -> float:
-        """The part of it that the forms give."""
-        return float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))
+        of_forms = float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))
+        return of_forms + self.point_energy()
 
     def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:
         """What gives the Cauchy stress at points of owned cells, in numpy.

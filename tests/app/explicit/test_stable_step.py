@@ -116,7 +116,7 @@ def test_what_opens_and_closes_needs_a_shorter_step(pair):
         while one.time < 30.0:
             one.advance(0.95 * (found.limit if share == "reported" else found.penalty))
         term = problem.contacts[0]
-        stored = one.internal.energy(problem.u.x.array) + term.interface_energy(problem.trials[0])
+        stored = one.bodies.strain_energy() + term.interface_energy(problem.trials[0])
         energies[share] = (stored + one.kinetic_energy() + one.energies.damped) / start
     # At the very limit closing springs lose some more than the dashpots take; nothing is made.
     assert 0.85 < energies["reported"] < 1.0
@@ -161,7 +161,7 @@ def test_an_inverted_element_ends_the_run_with_place_and_time(pair, compiled):
     assert error.value.time == pytest.approx(one.time + (1e-3 if compiled else 0.0))
     if compiled:  # what is left is the state before, and the contact is that of its places
         u, [trial] = problem.u.x.array, problem.committed
-        assert one.internal.evaluate(u, np.zeros_like(u))
+        assert one.bodies.evaluate(u, np.zeros_like(u))
         surface = problem.contacts[0].surface
         slave = surface.gather(one.x)[surface.slave_rows]
         points = problem.contacts[0].surface.slave_positions(slave)

@@ -58,7 +58,7 @@ def stored(stepper):
     """Strain, interface and kinetic energy."""
     problem = stepper.problem
     pairs = zip(problem.contacts, problem.trials, strict=True)
-    at_rest = stepper.internal.energy(problem.u.x.array)
+    at_rest = stepper.bodies.strain_energy()
     at_rest += sum(term.interface_energy(trial) for term, trial in pairs)
     return at_rest + stepper.kinetic_energy()
 

@@ -15,7 +15,7 @@ from tribox.app.fit.material_data import read_material
 from tribox.app.fit.model import RANGES, coordinates, friction
 from tribox.app.fit.run import report, run_fit
 from tribox.app.fit.setup import fit_setup
-from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.closed_forms import steady_traction
 from tribox.forms.friction.coulomb import CoulombParameters
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.parameters import FrictionMapParameters, with_preset

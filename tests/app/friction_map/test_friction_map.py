@@ -24,7 +24,7 @@ from tribox.app.friction_map.line_contact import (
 from tribox.app.friction_map.material_tests import Phase, compute_map, follow, slide_at_speeds
 from tribox.app.friction_map.setup import law_notes, map_setup
 from tribox.app.results.directory import check_free
-from tribox.forms.closed_forms.homogeneous_sliding import effective_viscosity, threshold_speed
+from tribox.forms.closed_forms import effective_viscosity, threshold_speed
 from tribox.forms.film.roughness import Exponential, RoughGap
 from tribox.forms.friction.film_rheology import FilmRheology
 from tribox.forms.friction.friction_map import FrictionMap

@@ -12,7 +12,7 @@ from tests.contact_boxes import Scene
 from tests.flowing import soft_block
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.results.fields import CellStress, ContactPressureField, StressField
+from tribox.app.results.fields import CellValues, ContactPressureField, StressField
 from tribox.app.results.output_files import FieldSeries
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
@@ -25,7 +25,7 @@ from tribox.forms.friction.coulomb import FrictionlessLaw
 E, NU = 3.0e6, 0.4
 
 
-def stretched(gradient: np.ndarray, material: object) -> CellStress:
+def stretched(gradient: np.ndarray, material: object) -> CellValues:
     """Stress of a square under the displacement gradient (2, 2)."""
     mesh = grid("quadrilateral", (2, 2))
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))

@@ -12,7 +12,7 @@ from tribox.app.case.case import Case
 from tribox.app.case.reading import load_case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
-from tribox.forms.closed_forms.homogeneous_sliding import (
+from tribox.forms.closed_forms import (
     effective_viscosity,
     film_fraction,
     threshold_speed,

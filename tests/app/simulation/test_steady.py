@@ -12,7 +12,7 @@ from tribox.app.case.case import Case
 from tribox.app.simulation.run_state import Observer
 from tribox.app.simulation.simulation import Simulation
 from tribox.app.simulation.steady import SlidWay
-from tribox.forms.closed_forms.homogeneous_sliding import steady_traction
+from tribox.forms.closed_forms import steady_traction
 from tribox.forms.friction.return_mapping import SlipWeakening
 
 STIFFNESS = 2e6  # N/m, of the bodies in shear

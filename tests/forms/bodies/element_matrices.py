@@ -52,7 +52,7 @@ def no_number_in_an_inverted_cell(u, solid, corner):
     last = dim * int(np.argmax(u.function_space.tabulate_dof_coordinates().sum(axis=1)))
     u.x.array[last : last + dim] = corner
     cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
-    assert not cells.add(u.x.array, mine, None)
+    assert not cells.add(u.x.array, mine)
     assert cells.energy(u.x.array) == np.inf
     for part in solid.forms:
         dolfinx.fem.assemble_vector(theirs, part.residual)
@@ -61,4 +61,4 @@ def no_number_in_an_inverted_cell(u, solid, corner):
     finite = np.isfinite(dense([part.tangent for part in solid.forms])).all()
     assert np.isfinite(summed(u, cells.loops)).all() == finite
     u.x.array[last] = np.nan
-    assert not cells.add(u.x.array, mine, None)
+    assert not cells.add(u.x.array, mine)

@@ -11,8 +11,8 @@ from mpi4py import MPI
 import tribox.forms.native
 import tribox.geometry.native.compiler
 from tests.grid import coordinate_element, grid
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.forms.bodies.compiled_cells import CompiledCells
-from tribox.forms.bodies.internal_force import GeneratedForce, InternalForce
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.native.compiler import KernelError
@@ -99,23 +99,22 @@ def test_the_energy_of_tiny_strains_keeps_its_digits(name):
     G, K = material.shear_modulus, material.bulk_modulus
     density = G * (strain**2).sum() + 0.5 * (K - 2.0 / 3.0 * G) * np.trace(strain) ** 2
     area = dolfinx.fem.assemble_scalar(dolfinx.fem.form(1.0 * ufl.dx(u.function_space.mesh)))
-    assert InternalForce(u, [solid]).energy(u.x.array) == pytest.approx(area * density, rel=1e-8)
+    assert Bodies(u, [solid]).strain_energy() == pytest.approx(area * density, rel=1e-8)
 
 
 def same_forces(u, solid, size):
     """Compare forces and energy of both ways."""
     stretched(u, size)
-    fast, slow = InternalForce(u, [solid]), InternalForce(u, [solid], compiled=False)
-    assert fast.compiled and isinstance(fast.parts[0], CompiledCells)
-    assert not slow.compiled and isinstance(slow.parts[0], GeneratedForce)
+    fast, slow = Bodies(u, [solid]), Bodies(u, [solid], compiled=False)
+    assert isinstance(fast.cells[0], CompiledCells) and slow.cells == [None]
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert fast.evaluate(u.x.array, mine) and slow.evaluate(u.x.array, theirs)
     largest = np.abs(theirs).max()
     # F = 1 + O(size): what rounds F is an error of the stress of 1e-16/size.
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=4e-16 / min(size, 0.1) * largest * 20)
-    energy = slow.energy(u.x.array)
+    energy = slow.strain_energy()
     assert energy > 0.0
-    assert fast.energy(u.x.array) == pytest.approx(energy, rel=1e-13, abs=1e-14)
+    assert fast.strain_energy() == pytest.approx(energy, rel=1e-13, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", MATERIALS)
@@ -126,10 +125,10 @@ def test_large_strains(name):
     for gradient in ([[2.0, 0.4], [0.1, 0.5]], [[-0.7, 0.0], [0.2, -0.5]]):
         u.x.array[:] = (where @ np.array(gradient).T).reshape(-1)
         mine, theirs = np.zeros_like(u.x.array), np.zeros_like(u.x.array)
-        InternalForce(u, [solid]).evaluate(u.x.array, mine)
-        InternalForce(u, [solid], compiled=False).evaluate(u.x.array, theirs)
+        Bodies(u, [solid]).evaluate(u.x.array, mine)
+        Bodies(u, [solid], compiled=False).evaluate(u.x.array, theirs)
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * np.abs(theirs).max())
-        assert InternalForce(u, [solid]).energy(u.x.array) == pytest.approx(solid.strain_energy())
+        assert Bodies(u, [solid]).strain_energy() == pytest.approx(solid.strain_energy())
 
 
 def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):
@@ -141,7 +140,7 @@ def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):
     try:
         u, solid = body("quadrilateral", MATERIALS["hencky"], "q1-sri")
         with pytest.raises(KernelError, match=r"plane_kernel.c .*no C compiler on the PATH"):
-            InternalForce(u, [solid])
+            Bodies(u, [solid])
     finally:
         tribox.forms.native.library.cache_clear()
 

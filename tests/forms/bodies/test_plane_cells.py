@@ -80,7 +80,7 @@ def test_a_rank_without_cells_of_a_body(section, cell, formulation):
     u, _ = body(cell, material, formulation, section=section)
     cells = cells_of(u, Solid("none", u, none, material, formulation, section=section))
     force = np.zeros_like(u.x.array)
-    assert cells.add(u.x.array, force, None) and not force.any()
+    assert cells.add(u.x.array, force) and not force.any()
     assert cells.energy(u.x.array) == 0.0 and not summed(u, cells.loops).any()
 
 
@@ -102,7 +102,7 @@ def test_a_disc_that_is_pressed(name):
     density = by_hand(name, stretch[0], stretch[1], stretch[0])
     assert energy(stretch) == pytest.approx(np.pi * 0.7 * density, rel=1e-12)
     forces = np.zeros_like(u.x.array)
-    assert cells.add(u.x.array, forces, None)
+    assert cells.add(u.x.array, forces)
     for axis in (0, 1):
         change = 1e-5 * np.eye(2)[axis]
         slope = (energy(stretch + change) - energy(stretch - change)) / 2e-5

@@ -13,7 +13,7 @@ from tests.forms.bodies.element_matrices import (
     summed,
 )
 from tests.grid import coordinate_element, grid
-from tribox.forms.bodies.internal_force import GeneratedForce
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
@@ -83,15 +83,15 @@ def deform(u, size, turned=False):
 
 def compare(u, solid):
     """Forces, energy and tangent of the loop and of the forms."""
-    cells, slow = cells_of(u, solid), GeneratedForce(solid, u)
+    cells, slow = cells_of(u, solid), Bodies(u, [solid], compiled=False)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
-    assert cells.add(u.x.array, mine, None) and slow.add(u.x.array, theirs, None)
+    assert cells.add(u.x.array, mine) and slow.add_forces(theirs)
     stiffness = dense([part.tangent for part in solid.forms])
     # What rounds F is an error of the stress of the modulus times 1e-16.
     rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
     largest = np.abs(theirs - 1.0).max()
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(1e-12 * largest, rounding))
-    energy = slow.energy(u.x.array)
+    energy = slow.strain_energy()
     assert cells.energy(u.x.array) == pytest.approx(energy, rel=1e-12, abs=rounding)
     found = summed(u, cells.loops)
     np.testing.assert_allclose(found, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
@@ -125,11 +125,11 @@ def test_second_order_by_differences(material, cell):
     for sign in (1.0, -1.0):
         u.x.array[:] = at + sign * step * along
         force = np.zeros_like(at)
-        assert cells.add(u.x.array, force, None)
+        assert cells.add(u.x.array, force)
         ends.append((cells.energy(u.x.array), force))
     energy, forces = ((one - other) / (2.0 * step) for one, other in zip(*ends, strict=True))
     force = np.zeros_like(at)
-    cells.add(at, force, None)
+    cells.add(at, force)
     assert force @ along == pytest.approx(energy, rel=1e-7)
     np.testing.assert_allclose(found @ along, forces, rtol=0, atol=1e-6 * np.abs(forces).max())
     np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(found).max())
