@@ -159,10 +159,7 @@ class RunState(Remembers):
         self.motion.add(at, motion, outside, self.resultants)
         self.tools.add(at, motion, outside, self.resultants)
         self._add_to_way(row)
-        self.speed = row.velocity
-        if not stage.is_driven:
-            fastest = max(self.motion.fastest(velocity), self.tools.fastest())
-            self.speed = fastest if fastest * dt > STILL * self.motion.extent else 0.0
+        self.speed = row.velocity if stage.is_driven else self._fastest(velocity, dt)
         return row
 
     def _loose_resultants(self) -> list[ContactResultants]:
@@ -186,6 +183,11 @@ class RunState(Remembers):
         if load_step.stage.ramp <= 0.0:
             return length * load_step.velocity
         return length * (self.driven - driven) / (self.time - time)
+
+    def _fastest(self, velocity: Floats, dt: float) -> float:
+        """Speed, m/s, of the fastest support, platen or tool; 0 of those that do not move."""
+        fastest = max(self.motion.fastest(velocity), self.tools.fastest())
+        return fastest if fastest * dt > STILL * self.motion.extent else 0.0
 
     def _add_to_way(self, row: Row) -> None:
         problem = self.model.problem

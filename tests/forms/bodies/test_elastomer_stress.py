@@ -109,7 +109,7 @@ def test_tangent_is_the_derivative_of_the_forces(section, formulation, name):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
         np.testing.assert_allclose(tangent, tangent.T, rtol=0, atol=1e-12 * np.abs(tangent).max())
         loops, own = compiled_cells(cell.u.function_space, cell.solid), np.zeros_like(at)
-        assert loops is not None and loops.add(at, own, None)
+        assert loops is not None and loops.add(at, own)
         scale = 1e-12 * np.abs(tangent).max()
         forms = sum(dolfinx.fem.assemble_vector(p.residual).array for p in cell.solid.forms)
         np.testing.assert_allclose(own, forms, rtol=0, atol=scale)
