@@ -215,7 +215,7 @@ class ImplicitStepper:
             held = sure and not weak.floating(largest)
             if not self._may_float(largest) or held or weak.is_loaded(largest):
                 return iterations, reason, 0.0
-        more, reason, share = self._sprung(step, largest, trials)
+        more, reason, share = self._sprung(step, largest, trials, found=reason > 0)
         return iterations + more, reason, share
 
     def _unpressed(self, step: StepMode) -> tuple[int, int, float]:
@@ -289,10 +289,14 @@ class ImplicitStepper:
         largest: float,
         trials: Sequence[ContactTrial],
         forces: Floats | None = None,
+        found: bool = False,
     ) -> tuple[int, int, float]:
         """Solve a step with weak springs, see :meth:`_solve`; ``trials`` show what floats.
 
-        ``forces`` (b,), N, that the springs of each body are a share of; None: of ``largest``.
+        Args:
+            step, largest, trials: see there.
+            forces: (b,), N, that the springs of each body are a share of; None: of ``largest``.
+            found: whether the trial is the solution without them, from which theirs is near.
         """
         problem, newton = self.problem, self.newton
         of_bodies = np.full(len(self._weak.bodies), largest) if forces is None else forces
@@ -300,7 +304,10 @@ class ImplicitStepper:
         idle = self._weak.idle_pairs(largest, trials)
         if trials is not problem.committed:  # where an attempt has failed it may have lost some
             idle &= self._weak.idle_pairs(largest, problem.committed)
-        iterations, reason = self._tried(step.held(springs), True, idle)
+        iterations, reason = newton.solve(step.held(springs)) if found else (0, 0)
+        if reason <= 0 or problem.held_weakly() > SHARE * largest:
+            more, reason = self._tried(step.held(springs), True, idle)
+            iterations += more
         if reason > 0:
             newton.evaluate(step.held(springs))
         self._trial_floating = tuple(self._weak.floating(largest))
