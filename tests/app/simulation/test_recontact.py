@@ -137,6 +137,17 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     assert max(abs(row.drag - row.tangential_force) for row in rows) > 2e-3
 
 
+@pytest.mark.long
+def test_block_is_dragged_over_a_ridge_by_much_friction(block, tmp_path):
+    """Where the elements of the slave bend at the kinks, its normals lead it over smoothly."""
+    run, cuts = over_the_edges(block, tmp_path, 15.0, 0.5, 28)
+    assert cuts <= 6 and sum(row.newton_iterations for row in run.rows) <= 400
+    # In the end all points slide forwards, and the friction of all has one direction with the
+    # load's: T is mu times the load to the last digit.
+    assert run.rows[-1].stick_fraction == 0.0
+    assert run.rows[-1].tangential_force == pytest.approx(0.5 * load_of(run), rel=1e-6)
+
+
 # -- what the slip of points that come into contact is measured from -------------------------------
 
 
