@@ -129,6 +129,7 @@ class Newton(Remembers):
         on_path: whether the start continues the path of the last steps.
         inside: what is known of steps that were found from inside.
         turn: lets bodies that float turn by a step.
+        spun: which tools have turned too far for their slip to be known.
         snes: PETSc's solver.
     """
 
@@ -151,6 +152,7 @@ class Newton(Remembers):
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
         self.turn: Callable[[PETSc.Vec, PETSc.Vec], bool] = lambda x, y: False
+        self.spun: Callable[[PETSc.Vec], tuple[str, ...]] = lambda x: ()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
         self._patience = Patience()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
@@ -450,11 +452,12 @@ class Newton(Remembers):
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         # Numbers that are not finite, or far away, come from an inverted element or a singular
         # matrix. SNES sees a norm that is none: the line search cuts, or the step fails.
-        if self.problem.rounding.is_within_reach(x):
-            self.problem.residual(snes, x, f, self._step)
-        else:
-            self.strayed = True
+        strays = not self.problem.rounding.is_within_reach(x)
+        self.strayed |= strays
+        if strays or self.spun(x):
             f.set(np.nan)
+        else:
+            self.problem.residual(snes, x, f, self._step)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         if not self._reuse():

@@ -37,6 +37,9 @@ from tribox.geometry.surfaces.facets import Floats
 
 UNAIDED = 4.0  # contact force over that of weak springs, from which on others press
 CARRIED = 0.01  # penalty scale of contacts that carry a body by next to no force
+# rad, turn of a tool in a step up to which slip is known from its ends: just below that from which
+# on two places show a corner (pair_tangent.h)
+ROUND = 0.9
 HELD_BACK = 0.05  # share of a contact's friction that a law may leave out in a driven step
 
 __all__ = ["ImplicitOptions", "ImplicitStepper", "NotConvergedError", "StepResult"]
@@ -66,6 +69,7 @@ class StepResult:
         unbalanced: contacts whose film had no solution at the state evaluated last.
         effort: of linear solves by iterations so far.
         relaxed: whether metal was relaxed (:mod:`tribox.app.implicit.relaxation`).
+        spun: tools that went round by more than slip is told apart by, and that nothing turns so.
         adrift: whether a load moves the floating bodies away, as it would in a shorter step.
     """
 
@@ -82,6 +86,7 @@ class StepResult:
     unbalanced: tuple[int, ...] = ()
     effort: Effort = NO_EFFORT
     relaxed: bool = False
+    spun: tuple[str, ...] = ()
     adrift: bool = False
 
 
@@ -104,6 +109,7 @@ class ImplicitStepper:
         self.solver = LinearSolver(problem, self.x)
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
+        self.newton.spun = self._spun
         self._find_loose_bodies()
         self._carried = 0.0  # N (N/m), of weak springs that alone pressed in the last solution
         self._relaxed = False  # whether springs that give way found the last solution
@@ -140,7 +146,8 @@ class ImplicitStepper:
         step = StepMode.of_stage(dt, problem.contacts, self.rate_dependent)
         assembled, newton.strayed = self.solver.assembled, False
         iterations, reason, holding = self._solve(step)
-        if reason > 0 and not problem.is_held_slightly():
+        spun = self._spun(self.trial)
+        if reason > 0 and (spun or not problem.is_held_slightly()):
             reason = PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH
         films = [trial.normal_contact.lubrication for trial in self.problem.trials]
         return StepResult(
@@ -163,8 +170,20 @@ class ImplicitStepper:
             ),
             effort=self.solver.effort,
             relaxed=self._relaxed,
+            spun=spun,
             adrift=bool(self._adrift),
         )
+
+    def _spun(self, at: PETSc.Vec) -> tuple[str, ...]:
+        """Tools that turn freely, and farther in the step to ``at`` than slip is known; collective.
+
+        The rim comes back to a place with each whole turn, and the step is solved by all of them.
+        """
+        free = [tool for tool in self.problem.tools if tool.free[-1]]
+        moved = at.array_r - self.x.array_r if free else np.empty(0)
+        comm = self.problem.comm
+        turns = [abs(tool.at(moved, comm)[-1]) / tool.motion.length for tool in free]
+        return tuple(tool.name for tool, turn in zip(free, turns, strict=True) if turn > ROUND)
 
     def _is_too_long(self) -> bool:
         """Whether a law leaves out traction that the drive of the bodies brings back; collective.

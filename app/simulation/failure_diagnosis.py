@@ -19,7 +19,7 @@ from tribox.app.equilibrium.supports import Loose
 from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import KINKED
-from tribox.app.implicit.stepper import StepResult
+from tribox.app.implicit.stepper import ROUND, StepResult
 from tribox.app.simulation.contact_resultants import ContactResultants
 from tribox.app.simulation.pair_bodies import (
     Hold,
@@ -90,6 +90,9 @@ def reason_of(result: StepResult) -> str:
         return f"no support and no contact holds body {bodies} any more, and something moves it"
     if result.too_long:
         return "points slow down through V* and are driven on in it"
+    if result.spun:
+        tools = " and ".join(result.spun)
+        return f"tool {tools} turns by more than {ROUND:g} rad, up to which slip is known"
     if result.unbalanced:
         pairs = " and ".join(f"contact.{index}" for index in result.unbalanced)
         return f"the mass balance of the film of {pairs} has no solution that is found"
@@ -357,23 +360,34 @@ def _of_pull(
 
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
     """Friction at its limit under a force along the surface: nothing balances a larger one."""
-    for one in (one for one in loose if not one.turns):
+    for one in loose:
         hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
         if not _slides_away(one, hold, load) or has_spring(problem, one):
             continue
         if hold.wet and any(mode.rate_dependent for mode in problem.evaluated.modes):
             continue  # a film holds any force, at some speed
-        axis, force = COMPONENTS[one.component], float(np.linalg.norm(hold.friction))
+        size, force = abs(load) * thickness, float(np.linalg.norm(hold.friction))
+        if one.turns:
+            (arm,) = (tool.motion.length for tool in problem.tools if tool.name == one.body)
+            drives, instead = (
+                f"moment of {arm * size:.4g} N m turns",
+                "an angle instead of the moment",
+            )
+        else:
+            axis = COMPONENTS[one.component]
+            drives = f"force of {size:.4g} N in {axis} drives"
+            instead = (
+                f"a prescribed displacement in {axis} instead of the force, or a spring that holds "
+                f'it ([[boundary]] spring with direction = "{axis}")'
+            )
         rates = ", or rate_dependent = true: a film holds any force, at some speed"
         yield (
             " and ".join(f"contact.{index}" for index in hold.contacts)
-            + f": no equilibrium: T has reached mu N everywhere: a force of "
-            f"{abs(load) * thickness:.4g} N in {axis} drives {one.name} now, and friction, which "
-            f"alone holds it there, was {force * thickness:.4g} N of mu N = "
+            + f": no equilibrium: T has reached mu N everywhere: a {drives} {one.name} now, and "
+            f"friction, which alone holds it there, was {force * thickness:.4g} N of mu N = "
             f"{hold.limit * thickness:.4g} N at the last solved step",
-            f"a prescribed displacement in {axis} instead of the force, or a spring that holds it "
-            f'([[boundary]] spring with direction = "{axis}"), or a smaller force, or more normal '
-            f"force or friction{rates if hold.wet else ''}",
+            f"{instead}, or less of it, or more normal force or friction"
+            + (rates if hold.wet else ""),
         )
 
 
@@ -435,6 +449,8 @@ def _of_rounding(problem: Equilibrium, result: StepResult) -> Findings:
 def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
     """Whether a load drives a body along its contacts, and all of their friction is used up."""
     friction = np.linalg.norm(hold.friction)
+    if one.turns:
+        return bool(load != 0.0 and friction > AT_LIMIT * hold.limit > 0.0)
     along = abs(float(hold.friction[one.component]))
     pushed = along > abs(float(hold.pressure[one.component])) and along > ALONG * friction
     used = max(float(friction), abs(load))

@@ -218,6 +218,9 @@ class RunState(Remembers):
 # -- Where a run stands between two steps: what its loops need to go on from there -----------------
 
 
+CALM = 3  # steps in shorter pieces after which longer ones are tried, easy or not
+
+
 @dataclass(slots=True)
 class Position:
     """Which load step a run is in, and how far."""
@@ -230,6 +233,7 @@ class Position:
     row: int = 0  # number of its first row, from 0
     done: float = 0.0  # share of the present implicit step that is made, above 0 if it has been cut
     piece: float = 1.0  # share that is tried next
+    calm: int = 0  # steps since an attempt failed, or since pieces last became longer
     failures: int = 0  # attempts at it that did not converge
     wasted: int = 0  # their iterations
     step_time: float = 0.0  # s, at the step's start
@@ -243,12 +247,19 @@ class Position:
             return False
         self.begun, self.count, self.elapsed, self.within = True, 0, 0.0, 0
         self.time, self.driven, self.row, self.done = time, driven, row, 0.0
+        self.piece = 1.0
         return True
 
     def begin_step(self, time: float, driven: float) -> None:
-        """Begin an implicit step here, unless a part of it is made or has been tried."""
+        """Begin an implicit step here, unless a part of it is made or has been tried.
+
+        After one that was cut it is made in pieces as long: what failed there mostly fails again.
+        """
         if self.done == 0.0 and not self.failures:
-            self.piece, self.step_time, self.step_driven = 1.0, time, driven
+            self.step_time, self.step_driven, self.calm = time, driven, self.calm + 1
+            if self.calm > CALM:
+                self.piece, self.calm = 2.0 * self.piece, 0
+            self.piece = min(self.piece, 1.0)
 
     def try_again(self) -> None:
         """Forget the attempts at the rest of the present implicit step, which was given up."""

@@ -98,7 +98,7 @@ class ImplicitStage:
                 result = replace(result, converged=False)
             observer.attempt(state, load_step, dt, result)
             if not result.converged:
-                at.failures += 1
+                at.failures, at.calm = at.failures + 1, 0
                 at.wasted += result.iterations
                 at.piece = half
                 if self._is_hopeless(result) or at.piece < self.model.case.solver.min_step_fraction:

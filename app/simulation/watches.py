@@ -18,7 +18,7 @@ from tribox.app.build.model import Model
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
 from tribox.app.implicit.factor import Effort
-from tribox.app.implicit.stepper import StepResult
+from tribox.app.implicit.stepper import ROUND, StepResult
 from tribox.app.simulation.contact_warnings import ContactWarnings
 from tribox.app.simulation.energy_balance import SampledForces
 from tribox.app.simulation.failure_diagnosis import most_squeezed
@@ -251,9 +251,6 @@ class LinearWatch:
 
 # -- Tools that turn far in one step ---------------------------------------------------------------
 
-# rad of a step, just below that from which on two places show a corner (pair_tangent.h)
-FAR_ROUND = 0.9
-
 
 class TurnWatch(Remembers):
     """Steps in which tools that press turn too far for the slip that is found from two places."""
@@ -275,7 +272,7 @@ class TurnWatch(Remembers):
         problem.comm.Allreduce(np.array(mine), angles)
         turned, self._angles = np.abs(angles - self._angles), angles
         for tool, turn in zip(tools, turned, strict=True):
-            most, _ = self._found.get(tool.name, (FAR_ROUND, ""))
+            most, _ = self._found.get(tool.name, (ROUND, ""))
             implicit = isinstance(result, StepResult)
             if implicit and turn > 1.001 * most and self._presses(tool.surface):
                 self._found[tool.name] = float(turn), row.when
@@ -291,7 +288,7 @@ class TurnWatch(Remembers):
         for name, (turn, when) in self._found.items():
             yield (
                 f"tool {name} turns by {turn:.3g} rad in one step ({when}): the slip of its rim is "
-                f"measured for turns of up to {FAR_ROUND:g} rad, by 16 % too short at 1 rad, 34 % "
+                f"measured for turns of up to {ROUND:g} rad, by 16 % too short at 1 rad, 34 % "
                 "at 1.5, and friction is wrong beyond 3 (steps, slip_step)"
             )
 

@@ -170,7 +170,7 @@ HOPELESS = {
      "try a prescribed displacement in x instead of the force, or a spring that holds it"),
     tilted: ("tilt",
      "contact.0: no equilibrium: T has reached mu N everywhere: a force of 0.31 N in x drives "
-     "body b now", "or a smaller force, or more normal force or friction"),
+     "body b now", "or less of it, or more normal force or friction"),
     pushed_on_a_film: ("slide", "contact.0: no equilibrium: T has reached mu N everywhere",
      "or rate_dependent = true: a film holds any force, at some speed"),
     overrun: ("slide",
