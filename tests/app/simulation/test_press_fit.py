@@ -199,6 +199,7 @@ def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):
         ("bore", 10e-6, 5e-6, "of which chords take 16 %"),
         ("outside", 10e-6, 0.0, "to which chords add 24 %"),
         ("bore", 100e-6, 0.0, None),
+        ("bore", 0.0, 0.0, "fit but for 0 m, of which chords take 1.6e-06 m"),
     ],
 )
 def test_chords_that_change_a_clearance_are_noted(tmp_path, slave, clearance, aside, said):
