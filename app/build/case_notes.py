@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from tribox.app.case.friction import LawTable
 from tribox.app.case.generators import BlocksGeometry
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import Stage
+from tribox.app.case.table import Model
 from tribox.app.case.time_tables import TimeTable
 from tribox.forms.closed_forms import steady_traction
 from tribox.forms.friction.film import at_rest, threshold_speed
@@ -57,11 +58,41 @@ def notes_on(case: Case) -> list[str]:
         for index, boundary in enumerate(case.boundary)
         if boundary.pressure is not None and boundary.surface in touching
     ]
+    notes += _notes_on_programs(case)
     return notes + [
         f"contact.{index}: {note}"
         for index, contact in enumerate(case.contact)
         for note in _notes_on_contact(case, contact)
     ]
+
+
+def _notes_on_programs(case: Case) -> Iterator[str]:
+    """Programs that the run leaves before their end, where the stages have their times."""
+    if any(stage.duration is None for stage in case.stage):
+        return
+    end = sum(stage.duration or 0.0 for stage in case.stage)
+    for key, table in _programs(case, ""):
+        reached, last = table(end), table.values[-1]
+        if table.times[-1] > end * (1.0 + 1e-9) and reached != last:
+            yield (
+                f"{key}: goes on to {last:g} at {table.times[-1]:g} s, but the stages end at "
+                f"{end:g} s, where it is {reached:g}"
+            )
+
+
+def _programs(value: object, key: str) -> Iterator[tuple[str, TimeTable]]:
+    """All programs of time below a key of the case."""
+    parts: Iterable[tuple[object, object]] = ()
+    if isinstance(value, TimeTable):
+        yield key, value
+    elif isinstance(value, Model):
+        parts = ((name, getattr(value, name)) for name in type(value).model_fields)
+    elif isinstance(value, Mapping):
+        parts = value.items()
+    elif isinstance(value, tuple):
+        parts = enumerate(value)
+    for name, part in parts:
+        yield from _programs(part, f"{key}.{name}" if key else str(name))
 
 
 def _pressures(boundary: Boundary) -> Iterator[tuple[str, TimeTable]]:

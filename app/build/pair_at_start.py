@@ -25,6 +25,7 @@ from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
+EXACT = 100.0  # what chords change over the clearance from which on there is none
 OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
 CHORDED = 0.05  # what chords take of a clearance, over it, from which they are told of
 WAVED_FIT = 0.2  # height of a master's chords over interference that sliding over them is felt from
@@ -434,10 +435,13 @@ class PairAtStart:
         uneven = left[0] > (0.2 * abs(clearance) + abs(off)) ** 2
         if uneven or left[1] + left[2] > (0.2 * radius) ** 2 or share <= CHORDED:
             return
+        play, part = f"{clearance:.2g}", f"{100.0 * share:.2g} %"
+        if share > EXACT:  # the rest is rounding
+            play, part = "0", f"{abs(off):.2g} m"
         yield (
             f"{self.place}: {self.contact.slave} and {self.contact.master} are round and fit but "
-            f"for {clearance:.2g} m, {'to' if off > 0.0 else 'of'} which chords "
-            f"{'add' if off > 0.0 else 'take'} {100.0 * share:.2g} %: a given displacement is "
+            f"for {play} m, {'to' if off > 0.0 else 'of'} which chords "
+            f"{'add' if off > 0.0 else 'take'} {part}: a given displacement is "
             "off by that, pressures under a force by up to a third of it, the area by half; a "
             "drawing of order = 2 keeps arcs, or shorter facets"
         )

@@ -16,6 +16,7 @@ from tribox.app.case.table import ABSENT, Model, Place, Problem
 from tribox.app.case.toml_files import toml_text
 
 _LONGEST_VALUE = 60
+MOST_KEYS = 8  # of a table that a message names
 
 # Errors of pydantic that need no more than other words; {} stands for their context.
 _REASONS = {
@@ -27,9 +28,6 @@ _REASONS = {
     "greater_than_equal": "must be >= {ge}",
     "less_than_equal": "must be <= {le}",
     "string_too_long": "must have at most {max_length} letters",
-    "dict_type": "must be a table of keys and values",
-    "model_type": "must be a table of keys and values",
-    "model_attributes_type": "must be a table of keys and values",
     "too_short": "must have at least {min_length} entry",
     "too_long": "must have at most {max_length} entries",
 }
@@ -100,6 +98,8 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
         yield Problem((*place, context["discriminator"].strip("'")), reason)
     elif kind == "literal_error":
         yield Problem(place, f"must be {_quoted(context['expected'])}", found)
+    elif kind in ("dict_type", "model_type", "model_attributes_type"):
+        yield Problem(place, _no_table(_type_at(model, loc)), found)
     elif kind == "tuple_type":
         array = f"must be an array of tables: write [[{place[-1]}]]"
         yield Problem(place, array if isinstance(found, Mapping) else "must be an array", found)
@@ -109,6 +109,19 @@ def _problems_of(detail: ErrorDetails, model: type[Model], data: object) -> Iter
         if kind == "too_short" and context["min_length"] > 1:
             reason = reason.replace("entry", "entries")
         yield Problem((*place, *context.get("at", ())), reason, context.get("found", found))
+
+
+def _no_table(wanted: Any) -> str:
+    """What to write where a value stands in the place of a table."""
+    if isinstance(wanted, tuple) and (tags := _tags(wanted)):
+        kinds = wanted[0].model_fields.items()
+        key = next(k for k, f in kinds if get_origin(f.annotation) is Literal)
+        return f"must be a table, {{ {key} = {tags[0]}, ... }}; kinds: {', '.join(tags)}"
+    if not _is_model(wanted):
+        return "must be a table of keys and values"
+    keys = list(wanted.model_fields)
+    more = ", ..." if len(keys) > MOST_KEYS else ""
+    return f"must be a table, {{ {keys[0]} = ... }}; its keys: {', '.join(keys[:MOST_KEYS])}{more}"
 
 
 def _place(model: type[Model], loc: Sequence[str | int], data: object) -> Place:

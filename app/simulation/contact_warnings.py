@@ -88,6 +88,7 @@ class ContactWarnings(Remembers):
     _slack: Kept[list[float]]  # as over_approach of a tie, of what sticks
     _sunk: Kept[list[tuple[Sunk, str]]]
     _hidden: Kept[list[tuple[Sunk, str]]]
+    _nearest: Kept[list[tuple[float, str]]]  # smallest gap, m, and when
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready; collective.
@@ -107,6 +108,7 @@ class ContactWarnings(Remembers):
         self._stored, self._slack = [0.0] * count, [0.0] * count
         self._sunk, self._hidden = [(Sunk(), "")] * count, [(Sunk(), "")] * count
         self._answering, self._passed = [1.0] * count, [0.0] * count
+        self._nearest = [(np.inf, "")] * count
         sizes = [len(term.surface.slave.weight) for term in problem.contacts]
         self._touched = [np.zeros(size, dtype=bool) for size in sizes]
         if resumed is not None:
@@ -145,6 +147,7 @@ class ContactWarnings(Remembers):
                 self._widest[index] = state
         self._look_at_what_sticks(trials, (elastic + lost) / thickness)
         self._look_at_edges(row, states)
+        self._look_at_gaps(row, trials)
 
     def _is_stronger(self, states: Sequence[PairState]) -> bool:
         """Whether any pair that is not tied presses more than ever before."""
@@ -180,6 +183,16 @@ class ContactWarnings(Remembers):
             if sunk.share > self._sunk[index][0].share:
                 self._sunk[index] = (sunk, row.when)
 
+    def _look_at_gaps(self, row: Row, trials: Sequence[ContactTrial]) -> None:
+        """Find how near the surfaces come; collective."""
+        places = [trial.projection for trial in trials]
+        mine = [np.min(at.gap, where=at.on_surface, initial=np.inf) for at in places]
+        gaps = np.maximum(np.array(mine), 0.0)
+        self._problem.comm.Allreduce(MPI.IN_PLACE, gaps, op=MPI.MIN)
+        for index, gap in enumerate(gaps):
+            if gap < self._nearest[index][0]:
+                self._nearest[index] = (float(gap), row.when)
+
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
         state = self._probes[index].measure(trial)
@@ -210,9 +223,12 @@ class ContactWarnings(Remembers):
                 continue
             if state is None or state.force <= 0.0:
                 if not self._press_elsewhere(index):
+                    gap, when = self._nearest[index]
+                    near = f", and came no nearer than {gap:.3g} m ({when})"
                     yield (
-                        f"contact.{index}: the bodies never pressed on each other (does what is "
-                        "prescribed point into the body? y < 0 presses down)"
+                        f"contact.{index}: the bodies never pressed on each other"
+                        f"{near if np.isfinite(gap) else ''} (does what is prescribed point into "
+                        "the body, and far enough? y < 0 presses down)"
                     )
                 continue
             comb = self._is_comb(state)

@@ -39,9 +39,10 @@ class Work:
 
     force: Floats  # owned part of the forces of supports, platens and loads, N/m
     position: Floats  # owned unknowns, m
-    # of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,), and the offset
-    # of the gaps of a fit, m
-    contacts: list[tuple[Floats, Floats, Floats]]
+    # of each pair gaps, m, and pressures, Pa, of its vertices (v,) or points (q,)
+    contacts: list[tuple[Floats, Floats]]
+    # of each pair pressures, Pa, and offsets of the gaps, m, of the points (q,); None without a fit
+    fits: list[tuple[Floats, Floats] | None]
 
     @classmethod
     def at(cls, problem: Equilibrium, position: Floats) -> Work:
@@ -49,10 +50,13 @@ class Work:
         force, given = problem.load_forces(), _given(problem)
         force[given] += problem.unbalanced[given]
         pairs = zip(problem.contacts, problem.trials, strict=True)
-        contacts = [
-            (*gaps_and_pressures(term, trial), offsets(term, trial)) for term, trial in pairs
+        contacts = [gaps_and_pressures(term, trial) for term, trial in pairs]
+        offsets = [trial.projection.offset for trial in problem.trials]
+        fits = [
+            None if offset is None else (trial.pressure.copy(), offset)
+            for trial, offset in zip(problem.trials, offsets, strict=True)
         ]
-        return cls(force, position.copy(), contacts)
+        return cls(force, position.copy(), contacts, fits)
 
     def until(self, other: Work, problem: Equilibrium) -> Floats:
         """Work from this state to ``other`` (2,), J/m, and what the step's ends make of it.
@@ -62,10 +66,12 @@ class Work:
         """
         mean, less = 0.5 * (self.force + other.force), 0.0
         work = float(mean @ (other.position - self.position))
-        pairs = zip(problem.contacts, self.contacts, other.contacts, strict=True)
-        for term, before, after in pairs:
-            work += fit_work(term, before, after)
-            less += kinks(term, before[:2], after[:2])
+        fits = zip(self.fits, other.fits, strict=True)
+        pairs = zip(problem.contacts, self.contacts, other.contacts, fits, strict=True)
+        for term, before, after, (fit, fitted) in pairs:
+            if fit is not None and fitted is not None:
+                work += fit_work(term, fit, fitted)
+            less += kinks(term, before, after)
         done: Floats = problem.comm.allreduce(np.array([work - less, work]))
         return done
 
@@ -116,29 +122,22 @@ def kinks(term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats,
     return float(term.surface.slave.weight @ density)
 
 
-def offsets(term: ContactTerm, trial: ContactTrial) -> Floats:
-    """Offset of the gaps, m, of a pair's vertices (v,) or point by point (q,); collective."""
-    offset = trial.projection.offset
-    vertices = term.surface.vertices
-    if offset is None:
-        return np.zeros(vertices.count if _by_vertices(term) else len(term.surface.slave.weight))
-    if not _by_vertices(term):
-        return offset
-    return vertices.sums(term.surface.slave.weight * offset) / vertices.area
-
-
 def fit_work(
-    term: ContactTerm, before: tuple[Floats, Floats, Floats], after: tuple[Floats, Floats, Floats]
+    term: ContactTerm, before: tuple[Floats, Floats], after: tuple[Floats, Floats]
 ) -> float:
     """Work of what makes the surfaces of a fit larger, −∫ p do, J/m, of this rank.
 
-    The energy of the contact is a function of the gap g + o: whoever changes the offset o does the
-    work −p do per area, as a body that warms up in a bore does.
+    The energy of the contact is a function of the gaps g + o of its points, and the pressure of a
+    point is its derivative: whoever changes the offset o does the work −p do per area, as a body
+    that warms up in a bore does. The mean offset of a vertex is not enough: beyond the end of the
+    master nothing is felt.
+
+    Args:
+        before: pressures, Pa, and offsets, m, of the points at the start of a step; after: at its
+            end.
     """
-    density = -0.5 * (before[1] + after[1]) * (after[2] - before[2])
-    if _by_vertices(term):
-        density = term.surface.vertices.at_points(density)
-    return float(term.surface.slave.weight @ density)
+    (low, first), (high, last) = before, after
+    return float(term.surface.slave.weight @ (-0.5 * (low + high) * (last - first)))
 
 
 class EnergyBalance:
@@ -246,6 +245,10 @@ class EnergyBalance:
                 arrays if _by_vertices(term) else tuple(AtPoints(pair, a) for a in arrays)
                 for pair, (term, arrays) in enumerate(pairs)
             ],
+            "fits": [
+                None if arrays is None else tuple(AtPoints(pair, a) for a in arrays)
+                for pair, arrays in enumerate(self._last.fits)
+            ],
         }
 
     def restore(self, kept: Snapshot) -> None:
@@ -254,8 +257,9 @@ class EnergyBalance:
             setattr(self, name, value)
         self._flow = np.array(kept["flow"])
         self._start = (kept["start"][0], kept["start"][1])
-        contacts = [(gap, pressure, offset) for gap, pressure, offset in kept["contacts"]]
-        self._last = Work(kept["force"], kept["position"], contacts)
+        contacts = [(gap, pressure) for gap, pressure in kept["contacts"]]
+        fits = [None if arrays is None else (arrays[0], arrays[1]) for arrays in kept["fits"]]
+        self._last = Work(kept["force"], kept["position"], contacts, fits)
 
     @property
     def error(self) -> float:

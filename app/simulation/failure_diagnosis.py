@@ -23,6 +23,7 @@ from tribox.app.implicit.stepper import ROUND, StepResult
 from tribox.app.simulation.contact_resultants import ContactResultants
 from tribox.app.simulation.pair_bodies import (
     Hold,
+    facing,
     has_spring,
     hold_of,
     load_on,
@@ -309,7 +310,7 @@ def explain(
     if most and not result.effort.turned:
         direct = 'solver.linear = "direct", if memory allows'
         findings = [(f"linear solves took up to {most} iterations", direct), *findings]
-    trials = [what for _, what in findings]
+    trials = list(dict.fromkeys(what for _, what in findings))
     if not gross and not {LONGER, SLOWER}.intersection(trials):
         trials.append("smaller steps (steps, slip_step) or a finer mesh")
         if problem.contacts and not findings:
@@ -347,11 +348,23 @@ def _of_state(
 def _of_pull(
     problem: Equilibrium, loose: Iterable[Loose], result: StepResult, thickness: float
 ) -> Findings:
-    """Loads that move bodies away from all that they could touch."""
-    for one in (one for one in loose if result.adrift and one.body in result.floating):
-        load = 0.0 if one.turns else load_on(problem, one)
-        if abs(load) > problem.roundoff:
-            force = f"{load * thickness:.4g} N in {one.direction}"
+    """Loads that move bodies away from all that they could touch, or along it."""
+    adrift = [one for one in loose if result.adrift and one.body in result.floating]
+    loads = [(one, load_on(problem, one)) for one in adrift if not one.turns]
+    pressing = [load * facing(problem, one.bodies)[one.component] < 0.0 for one, load in loads]
+    held = {one.body for (one, _), pressed in zip(loads, pressing, strict=True) if pressed}
+    for (one, load), pressed in zip(loads, pressing, strict=True):
+        force = f"{load * thickness:.4g} N in {one.direction}"
+        if pressed or abs(load) <= problem.roundoff:
+            continue
+        if one.body in held:
+            yield (
+                f"{one.text}, and a load of {force} drives it along what it is pressed on, where "
+                "friction bears no more than mu N",
+                f"a prescribed displacement in {one.direction} instead of the force, or a smaller "
+                "force, or more normal force or friction",
+            )
+        else:
             yield (
                 f"{one.text}, no contact presses on it, and a load of {force} moves it away",
                 SUPPORT,

@@ -298,6 +298,25 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
     return Hold(tuple(contacts), friction, pressure, float(total[-2]), wet, across)
 
 
+def facing(problem: Equilibrium, held: Sequence[str]) -> Floats:
+    """Mean direction (i,) in which what a body faces could press on it; collective.
+
+    Components below a half are of surfaces that the body moves along; they count as none.
+    """
+    parts = np.zeros(problem.dim + 1)
+    for term, trial in zip(problem.contacts, problem.trials, strict=False):
+        bodies = bodies_of(problem, term)
+        if (bodies.slave.name in held) == (bodies.master.name in held):
+            continue
+        weight = term.surface.slave.weight * trial.projection.on_surface
+        sign = 1.0 if bodies.slave.name in held else -1.0
+        parts[:-1] += sign * (weight @ trial.kinematics.normal)
+        parts[-1] += weight.sum()
+    *total, area = problem.comm.allreduce(parts)
+    mean = np.array(total) / area if area > 0.0 else np.zeros(problem.dim)
+    return np.where(np.abs(mean) < 0.5, 0.0, mean)
+
+
 def _dry_share(term: ContactTerm, state: FrictionState) -> Floats:
     """How much of mu p the asperities of each point carry, (q,): 1 - alpha beside a film."""
     law = term.law.law if isinstance(term.law, FactoredLaw) else term.law

@@ -117,6 +117,7 @@ def _mesh(gmsh: ModuleType, drawing: Path, how: Meshing) -> None:
             _refuse_too_many(gmsh, dim, how)
             _set_cells(gmsh, dim, how)
             gmsh.model.mesh.generate(dim)
+            _refuse_other_cells(gmsh, dim, how)
     except MeshError as error:
         raise MeshError(f"{drawing}: {error}") from None
     # gmsh raises nothing more specific than Exception; its log tells the line of the drawing.
@@ -167,6 +168,18 @@ def _set_cells(gmsh: ModuleType, dim: int, how: Meshing) -> None:
         gmsh.option.setNumber("Mesh.ElementOrder", how.order)
     # With nodes at the middle of faces: DOLFINx reads no second-order cells without.
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
+
+
+def _refuse_other_cells(gmsh: ModuleType, dim: int, how: Meshing) -> None:
+    """A drawing that recombines triangles, or draws out layers, has its own way."""
+    if how.cell not in ("triangle", "tetrahedron"):
+        return
+    kinds, _, _ = gmsh.model.mesh.getElements(dim)
+    if any(gmsh.model.mesh.getElementProperties(kind)[5] != dim + 1 for kind in kinds):
+        raise MeshError(
+            f'cell = "{how.cell}": the drawing itself asks for other cells (Recombine); leave '
+            "one of them out"
+        )
 
 
 def _count(gmsh: ModuleType, dim: int, tag: int) -> int:

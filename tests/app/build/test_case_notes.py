@@ -25,6 +25,18 @@ def test_a_loose_tolerance_is_told_and_a_usual_one_is_not(block):
     assert note.startswith("solver.tolerance = 0.999: forces may be wrong by about as much")
 
 
+def test_programs_that_the_run_leaves_before_their_end_are_noted(block):
+    boundary, stage = tomllib.loads(block)["boundary"], [{"name": "press", "duration": 2.0}]
+    boundary[1]["displacement"]["x"] = [["0 s", "0 mm"], ["10 s", "1 mm"]]
+    boundary[1]["displacement"]["y"] = [["1 s", "-1 mm"], ["10 s", "-1 mm"]]  # level
+    [note] = notes_on(case(block, boundary=boundary, stage=stage))
+    assert note == (
+        "boundary.1.displacement.x: goes on to 0.001 at 10 s, but the stages end at 2 s, "
+        "where it is 0.0002"
+    )
+    assert notes_on(case(block, boundary=boundary, stage=[stage[0] | {"duration": 10.0}])) == []
+
+
 def of_two_answers(notes: list[str]) -> list[str]:
     """The notes on steps that the law alone would answer in two ways."""
     return [note for note in notes if "stick and slip can coexist" in note]

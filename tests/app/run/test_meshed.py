@@ -113,6 +113,12 @@ def test_what_a_drawing_cannot_have_is_one_line(drawn, keys, said):
     assert said in str(error.value) and len(error.value.lines) == 1
 
 
+def test_a_drawing_with_cells_of_its_own_takes_no_triangles(drawn):
+    path = drawn('cell = "triangle"', geo=GEO + "Recombine Surface{1};\n")
+    with pytest.raises(InputError, match=r"the drawing itself asks for other cells \(Recombine\)"):
+        make_mesh(load_case(path), MPI.COMM_SELF)
+
+
 def test_keys_of_drawings_do_not_go_with_a_mesh_file(drawn, tmp_path):
     path = drawn()
     (tmp_path / "bar.msh").write_text("")

@@ -84,6 +84,17 @@ def test_rings_press_as_lames_do(data):
     assert abs(row.energy_error) < 1e-3 * row.external_work
 
 
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+def test_a_fit_on_a_part_of_the_slave_does_the_work_of_that_part(pressure):
+    """A shaft longer than the hub; facets that lie half below the hub, half beside it."""
+    data = changed(slave="shaft_right", master="hub_left", pressure=pressure)
+    data["geometry"]["blocks"]["shaft"] |= {"y": [-HIGH, 2 * HIGH], "elements": [10, 14]}
+    rows = run_in_memory(data).state.rows
+    assert abs(rows[-1].energy_error) < 1e-3 * rows[-1].external_work
+    # twice the force, four times the work
+    assert rows[-1].external_work == pytest.approx(4.0 * rows[0].external_work, rel=1e-2)
+
+
 def test_a_clearance_has_to_be_closed_first():
     """Half of the pressure on the hub closes the gap, the other presses."""
     data = changed(interference=-1e-6)
@@ -188,6 +199,7 @@ def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):
         ("bore", 10e-6, 5e-6, "of which chords take 16 %"),
         ("outside", 10e-6, 0.0, "to which chords add 24 %"),
         ("bore", 100e-6, 0.0, None),
+        ("bore", 0.0, 0.0, "fit but for 0 m, of which chords take 1.6e-06 m"),
     ],
 )
 def test_chords_that_change_a_clearance_are_noted(tmp_path, slave, clearance, aside, said):
