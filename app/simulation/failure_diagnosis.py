@@ -375,13 +375,14 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
     """Friction at its limit under a force along the surface: nothing balances a larger one."""
     for one in loose:
         hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
-        if not _slides_away(one, hold, load) or has_spring(problem, one):
+        arm, rim = _arms(problem, one)
+        pushes = abs(load) * arm / rim if one.turns else load
+        if not _slides_away(one, hold, pushes) or has_spring(problem, one):
             continue
         if hold.wet and any(mode.rate_dependent for mode in problem.evaluated.modes):
             continue  # a film holds any force, at some speed
         size, force = abs(load) * thickness, float(np.linalg.norm(hold.friction))
         if one.turns:
-            (arm,) = (tool.motion.length for tool in problem.tools if tool.name == one.body)
             drives, instead = (
                 f"moment of {arm * size:.4g} N m turns",
                 "an angle instead of the moment",
@@ -462,12 +463,17 @@ def _of_rounding(problem: Equilibrium, result: StepResult) -> Findings:
 def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
     """Whether a load drives a body along its contacts, and all of their friction is used up."""
     friction = np.linalg.norm(hold.friction)
-    if one.turns:
-        return bool(load != 0.0 and friction > AT_LIMIT * hold.limit > 0.0)
     along = abs(float(hold.friction[one.component]))
     pushed = along > abs(float(hold.pressure[one.component])) and along > ALONG * friction
+    pushed |= one.turns
     used = max(float(friction), abs(load))
     return bool(pushed and load != 0.0 and hold.limit > 0.0 and used > AT_LIMIT * hold.limit)
+
+
+def _arms(problem: Equilibrium, one: Loose) -> tuple[float, float]:
+    """Arm, m, of the force on a tool's angle that stands for a moment, and reach of its surface."""
+    tools = [tool for tool in problem.tools if one.turns and tool.name == one.body]
+    return next(((tool.motion.length, tool.reach) for tool in tools), (1.0, 1.0))
 
 
 def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) -> Findings:

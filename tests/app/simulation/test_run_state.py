@@ -12,6 +12,7 @@ from tribox.app.case.case import Case
 from tribox.app.results import read
 from tribox.app.run.run import run_case
 from tribox.app.simulation.history import time_text
+from tribox.app.simulation.run_state import CALM, Position
 
 
 @pytest.mark.parametrize("ramp", ["0 s", "40 ms"])
@@ -93,3 +94,18 @@ def test_where_nothing_is_driven_the_log_tells_the_speed_of_what_moves(tmp_path,
 )  # fmt: skip
 def test_digits_follow_from_the_step(time, dt, text):
     assert time_text(time, dt) == text
+
+
+def test_steps_after_one_that_was_cut_begin_in_its_pieces_and_become_longer_again():
+    at, tried = Position(), []
+    at.begin(0.0, 0.0, 0)
+    at.piece, at.calm = 0.25, 0  # what a cut of a cut leaves
+    for _ in range(2 * CALM + 2):
+        at.begin_step(0.0, 0.0)
+        tried.append(at.piece)
+    assert tried == CALM * [0.25] + (CALM + 1) * [0.5] + [1.0]
+    at.begun = False
+    at.begin(1.0, 0.0, 9)  # another stage
+    at.piece = 2.0 * at.piece
+    at.begin_step(1.0, 0.0)
+    assert at.piece == 1.0

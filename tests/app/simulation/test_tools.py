@@ -6,6 +6,7 @@ import pytest
 from tests.solved import solved as run
 from tests.tool_cases import HEIGHT, WIDTH, block_case, block_mesh, circle, plane
 from tribox.app.case.case import Case
+from tribox.app.errors import SolutionError
 from tribox.app.results import read
 from tribox.app.run.run import run_case
 from tribox.app.simulation.run_state import Observer
@@ -160,6 +161,51 @@ def test_a_roll_that_turns_too_far_in_a_step_is_warned_of(mesh, tmp_path):
     assert results.history.slip_speed.iloc[-1] == pytest.approx(short * 7.5 * 2e-3, rel=3e-3)
     (said,) = [line for line in results.summary["warnings"] if "turns by 1.5 rad" in line]
     assert said.startswith("tool punch ") and "time 1.2 s, stage slide" in said
+
+
+def braked(moment):
+    """A roll that is pressed on a pad of rubber by 30 N, moved by more than its radius, braked."""
+    brake = {"moment": [["1 s", "0 N*m"], ["1.2 s", moment]]}
+    return {
+        "geometry": {
+            "kind": "blocks",
+            "section": "plane-strain",
+            "thickness": "10 mm",
+            "blocks": {
+                "pad": {"x": ["-10 mm", "10 mm"], "y": ["0 m", "4 mm"], "elements": [20, 4]}
+            },
+        },
+        "bodies": {"pad": {"material": "NR-60A"}},
+        "tools": {
+            "punch": {
+                "shape": "circle",
+                "centre": ["-4 mm", "9 mm"],
+                "radius": "5 mm",
+                "displacement": {"x": [["1 s", "0 m"], ["2 s", "6 mm"]]},
+                "force": {"y": [["0 s", "0 N"], ["1 s", "-30 N"]]},
+                "rotation": brake,
+            }
+        },
+        "contact": [{"slave": "pad_top", "master": "punch", "friction": DRY}],
+        "boundary": [{"surface": "pad_bottom", "displacement": {"x": 0, "y": 0}}],
+        "stage": [
+            {"name": "press", "duration": "1 s", "steps": 1},
+            {"name": "roll", "duration": "1 s", "steps": 4},
+        ],
+    }
+
+
+def test_a_braked_roll_turns_by_its_way_and_not_by_whole_turns_more():
+    """Its rim is at the same places after each turn: 32 rad in one step solve it as well."""
+    rolls = last(run(braked("0.02 N*m")))
+    assert rolls["rotation"] == pytest.approx(-6.0 / 5.0, rel=0.03)  # but for what the pad strains
+    assert rolls["driving_moment"] == pytest.approx(0.02, rel=1e-9)
+
+
+def test_a_brake_that_friction_cannot_hold_is_told():
+    case = braked("0.1 N*m") | {"solver": {"min_step_fraction": 0.1}}
+    with pytest.raises(SolutionError, match=r"mu N everywhere: a moment of 0\.0\d* N m turns tool"):
+        run(case)
 
 
 def test_the_work_of_a_tool_is_balanced_turned_or_moved(mesh):
