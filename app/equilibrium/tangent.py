@@ -313,7 +313,7 @@ class ContactWindow:
 
 def _is_tool(surface: ContactSurface) -> bool:
     """Whether the master is a tool, which two nodes move wherever it is touched."""
-    return isinstance(surface.master, RigidMaster) and surface.master.motion is not None
+    return isinstance(surface.master, RigidMaster)
 
 
 def _pieces(term: ContactTerm, trial: ContactTrial, take: Bools) -> tuple[Ints, Ints]:

@@ -496,7 +496,7 @@ def carried_by(surface: ContactSurface, values: Floats) -> Carried | None:
     None without a tool.
     """
     master = surface.master
-    if not isinstance(master, RigidMaster) or master.motion is None:
+    if not isinstance(master, RigidMaster):
         return None
     return Carried.at(master.motion, values[surface.first_master :])
 

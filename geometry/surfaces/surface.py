@@ -50,12 +50,11 @@ ROUND = np.cos(np.radians(10.0))  # between a facet's normal and that of a round
 class RigidMaster:
     """A rigid surface as master, the same on every rank."""
 
-    # global nodes (displacement blocks) that move it: (2,) reference nodes, as in
-    # :class:`~tribox.geometry.surfaces.rigid.RigidMotion`, or without ``motion`` (a,) those that
-    # are its control points
+    # (2,) global nodes (displacement blocks) that move it: reference nodes, as in
+    # :class:`~tribox.geometry.surfaces.rigid.RigidMotion`
     nodes: Longs
     surface: RigidSurface  # of the tool
-    motion: RigidMotion | None = None  # of its control points
+    motion: RigidMotion  # of its control points
 
     @property
     def position(self) -> Floats:
@@ -322,7 +321,7 @@ class ContactSurface:
             values: (m, i), m, displacements of the pair's ``nodes``.
         """
         master, moved = self.master, values[self.first_master :]
-        if isinstance(master, RigidMaster) and master.motion is not None:
+        if isinstance(master, RigidMaster):
             return master.motion.control_points(*master.motion.read(moved))
         own = len(master.nodes) if self.images is None else -len(self.images.of)
         return (master.position + moved)[:own]

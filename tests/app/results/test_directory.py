@@ -33,35 +33,12 @@ def test_default_directory_is_named_after_the_case(monkeypatch):
     assert default_directory(Path("/a/b/sfa.toml")) == Path("/results/sfa")
 
 
-def test_missing_and_empty_directories_are_free(tmp_path):
-    check_free(tmp_path / "missing", force=False)
-    check_free(tmp_path, force=False)
-    assert not (tmp_path / "missing").exists()
-
-
-def test_results_are_in_the_way_unless_forced(tmp_path):
-    make(tmp_path, "history.csv", "fields/000001.vtu", "fields.pvd", "summary.json.part")
-    make(tmp_path, "contact.pvd", "contact/000001.vtu")
-    with pytest.raises(InputError, match="holds results already"):
-        check_free(tmp_path, force=False)
-    check_free(tmp_path, force=True)
-    assert (tmp_path / "history.csv").exists()
-
-
 @pytest.mark.parametrize("foreign", ["notes.txt", "data/measured.csv", ".git/config"])
 def test_what_is_no_result_is_never_cleared(tmp_path, foreign):
     make(tmp_path, "history.csv", foreign)
     for force in (False, True):
         with pytest.raises(InputError, match="name another directory"):
             check_free(tmp_path, force=force)
-
-
-def test_directories_of_a_sweep_are_results(tmp_path, block):
-    make(tmp_path, "sweep.csv", "mu=0.1/case.toml", "mu=0.1/history.csv")
-    sweep = '[sweep]\nkey = "contact.0.friction.mu"\nvalues = [0.1, 0.3]\n'
-    (tmp_path / "case.toml").write_text(block + sweep)
-    assert sweep_labels(tmp_path) == ("mu=0.1", "mu=0.3")
-    check_free(tmp_path, force=True, labels=sweep_labels(tmp_path))
 
 
 def test_results_of_other_runs_below_are_never_cleared(tmp_path, block):

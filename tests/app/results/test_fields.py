@@ -12,72 +12,15 @@ from tests.contact_boxes import Scene
 from tests.flowing import soft_block
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
-from tribox.app.results.fields import CellValues, ContactPressureField, StressField
+from tribox.app.results.fields import ContactPressureField, StressField
 from tribox.app.results.output_files import FieldSeries
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Linear
-from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, shear_and_bulk
 from tribox.forms.bodies.memory_solid import make_solid
 from tribox.forms.bodies.point_stress import triaxiality
-from tribox.forms.bodies.solid import Solid
 from tribox.forms.friction.coulomb import FrictionlessLaw
 
 E, NU = 3.0e6, 0.4
-
-
-def stretched(gradient: np.ndarray, material: object) -> CellValues:
-    """Stress of a square under the displacement gradient (2, 2)."""
-    mesh = grid("quadrilateral", (2, 2))
-    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (2,))))
-    u.interpolate(lambda x: gradient @ x[:2])
-    cells = np.arange(4, dtype=np.int32)
-    return StressField(u, [Solid("body", u, cells, material, "q1-sri")]).evaluate()  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    "material",
-    [
-        NeoHookean(*shear_and_bulk(E, NU)),
-        Hencky(*shear_and_bulk(E, NU)),
-        MooneyRivlin(
-            0.3 * shear_and_bulk(E, NU)[0], 0.2 * shear_and_bulk(E, NU)[0], shear_and_bulk(E, NU)[1]
-        ),
-    ],
-    ids=lambda m: type(m).__name__,
-)
-def test_small_strain_is_linear_elasticity_with_its_out_of_plane_stress(material: object) -> None:
-    gradient = 1e-6 * np.array([[1.0, 0.4], [0.2, -0.7]])
-    strain = np.zeros((3, 3))
-    strain[:2, :2] = 0.5 * (gradient + gradient.T)
-    shear, bulk = shear_and_bulk(E, NU)
-    trace = np.trace(strain)
-    expected = 2.0 * shear * (strain - trace / 3.0 * np.eye(3)) + bulk * trace * np.eye(3)
-    field = stretched(gradient, material)
-    sigma = field.stress
-    assert np.allclose(sigma, expected, atol=1e-5 * np.abs(expected).max())
-    assert sigma[0, 2, 2] == pytest.approx(NU * (sigma[0, 0, 0] + sigma[0, 1, 1]), rel=1e-4)
-    deviator = expected - np.trace(expected) / 3.0 * np.eye(3)
-    assert field.von_mises == pytest.approx(np.sqrt(1.5 * np.sum(deviator**2)), rel=1e-4)
-    assert field.pressure == pytest.approx(-bulk * trace, rel=1e-4)
-
-
-def test_hencky_stress_in_space() -> None:
-    """Kirchhoff stress 2 G dev ln V + K tr ln V, of a stretch turned and sheared at will."""
-    shear, bulk = shear_and_bulk(E, NU)
-    F = np.array([[1.2, 0.15, -0.1], [0.05, 0.9, 0.2], [0.1, -0.1, 1.1]])
-    values, axes = np.linalg.eigh(F @ F.T)
-    logs = 0.5 * np.log(values)
-    kirchhoff = axes @ np.diag(2.0 * shear * (logs - logs.mean()) + bulk * logs.sum()) @ axes.T
-    u = dolfinx.fem.Function(
-        dolfinx.fem.functionspace(grid("hexahedron", (2, 2, 2)), ("Lagrange", 1, (3,)))
-    )
-    u.interpolate(lambda x: (F - np.eye(3)) @ x[:3])
-    cells = np.arange(8, dtype=np.int32)
-    solid = Solid("body", u, cells, Hencky(shear, bulk), "q1", section="3D")
-    sigma = StressField(u, [solid]).evaluate().stress
-    assert len(sigma) == 8
-    expected = kirchhoff / np.linalg.det(F)
-    assert sigma == pytest.approx(np.broadcast_to(expected, sigma.shape), rel=1e-7, abs=1.0)
 
 
 @pytest.mark.parametrize("shape", ["Q4", "Q9", "tet4", "hex27"])

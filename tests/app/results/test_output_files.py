@@ -4,7 +4,6 @@ import errno
 import os
 import shutil
 import tomllib
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from tribox.app.case.case import Case
 from tribox.app.errors import OutputError
 from tribox.app.results import Results, read
 from tribox.app.results.directory import GrowingTable, prepare
-from tribox.app.results.output_files import Series
 from tribox.app.results.reading import read_table
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving
@@ -125,26 +123,6 @@ def test_the_history_is_that_of_the_run(pressed):
     assert results.load_steps["label"].tolist() == ["press"]
     assert results.load_steps["steady"].tolist() == [-1.0]
     assert results.case == simulation.model.case
-
-
-# -- The index of a series: whole at any moment, and cheap however long the series is --------------
-
-
-def listed(directory) -> list[tuple[float, str]]:
-    sets = ET.parse(directory / "fields.pvd").getroot().iter("DataSet")
-    return [(float(s.attrib["timestep"]), s.attrib["file"]) for s in sets]
-
-
-def test_every_file_is_listed_with_its_time(tmp_path):
-    series = Series(tmp_path, "fields")
-    assert series.path(3) == tmp_path / "fields" / "000003.vtu"
-    assert series.path(3).parent.is_dir()
-    series.add(3, 0.1 + 0.2)
-    assert listed(tmp_path) == [(0.1 + 0.2, "fields/000003.vtu")]
-    series.add(1234567, 2.0)
-    series.write_index()
-    assert listed(tmp_path)[1] == (2.0, "fields/1234567.vtu")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["fields", "fields.pvd"]
 
 
 # -- Errors of writing: nothing is torn, all ranks hear of them, and room is kept for the end ------

@@ -2,7 +2,9 @@
 
 import dolfinx
 import numpy as np
+import pytest
 
+from tribox.app.equilibrium.bodies import Bodies
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.point_cells import add_tangent
 
@@ -30,6 +32,27 @@ def cells_of(u, solid):
 def dense(forms):
     """The matrix (n, n) of bilinear forms."""
     return sum(dolfinx.fem.assemble_matrix(form).to_scipy().toarray() for form in forms)
+
+
+def compare(u, solid, forces=1e-12, energies=1e-12, tangents=1e-14):
+    """Forces, energy and tangent of the loop and of the forms, to shares of the largest.
+
+    Returns the largest force over the largest stiffness.
+    """
+    cells, slow = cells_of(u, solid), Bodies(u, [solid], compiled=False)
+    mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
+    assert cells.add(u.x.array, mine) and slow.add_forces(theirs)
+    stiffness = dense([part.tangent for part in solid.forms])
+    # What rounds F is an error of the stress of the modulus times 1e-16.
+    rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
+    largest = np.abs(theirs - 1.0).max()
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(forces * largest, rounding))
+    energy = slow.strain_energy()
+    assert cells.energy(u.x.array) == pytest.approx(energy, rel=energies, abs=rounding)
+    found, bar = summed(u, cells.loops), np.abs(stiffness).max()
+    np.testing.assert_allclose(found, stiffness, rtol=0, atol=tangents * bar)
+    np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * bar)
+    return largest / bar
 
 
 def same_carried_pressures(u, solid, tolerance):

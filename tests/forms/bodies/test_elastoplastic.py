@@ -22,8 +22,6 @@ from tribox.forms.bodies.hardening import (
     Table,
     Voce,
 )
-from tribox.forms.bodies.materials import Hencky
-from tribox.forms.bodies.point_stress import PointStress
 
 G, K = given.SHEAR, given.BULK
 branched = pytest.mark.parametrize("branches", given.BRANCHES)
@@ -367,41 +365,6 @@ def test_on_any_path_volumes_stay_and_energy_is_only_lost(seed, space, law, rate
 
 
 # -- Hencky points, units, layouts and bad input ---------------------------------------------------
-
-
-@both
-def test_elastic_points_are_those_of_hencky(space):
-    points = PlasticPoints(given.material(), space)
-    F = given.gradients(9, space, 3, 4e-4)
-    update = points.update(given.components(F, space), points.start(9), 1.0, False)
-    kirchhoff = given.tensors(update.P) @ np.swapaxes(F, 1, 2)
-    section = "3D" if space else "axisymmetric"
-    cauchy = PointStress(Hencky(given.SHEAR, given.BULK), section).cauchy(F)
-    wanted = cauchy * np.linalg.det(F)[:, None, None]
-    np.testing.assert_allclose(kirchhoff, wanted, rtol=0, atol=3e-15 * given.BULK)
-    e = 0.5 * np.log(np.linalg.eigvalsh(F @ np.swapaxes(F, 1, 2)))
-    deviator = ((e - e.mean(axis=1)[:, None]) ** 2).sum(axis=1)
-    energy = given.SHEAR * deviator + 0.5 * given.BULK * e.sum(axis=1) ** 2
-    np.testing.assert_allclose(update.elastic, energy, rtol=1e-9)
-    np.testing.assert_array_equal(update.state, points.start(9))
-    assert not update.dissipation.any() and not update.numerical.any()
-
-
-@both
-def test_the_distortional_part_is_what_the_bulk_modulus_does_not_change(space):
-    """P − P_dev is K ln J F⁻ᵀ, and the memory is the same."""
-    points = PlasticPoints(given.material(), space)
-    F, state, _ = gathered(points)
-    whole, part = (points.update(F, state, 1.0, False, v) for v in (True, False))
-    tensor = given.tensors(F)
-    volume = given.BULK * np.log(np.linalg.det(tensor))
-    wanted = volume[:, None, None] * np.swapaxes(np.linalg.inv(tensor), 1, 2)
-    difference = given.tensors(whole.P - part.P)
-    np.testing.assert_allclose(difference, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    np.testing.assert_array_equal(whole.state, part.state)
-    np.testing.assert_allclose(
-        whole.elastic - part.elastic, 0.5 * volume**2 / given.BULK, rtol=0, atol=1e-14
-    )
 
 
 @both

@@ -1,6 +1,5 @@
 """Bodies that flow: elastic limit, tangents against differences, what is remembered and when."""
 
-import ctypes
 from dataclasses import replace
 
 import basix.ufl
@@ -19,7 +18,6 @@ from tribox.forms.bodies.hardening import Backstress, Linear, Voce
 from tribox.forms.bodies.kinematics import circumference, radius
 from tribox.forms.bodies.materials import Hencky, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid, make_solid
-from tribox.forms.bodies.point_cells import PointCells
 from tribox.forms.bodies.softening import Mullins
 from tribox.forms.bodies.solid import DEGREE
 from tribox.forms.bodies.viscous_points import Branch, Viscoelastic
@@ -143,24 +141,6 @@ def test_the_loop_over_cells_gives_what_forms_do(kind):
         wanted, stiff = by_forms(u, solid, 0.3)
         assert np.abs(out - wanted).max() <= 1e-12 * np.abs(wanted).max()
         assert np.abs(matrix[:, :] - stiff).max() <= 1e-12 * np.abs(stiff).max()
-
-
-def test_moduli_at_the_same_points_are_added_up_before_the_nodes(monkeypatch):
-    """Branches beside an energy take no further way from the points of a cell to its matrix."""
-    u, solid = body(*KINDS[1], VISCOUS)
-    solid.evaluate(0.3, tangent=True)
-    loops, seen = [*Bodies(u, [solid]).cells[0].loops, solid.point_cells], []
-    run = PointCells.run
-
-    def spy(self, works):
-        seen.append(works)
-        return run(self, works)
-
-    monkeypatch.setattr(PointCells, "run", spy)
-    summed(u, loops)
-    points, centres, branches = seen[0]
-    assert (points.same, points.next) == (ctypes.addressof(branches), ctypes.addressof(centres))
-    assert not (branches.next or branches.same or centres.next or centres.same)
 
 
 def test_only_what_is_committed_is_remembered():

@@ -1,49 +1,129 @@
-"""The compiled tangent against the matrix that DOLFINx assembles, and what is no number."""
+"""The compiled loops over cells in the plane and of rings against the forms of DOLFINx."""
 
+import dolfinx
 import numpy as np
 import pytest
+import ufl
+from mpi4py import MPI
 
 from tests.forms.bodies.element_matrices import (
     cells_of,
-    dense,
+    compare,
     no_number_in_an_inverted_cell,
     same_carried_pressures,
     summed,
 )
-from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, OTHERS, RINGS, body, stretched
-from tribox.forms.bodies.solid import Solid
+from tests.grid import coordinate_element, grid
+from tribox.app.equilibrium.bodies import Bodies
+from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from tribox.forms.bodies.solid import DEGREE, Solid
+
+MATERIALS = {
+    "neo-hookean": NeoHookean(1.0, 5.0),
+    "mooney-rivlin": MooneyRivlin(0.4, 0.1, 5.0),
+    "hencky": Hencky(1.0, 5.0),
+}
+KINDS = [("quadrilateral", "q1"), ("quadrilateral", "q1-sri"), ("triangle", "q1")]
+# The forms of most rings are in the image.
+RINGS = [(name, "quadrilateral", "q1-sri") for name in MATERIALS]
+RINGS += [("hencky", "quadrilateral", "q1"), ("mooney-rivlin", "triangle", "q1")]
+YEOH = Yeoh(0.5, -0.04, 0.02, 5.0)
+OGDEN = Ogden((0.63, -0.01), (1.3, -2.0), 5.0)
+# What no loop of its own serves: of cells of second order, and of an energy.
+OTHERS = [
+    (YEOH, "quadrilateral", "q1-sri", "plane-strain"),
+    (YEOH, "triangle", "q2", "axisymmetric"),
+    (OGDEN, "quadrilateral", "q1-sri", "plane-strain"),
+    (OGDEN, "quadrilateral", "q1-sri", "axisymmetric"),
+    (MATERIALS["hencky"], "quadrilateral", "q2", "axisymmetric"),
+    (MATERIALS["neo-hookean"], "quadrilateral", "q2", "plane-strain"),
+]
 
 SECTIONS = [("plane-strain", "triangle", "q1"), ("axisymmetric", "quadrilateral", "q1-sri")]
+
+
+def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=None):
+    """A displacement on a distorted mesh, and the body on all of it; rings have a hole."""
+    mesh = grid(cell, cells, [1.0, 0.7])
+    x = mesh.geometry.x
+    x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
+    if section == "axisymmetric":
+        x[:, 0] += 0.3
+    element = ("Lagrange", DEGREE[formulation], (2,))
+    mesh = mesh if DEGREE[formulation] == 1 else bent(mesh)
+    u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
+    all_cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return u, Solid("body", u, all_cells, material, formulation, section=section)
+
+
+def bent(mesh):
+    """The same cells with curved sides."""
+    domain = coordinate_element(mesh.topology.cell_name(), 2, order=2)
+    nodes = dolfinx.fem.functionspace(mesh, domain.ufl_coordinate_element())
+    x = nodes.tabulate_dof_coordinates()[:, :2]
+    cells = np.asarray(nodes.dofmap.list, dtype=np.int64)
+    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, x=x + 0.03 * np.sin(7.0 * x), e=domain)
+
+
+def stretched(u, size, seed=0):
+    """A homogeneous stretch with a ripple of the given size on it."""
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    ripple = np.random.default_rng(seed).uniform(-1, 1, where.shape)
+    gradient = np.array([[0.3, 0.25], [-0.4, -0.2]]) * min(1.0, 20.0 * size)
+    u.x.array[:] = (where @ gradient.T + 0.2 * size * ripple).reshape(-1)
 
 
 @pytest.mark.parametrize("size", [0.5, 0.1, 1e-4])
 @pytest.mark.parametrize(("cell", "formulation"), KINDS)
 @pytest.mark.parametrize("name", MATERIALS)
-def test_compiled_tangent_is_that_of_the_generated_kernel(name, cell, formulation, size):
-    """At the largest size some cells of a block of eight are beyond the logarithm's series."""
-    same_tangent(*body(cell, MATERIALS[name], formulation), size)
+def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulation, size):
+    """15 cells: one block of eight is full, the last one is not.
+
+    At the largest size some cells are beyond the logarithm's series.
+    """
+    same(*body(cell, MATERIALS[name], formulation), size)
 
 
 @pytest.mark.parametrize("size", [0.1, 1e-4])
 @pytest.mark.parametrize(("name", "cell", "formulation"), RINGS)
-def test_tangent_of_rings(name, cell, formulation, size):
-    same_tangent(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
+def test_those_of_rings(name, cell, formulation, size):
+    same(*body(cell, MATERIALS[name], formulation, section="axisymmetric"), size)
 
 
 @pytest.mark.parametrize(("material", "cell", "formulation", "section"), OTHERS)
-def test_tangent_of_points_alone(material, cell, formulation, section):
+def test_those_of_points_alone(material, cell, formulation, section):
     u, solid = body(cell, material, formulation, (3, 3), section=section)
     for size in (0.1, 1e-4):
-        same_tangent(u, solid, size)
+        same(u, solid, size)
 
 
-def same_tangent(u, solid, size):
-    """Compare the tangent of both ways."""
+def same(u, solid, size):
     stretched(u, size)
-    wanted = dense([part.tangent for part in solid.forms])
-    found = summed(u, cells_of(u, solid).loops)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
-    np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(wanted).max())
+    compare(u, solid, 8e-14, 1e-13, 1e-12)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_energy_of_tiny_strains_keeps_its_digits(name):
+    """With strains of 1e-9 the forms have none left; that of linear elasticity is the limit."""
+    u, solid = body("quadrilateral", MATERIALS[name], "q1")
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    H = 1e-9 * np.array([[0.7, 0.4], [-0.9, -0.2]])
+    u.x.array[:] = (where @ H.T).reshape(-1)
+    strain, material = 0.5 * (H + H.T), MATERIALS[name]
+    G, K = material.shear_modulus, material.bulk_modulus
+    density = G * (strain**2).sum() + 0.5 * (K - 2.0 / 3.0 * G) * np.trace(strain) ** 2
+    area = dolfinx.fem.assemble_scalar(dolfinx.fem.form(1.0 * ufl.dx(u.function_space.mesh)))
+    assert Bodies(u, [solid]).strain_energy() == pytest.approx(area * density, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_large_strains(name):
+    """Beyond the series of the logarithmic strain, and J far from one."""
+    u, solid = body("quadrilateral", MATERIALS[name], "q1", distortion=0.0)
+    where = u.function_space.tabulate_dof_coordinates()[:, :2]
+    for gradient in ([[2.0, 0.4], [0.1, 0.5]], [[-0.7, 0.0], [0.2, -0.5]]):
+        u.x.array[:] = (where @ np.array(gradient).T).reshape(-1)
+        compare(u, solid, 1e-13, 1e-12, 1e-12)
 
 
 @pytest.mark.parametrize("section", ["plane-strain", "axisymmetric"])

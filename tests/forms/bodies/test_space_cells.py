@@ -7,13 +7,12 @@ import ufl
 
 from tests.forms.bodies.element_matrices import (
     cells_of,
-    dense,
+    compare,
     no_number_in_an_inverted_cell,
     same_carried_pressures,
     summed,
 )
 from tests.grid import coordinate_element, grid
-from tribox.app.equilibrium.bodies import Bodies
 from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
@@ -81,23 +80,6 @@ def deform(u, size, turned=False):
     u.x.array[:] = ((moved @ TURN.T if turned else moved) - where).reshape(-1)
 
 
-def compare(u, solid):
-    """Forces, energy and tangent of the loop and of the forms."""
-    cells, slow = cells_of(u, solid), Bodies(u, [solid], compiled=False)
-    mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
-    assert cells.add(u.x.array, mine) and slow.add_forces(theirs)
-    stiffness = dense([part.tangent for part in solid.forms])
-    # What rounds F is an error of the stress of the modulus times 1e-16.
-    rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
-    largest = np.abs(theirs - 1.0).max()
-    np.testing.assert_allclose(mine, theirs, rtol=0, atol=max(1e-12 * largest, rounding))
-    energy = slow.strain_energy()
-    assert cells.energy(u.x.array) == pytest.approx(energy, rel=1e-12, abs=rounding)
-    found = summed(u, cells.loops)
-    np.testing.assert_allclose(found, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
-    return largest / np.abs(stiffness).max()
-
-
 @pytest.mark.parametrize(("name", "cell", "formulation"), KINDS)
 def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulation):
     """Small, large, turned; nearly incompressible. Of nine cells a block is full, one is not."""
@@ -110,6 +92,13 @@ def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulatio
     solid.material = INCOMPRESSIBLE[name]
     for size in (0.5, 1e-2):
         deform(u, size, turned=True)
+        compare(u, solid)
+
+
+def test_those_of_ogdens_body():
+    u, solid = body("hexahedron", Ogden((0.63, -0.01), (1.3, -2.0), 5.0), "q1-sri")
+    for size in (0.7, 1e-5):
+        deform(u, size)
         compare(u, solid)
 
 

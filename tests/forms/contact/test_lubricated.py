@@ -128,7 +128,7 @@ def test_a_slider_round_a_cylinder_is_a_plane_one_whatever_its_facets(ratio, mon
         x[:, 0] = np.interp(x[:, 0], np.linspace(0.0, 1.0, count + 1), ends)
         return named
 
-    monkeypatch.setitem(test_tool.SHAPES, 2, TwoBlocks(*[Rectangle(1.0, 0.5, (count, 1))] * 2))
+    monkeypatch.setitem(test_tool.MESHES, 2, TwoBlocks(*[Rectangle(1.0, 0.5, (count, 1))] * 2))
     monkeypatch.setattr(test_tool, "generate", graded)
     scene = Lubricated(
         shape=lambda low: Circle(low + np.array([0.3, -1.3]), radius),  # it turns about its centre

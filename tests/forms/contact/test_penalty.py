@@ -148,20 +148,6 @@ def test_open_points_carry_nothing_and_are_left_out_of_the_tangent(pair, kind):
     assert len(open_nodes) and not moved[open_nodes].any()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_touching_points_have_a_stiffness_but_no_pressure(pair, kind):
-    """A body that only rests on another is not loose."""
-    blocks = pair()
-    term = term_of(blocks, coulomb(0.3), pressure=kind)
-    trial = term.evaluate(blocks.displaced(still, still), 1.0)
-    assert not trial.pressure.any()
-    stiffness = dense_tangent(term, trial, blocks.u.function_space.dofmap.index_map.size_local)
-    slave = 2 * np.unique(term.surface.slave.nodes) + 1
-    assert stiffness[np.ix_(slave, slave)].sum() == pytest.approx(PENALTY, rel=1e-10)
-    master = 2 * term.surface.master.nodes + 1
-    assert stiffness[np.ix_(slave, master)].sum() == pytest.approx(-PENALTY, rel=1e-10)
-
-
 def test_past_the_end_of_the_master_there_is_no_contact(pair):
     """The slave slides over the right end; the history of those points says so."""
     blocks = pair()

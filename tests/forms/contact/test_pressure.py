@@ -43,18 +43,6 @@ def touching(shape, rule=AveragedPressure, penalty=PENALTY):
 # -- from gaps to pressure ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_even_gap_gives_an_even_pressure(shape, kind):
-    scene = Scene(shape, FrictionlessLaw(), pressure=kind)
-    trial = scene.term.evaluate(scene.moved(still, DEPTH), 1.0)
-    np.testing.assert_allclose(trial.pressure, PENALTY * DEPTH, rtol=1e-10)
-    assert (trial.nodal_pressure is None) is (kind == "pointwise")
-    if trial.nodal_pressure is not None:
-        np.testing.assert_allclose(trial.nodal_pressure, PENALTY * DEPTH, rtol=1e-10)
-        np.testing.assert_allclose(trial.nodal_gap, -DEPTH, rtol=1e-10)
-
-
 @pytest.mark.parametrize("shape", ["T3", "Q9"])
 @pytest.mark.parametrize("sag", [0.1, 3.0, -3.0])
 def test_a_chord_over_a_round_master_carries_an_even_pressure(shape, sag):

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from tests.contact_boxes import GAP, PENALTY, SHAPES, Dense, Scene, held_ends
-from tests.laws import coulomb, film_map
+from tests.laws import FILM, coulomb, film_map
 from tribox.forms.contact.explicit_compiled import explicit_contact
+from tribox.forms.contact.state import AS_IS, ContactMode
 from tribox.forms.contact.tangent import PairTangent
 from tribox.forms.friction.coulomb import FrictionlessLaw
+from tribox.forms.friction.film import FilmTable
 from tribox.forms.friction.law import Regime
+from tribox.forms.friction.stribeck import StribeckLaw, StribeckParameters
 from tribox.geometry.surfaces.surface import NodalVector
 
 
@@ -22,7 +25,8 @@ class State:
     regime: Regime
     before: tuple[float, float, float] = (0.01, 0.02, -0.07)
     now: tuple[float, float, float] = (0.03, 0.01, -0.09)
-    film: float = 0.0
+    film: object = 0.0
+    mode: ContactMode = AS_IS
 
 
 STATES = {
@@ -31,6 +35,34 @@ STATES = {
     "slip": State(coulomb(0.2), Regime.SLIP, now=(0.13, -0.09, -0.09)),
     "film": State(film_map(), Regime.MIXED, now=(0.13, -0.09, -0.09), film=0.5),
     "closing": State(coulomb(50.0), Regime.STICK, before=(0.0, 0.0, 0.06)),
+}
+
+
+def slid(law, regime, film=FILM, **more):
+    return State(law, regime, film=film, **{"now": (0.13, -0.09, -0.09), **more})
+
+
+NEARLY_OFF = {"now": (0.12, 0.0, -0.04)}
+STILL = {"now": (0.03, 0.01, -0.09)}
+STRIBECK = StribeckParameters(mu_s=0.3, mu_d=0.2, V_s=0.1, delta=1.5, viscous=2.0, K_T=60.0)
+THIN = film_map(tau_0=0.5, zeta=0.1, critical_rate=0.2, thinning_exponent=0.5, barus=0.1)
+LAWS = {
+    "stick of the map": slid(film_map(mu_s=50.0, mu_d=40.0), Regime.STICK, **STILL),
+    "onset": slid(coulomb(0.7), Regime.STICK, 0.0, **STILL),
+    "onset, sliding part": slid(coulomb(0.7), Regime.SLIP, 0.0, **STILL),
+    "dry slip of the map": slid(film_map(), Regime.SLIP, 0.0),
+    "stribeck": slid(StribeckLaw(STRIBECK), Regime.SLIP, 0.0),
+    "partly open": slid(coulomb(0.3), Regime.SLIP, 0.0, **NEARLY_OFF),
+    "literal flow rule": slid(film_map(flow_rule="literal"), Regime.MIXED),
+    "in the transition": slid(film_map(V_star=0.11, transition_width=0.6), Regime.MIXED),
+    "whole film at once": slid(film_map(film_onset_pressure=0.0), Regime.MIXED),
+    "over pressure": slid(film_map(), Regime.MIXED, FilmTable(((0.0, 0.8), (20.0, 0.3)))),
+    "film with a rheology": slid(THIN, Regime.MIXED),
+    "rates off": slid(film_map(), Regime.MIXED, mode=ContactMode(rate_dependent=False), **STILL),
+    "viscous by speed": slid(film_map(V_star=1e-3), Regime.VISCOUS),
+    "viscous by thickness": slid(film_map(), Regime.VISCOUS, 1.5),
+    "open part": slid(film_map(), Regime.OPEN, **NEARLY_OFF),
+    "open": slid(coulomb(0.2), Regime.OPEN, 0.0, now=(0.0, 0.0, 0.3)),
 }
 
 
@@ -59,17 +91,19 @@ def test_tangent_against_differences(shape, state):
     assert scene.error(x) < 1e-9
 
 
-@pytest.mark.parametrize("shape", ["Q4", "hex8"])
-def test_a_tangent_knows_the_facets_of_its_own_state(shape):
-    """The same points count in both states, over other facets of the master."""
-    scene, x = prepared(shape, STATES["stick"], master=6)
-    _, before = scene.residual(x)
-    scene.tangent(x)
-    y = scene.vector((0.13, -0.09) if scene.dim == 2 else (0.13, 0.01, -0.09), 0.04, 0.7)
-    _, after = scene.residual(y)
-    assert np.array_equal(before.coupled(), after.coupled())
-    assert (before.projection.facet != after.projection.facet).any()
-    assert scene.error(y) < 1e-9
+@pytest.mark.parametrize("pressure", ["averaged", "pointwise"])
+@pytest.mark.parametrize("name", LAWS)
+def test_tangent_of_each_law(name, pressure):
+    state = LAWS[name]
+    options = {"fine": True, "degree": 5, "pressure": pressure}
+    scene, x = prepared("Q4", state, bend=0.1, **options)
+    _, trial = scene.residual(x, mode=state.mode)
+    regimes = trial.response.regime
+    assert np.count_nonzero(regimes == state.regime) >= 3, np.bincount(regimes)
+    assert scene.error(x, mode=state.mode) < 1e-9
+    if state.regime != Regime.OPEN:  # with a history, under load
+        slip = np.linalg.norm(trial.kinematics.elastic_slip, axis=1)[regimes == state.regime]
+        assert slip.max() > 1e-3 and trial.pressure.max() > 0.1
 
 
 @pytest.mark.parametrize("shape", ["T3", "Q4", "hex8"])

@@ -54,15 +54,6 @@ def test_an_exception_is_noted_with_its_line_and_the_law_asked_no_more():
     np.testing.assert_array_equal(law.coefficient(FrictionState.zeros(3, 2)), np.zeros(3))
 
 
-def test_leaving_the_program_is_a_fault():
-    def leave(*args, **options):
-        raise SystemExit(0)
-
-    law = GuardedLaw(Spoilt(coefficient=leave), "my", __file__)
-    law.coefficient(FrictionState.zeros(3, 2))
-    assert law.fault is not None and "SystemExit: 0" in law.fault
-
-
 NO_STATE = FrictionState.zeros(2, 2)
 WRONG = {
     "traction": (update_with(traction=np.zeros((3, 3))), "traction has shape (3, 3) for 3 points"),

@@ -230,27 +230,6 @@ def test_a_threshold_speed_out_of_reach_is_told():
 FILM = np.array([0.0, 10e-9, 30e-9, 180e-9, 250e-9, 400e-9])
 
 
-@pytest.mark.parametrize("rule", ["weighted", "literal"])
-@pytest.mark.parametrize("speed", [1e-8, 1e-6, 1e-4, 1e-2])
-def test_long_sliding_ends_on_the_closed_form(rule, speed):
-    parameters = dataclasses.replace(BASE, flow_rule=rule, B=1e6, A_d=1e-6, D_min=1e-9)
-    law = FrictionMap(parameters)
-    n = len(FILM)
-    state = law.initial_state(n, 2)
-    for _ in range(30):
-        slip = np.tile([1e-3, 0.0], (n, 1))
-        response = law.update(slip, 1e-3 / speed, np.full(n, P), FILM, state)
-        state = response.state
-    mu = parameters.friction.coefficient(state.slip_path)
-    expected = closed_forms.steady_traction(speed, FILM, P, mu, parameters)
-    np.testing.assert_allclose(response.traction[:, 0], expected, rtol=1e-9)
-    eta = closed_forms.effective_viscosity(speed, FILM, P, mu, parameters)
-    np.testing.assert_allclose(response.traction[:, 0] * FILM / speed, eta, rtol=1e-9)
-    np.testing.assert_allclose(
-        response.state.alpha, closed_forms.film_fraction(speed, FILM, parameters), atol=1e-15
-    )
-
-
 def test_effective_viscosity_written_out():
     eta = closed_forms.effective_viscosity(1e-4, [10e-9, 30e-9], P, 0.1, BASE)
     np.testing.assert_allclose(eta, [0.961 * 30 + 0.039 * 0.8, 0.0033 * 90 + 0.9967 * 0.8])

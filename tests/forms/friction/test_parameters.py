@@ -90,12 +90,6 @@ def test_film_fraction_of_the_presets(preset, film, alpha):
         assert solid[2] == pytest.approx(1e-5 * math.log(250 / 180), rel=1e-5)
 
 
-def test_threshold_speed_of_the_printed_gamma():
-    parameters = FrictionMapParameters(**with_preset("paper-printed", UNPRINTED))
-    speeds = threshold_speed(parameters, np.array([10e-9, 30e-9, 180e-9]))
-    np.testing.assert_allclose(speeds, [3.5e-12, 2.0e-12, 8.3e-13], rtol=3e-2)
-
-
 def test_presets_hold_what_is_printed_and_nothing_else():
     assert set(PRESETS) == {"paper-printed", "paper-swapped", "friction-map"}
     for preset in PRESETS.values():

@@ -5,13 +5,10 @@ import math
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from tests.geometry.generators.conftest import group_points
-from tribox.app.build.mesh import bodies_sharing_nodes
 from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder, LineContact, counts
 from tribox.geometry.meshes.gmsh_model import named_groups
-from tribox.geometry.meshes.mesh import generate
 
 R, W, H = 10e-3, 0.6e-3, 40e-6
 CYLINDER = HalfCylinder(R, W, H)
@@ -85,16 +82,6 @@ def test_all_cells_are_quadrilaterals_of_a_usable_shape(model, shape):
     qualities = model.mesh.getElementQualities(model.mesh.getElementsByType(3)[0], "minSJ")
     # Sines of the smallest angles: no cell is nearly a triangle.
     assert np.abs(qualities).min() > 0.15
-
-
-@pytest.mark.parametrize("shape", [ON_BLOCK, TWO])
-def test_distributed_mesh_has_all_names_and_separate_bodies(shape):
-    named = generate(shape, MPI.COMM_SELF)
-    ends = [f"{b}_{s}" for b in ("elastomer", "aluminium") for s in ("contact", "left", "right")]
-    assert set(named.surfaces) == {"top", "bottom", *ends}
-    assert bodies_sharing_nodes(named) == {}
-    for name, body in (("elastomer", shape.upper), ("aluminium", shape.lower)):
-        assert len(named.facets(f"{name}_contact")) == counts(body, shape.growth)[0]
 
 
 BAD = [

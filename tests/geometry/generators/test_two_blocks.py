@@ -17,22 +17,6 @@ UPPER = Block(1.0e-3, 0.5e-3, (4, 3))
 LOWER = Block(2.0e-3, 0.4e-3, (7, 2))
 
 
-def test_surfaces_lie_on_their_sides(model):
-    TwoBlocks(UPPER, LOWER, gap=0.1e-3, upper_name="pad", lower_name="sheet").build()
-    sides = {
-        "pad_contact": (1, 0.1e-3),
-        "sheet_contact": (1, 0.0),
-        "top": (1, 0.6e-3),
-        "bottom": (1, -0.4e-3),
-        "pad_left": (0, 0.5e-3),
-        "pad_right": (0, 1.5e-3),
-        "sheet_left": (0, 0.0),
-        "sheet_right": (0, 2.0e-3),
-    }
-    for name, (axis, value) in sides.items():
-        np.testing.assert_allclose(group_points(name, 1)[:, axis], value, atol=1e-15)
-
-
 @pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-7])
 @pytest.mark.parametrize("grading", [1.0, 5.0, 0.25])
 def test_grading_is_a_progression_from_the_contact(model, scale, grading):

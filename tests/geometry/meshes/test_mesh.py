@@ -80,18 +80,6 @@ def msh(tmp_path):
     return make
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_generated_mesh_has_the_right_measures(cell):
-    blocks = TwoBlocks(BLOCKS.upper, BLOCKS.lower, BLOCKS.offset, gap=0.1e-3, cell=cell)
-    named = generate(blocks, MPI.COMM_WORLD)
-    assert named.mesh.geometry.dim == named.mesh.topology.dim == 2
-    assert named.mesh.ufl_domain().ufl_coordinate_element().degree == 1
-    assert named.mesh.topology.cell_name() == cell
-    factor = 1 if cell == "quadrilateral" else 2
-    assert named.mesh.topology.index_map(2).size_global == factor * (8 * 4 + 13 * 5)
-    assert resultants(named) == pytest.approx(MEASURES, rel=1e-12)
-
-
 def test_unknown_names_offer_the_nearest():
     named = generate(BLOCKS, MPI.COMM_SELF)
     assert named.body_tag("elastomer") != named.body_tag("aluminium")
@@ -128,22 +116,6 @@ def test_written_mesh_reads_back_the_same(tmp_path, cell):
 def test_other_versions_of_the_format(msh, version, save_all):
     named = read(msh(lambda: BLOCKS.build(), version, save_all), MPI.COMM_SELF)
     assert resultants(named) == pytest.approx(MEASURES, rel=1e-12)
-
-
-def test_mesh_in_space_is_read(msh):
-    def cube():
-        gmsh.model.occ.addBox(0.0, 0.0, 0.0, 1.0, 2.0, 3.0)
-        gmsh.model.occ.synchronize()
-        group(3, [1], "body")
-        group(2, [1], "x0")
-        group(1, [1], "an edge")
-        group(0, [1], "a corner")
-        gmsh.model.mesh.generate(3)
-
-    named = read(msh(cube), MPI.COMM_SELF)
-    assert named.mesh.geometry.dim == 3
-    assert (list(named.bodies), list(named.surfaces)) == (["body"], ["x0"])
-    assert resultants(named) == pytest.approx({"body": 6.0, "x0": 6.0}, rel=1e-12)
 
 
 def test_node_numbers_with_holes_and_nodes_of_no_cell(msh):

@@ -6,7 +6,9 @@ import sys
 
 import pytest
 
-from tribox.geometry.native.compiler import LEVELS, level_of
+from tribox.forms.native import library
+from tribox.geometry.native import compiler
+from tribox.geometry.native.compiler import LEVELS, KernelError, level_of
 
 SOURCE = "int twice(int n) { return 2 * n; }\nint far(int n) { return n + 2147483647; }\n"
 SCRIPT = (
@@ -74,3 +76,53 @@ def test_processes_that_start_together_compile_once(tmp_path):
     assert [process.communicate()[0] for process in started] == ["8\n"] * 3
     assert (tmp_path / "cc.log").read_text() == "called\n"
     assert [file.suffix for file in (tmp_path / "fenics").iterdir()] == [".so"]
+
+
+# -- Where compiled libraries are kept -------------------------------------------------------------
+
+
+@pytest.fixture
+def cached(monkeypatch):
+    """Has libraries looked for in one directory alone, and forgets those that are loaded."""
+
+    def at(directory):
+        monkeypatch.setattr(compiler, "_caches", lambda: (directory,))
+        library.cache_clear()
+        return directory
+
+    yield at
+    library.cache_clear()
+
+
+def test_without_a_compiler_there_is_an_error(cached, monkeypatch, tmp_path):
+    """And no run that is silently slower. The cache is empty, and nothing is on the path."""
+    cached(tmp_path / "none")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(KernelError, match=r"plane_kernel.c .*no C compiler on the PATH"):
+        library("plane_kernel.c")
+
+
+def test_a_library_is_compiled_once_and_a_broken_one_again(cached, tmp_path):
+    directory = cached(tmp_path / "cache")
+    assert library("plane_contact.c") is not None
+    (built,) = directory.iterdir()
+    stamp = built.stat().st_mtime_ns
+    cached(directory)
+    assert library("plane_contact.c") is not None
+    assert built.stat().st_mtime_ns == stamp
+    broken = tmp_path / "other" / built.name
+    broken.parent.mkdir()
+    broken.write_bytes(b"half a library")
+    cached(broken.parent)
+    assert library("plane_contact.c") is not None
+    assert broken.stat().st_size > 1000
+
+
+def test_libraries_of_strangers_are_not_loaded(cached, tmp_path):
+    directory = cached(tmp_path)
+    os.chown(directory, 4242, -1) if os.getuid() == 0 else pytest.skip("needs root")
+    with pytest.raises(KernelError, match="belongs to somebody else"):
+        library("plane_contact.c")
+    os.chown(directory, 0, -1)
+    assert library("plane_contact.c") is not None

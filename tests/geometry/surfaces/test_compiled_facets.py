@@ -104,16 +104,6 @@ def test_the_distance_is_that_of_samples(shape, reach):
         np.testing.assert_allclose(off[:, 0] * way[:, 1] - off[:, 1] * way[:, 0], 0.0, atol=1e-15)
 
 
-def test_points_on_edges_and_corners(shape):
-    """Exactly on the nodes, and right above them: no other place is as near."""
-    facets = np.repeat(warped(shape, np.random.default_rng(2), 1, 0.05), shape.count, axis=0)
-    xi, _, _ = one_each(shape, facets, facets[0])
-    np.testing.assert_allclose(xi, shape.points, rtol=0, atol=1e-10)
-    points = facets[0] + 1e-3 * np.eye(shape.directions + 1)[-1]
-    distance = np.linalg.norm(one_each(shape, facets, points)[2], axis=1)
-    np.testing.assert_allclose(distance, distances(shape, facets, points), rtol=1e-7)
-
-
 def test_slivers(shape):
     """Facets a thousand times as long as wide."""
     flat = np.zeros((200, shape.count, shape.directions + 1))

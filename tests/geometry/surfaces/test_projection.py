@@ -62,48 +62,6 @@ def test_closest_point_is_that_of_brute_force(seed, facets):
     check_nearest(line, np.stack([where, height], axis=1), nodes)
 
 
-@pytest.mark.parametrize("ratio", [50, 5000])
-def test_abrupt_change_of_size(ratio):
-    """One facet many times as long as its neighbours: near its ends they hold all the samples."""
-    x = np.concatenate([np.arange(0, 21), 20.0 + ratio + np.arange(0, 21)]) * 0.02
-    nodes = np.stack([x, np.zeros_like(x)], axis=1)
-    line = polyline(nodes)
-    for height in (0.015, -0.015):
-        where = np.concatenate([np.linspace(0.01, 1.0, 200), np.linspace(0.01, x[-1] - 0.01, 200)])
-        at = check_nearest(line, np.stack([where, np.full(400, height)], axis=1), nodes)
-        np.testing.assert_allclose(at.gap, height, rtol=1e-12)
-        assert at.on_surface.all()
-
-
-def test_short_facets_of_a_wall_do_not_hide_a_long_floor():
-    """The wall's facets are nearer than the middle of the floor, which is nearer still itself."""
-    wall = np.stack([np.zeros(41), np.linspace(1.0, 0.0, 41)], axis=1)
-    ramp = [[0.05, -0.05]]
-    nodes = np.concatenate([wall, ramp, [[1.05, -0.05], [1.1, 0.0], [1.15, 0.1]]])
-    line = polyline(nodes)
-    points = np.stack([np.linspace(0.2, 0.5, 60), np.linspace(0.1, 0.2, 60)], axis=1)
-    at = check_nearest(line, points, nodes)
-    np.testing.assert_allclose(at.gap, points[:, 1] + 0.05, rtol=1e-12)
-
-
-def test_outside_a_ridge_the_vertex_is_the_closest_point():
-    nodes = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
-    at = project(polyline(nodes), np.array([[0.03, 0.04]]), nodes)
-    assert at.clamped.all() and at.on_surface.all()
-    np.testing.assert_allclose(at.foot, [[0.0, 0.0]], atol=1e-16)
-    np.testing.assert_allclose(at.normal, [[0.6, 0.8]], rtol=1e-14)
-    np.testing.assert_allclose(at.gap, 0.05, rtol=1e-14)
-
-
-def test_below_a_groove_the_vertex_is_the_closest_point_and_the_gap_negative():
-    nodes = np.array([[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
-    at = project(polyline(nodes), [[0.03, -0.04]], nodes)
-    assert at.clamped.all() and at.on_surface.all()
-    # The normal points out of the body, so against the way from the vertex to the point.
-    np.testing.assert_allclose(at.normal, [[-0.6, 0.8]], rtol=1e-14)
-    np.testing.assert_allclose(at.gap, -0.05, rtol=1e-14)
-
-
 def test_gap_is_continuous_through_a_kink():
     """On a walk round a vertex, outside a ridge and inside a groove, gap and normal do not jump."""
     for bend in (-0.3, 0.3):

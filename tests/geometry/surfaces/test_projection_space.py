@@ -88,40 +88,6 @@ def test_side_of_the_surface(sheet, kind):
         assert at.clamped.any() or kind[1] == 2
 
 
-def test_ridge_and_groove_between_two_triangles():
-    """Closest points on the shared edge, the normal from it, the sign by both facets."""
-    triangle = facet_shape("triangle", 1)
-    facets = np.array([[0, 1, 2], [1, 0, 3]], dtype=np.int32)
-    for bend in (1.0, -1.0):  # the wings go down: a ridge; up: a groove
-        nodes = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, -bend], [0.5, -1, -bend]], dtype=float)
-        surface = FacetSurface(triangle, facets, nodes)
-        points = np.array([[0.3, 0.03, 0.04 * bend], [0.6, -0.03, 0.04 * bend]])
-        at = check(surface, points, nodes)
-        assert at.clamped.all() and at.on_surface.all()
-        np.testing.assert_allclose(at.foot, [[0.3, 0, 0], [0.6, 0, 0]], atol=1e-15)
-        np.testing.assert_allclose(at.gap, 0.05 * bend, rtol=1e-13)
-        np.testing.assert_allclose(at.normal, [[0, 0.6 * bend, 0.8], [0, -0.6 * bend, 0.8]])
-        # The edge is the first side of both; the point moves along it only.
-        np.testing.assert_allclose(np.einsum("qa,qai->qi", at.along, at.tangents)[:, 1:], 0.0)
-
-
-def test_corner_of_a_pyramid():
-    """Four facets of different angles meet; the sign comes from the angle-weighted normal."""
-    triangle = facet_shape("triangle", 1)
-    base = np.array([[1, 0], [0.9, 0.3], [-0.2, 1], [-1, -0.6], [0.2, -0.8]])
-    count = len(base)
-    facets = np.array([[0, 1 + i, 1 + (i + 1) % count] for i in range(count)], dtype=np.int32)
-    for height in (1.0, -1.0):  # spike, then pit
-        nodes = np.vstack([np.zeros(3), np.column_stack([base, np.full(count, -height)])])
-        surface = FacetSurface(triangle, facets, nodes)
-        points = np.array([[0.001, -0.002, 0.02], [0.0, 0.0, 0.03]]) * height
-        at = check(surface, points, nodes)
-        assert at.clamped.all() and at.on_surface.all()
-        np.testing.assert_allclose(at.foot, 0.0, atol=1e-16)
-        assert (height * at.gap > 0.0).all()
-        np.testing.assert_array_equal(at.along, 0.0)
-
-
 @pytest.mark.parametrize("kind", SPACE, ids=ids)
 def test_past_the_end_there_is_no_contact(sheet, kind):
     surface, nodes = surface_of(sheet, kind, (4, 3), lambda x, y: 0.0 * x)

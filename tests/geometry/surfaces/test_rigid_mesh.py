@@ -7,7 +7,6 @@ from tests.geometry.surfaces.rigid_shapes import STEP, moved
 from tribox.geometry.surfaces.facets import facet_shape
 from tribox.geometry.surfaces.projection import FacetSurface
 from tribox.geometry.surfaces.rigid_mesh import MeshSurface
-from tribox.geometry.surfaces.slave_points import PointNormals
 
 LINE = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
 
@@ -72,26 +71,6 @@ def test_the_same_as_facets_that_are_moved(name):
         rigid.excess(ours.facet, ours.xi), mesh.excess(theirs.facet, ours.xi)
     )
     assert rigid.has_kinks == mesh.has_kinks and rigid.search.searches == 1
-
-
-def test_rays_and_ends_are_carried_along():
-    rigid = MeshSurface(STEP, LINE)
-    mesh = FacetSurface(facet_shape("interval", 1), LINE.astype(np.int32), STEP)
-    controls = moved(rigid, 0.8, 0.15)
-    now = rigid.moved(STEP, controls)
-    x = np.linspace(-1.1, 1.3, 60)
-    places = np.stack([x, np.interp(x, *STEP.T) + 0.02], axis=1)
-    ends = rigid.moved(np.stack([places, places + np.array([0.05, 1.0])]).reshape(-1, 2), controls)
-    points, normals = ends[:60], ends[60:] - ends[:60]
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    rays = PointNormals(normals, np.ones((60, 2, 2, 2)))
-    reach = np.full(60, 0.3)
-    ours = rigid.project(points, controls, rays=rays, fading=reach)
-    theirs = mesh.project(points, now, rays=rays, fading=reach)
-    assert ours.rays is rays and theirs.on_surface.any() and not theirs.on_surface.all()
-    np.testing.assert_array_equal(ours.on_surface, theirs.on_surface)
-    for field in ("gap", "normal", "foot", "share", "share_slope"):
-        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-11)
 
 
 def test_nodes_of_no_facet_do_not_matter():

@@ -240,16 +240,6 @@ def test_rays_meet_arcs_and_straight_pieces():
     assert np.all(np.diff(at.facet) >= 0)
 
 
-def test_a_punch_presses_along_the_normals_of_the_slave_below_its_corner():
-    """Closest points there are on the flank as soon as they are deeper than off the corner."""
-    punch = Polyline(np.array([[1.0, 1.0], [1.0, 0.0], [-1.0, 0.0], [-1.0, 1.0]]))
-    points = [[0.98, 0.05], [1.02, 0.05]]
-    np.testing.assert_allclose(project(punch, points).normal, [[1.0, 0.0], [1.0, 0.0]], atol=1e-14)
-    at = project(punch, points, rays=along([[0.0, -1.0]] * 2))
-    np.testing.assert_allclose(at.gap[0], -0.05, rtol=1e-14)
-    np.testing.assert_array_equal(at.on_surface, [True, False])
-
-
 def test_a_point_that_may_not_leave_its_piece_stays_a_little_past_the_corner():
     punch = Polyline(np.array([[1.0, 1.0], [1.0, 0.0], [-1.0, 0.0], [-1.0, 1.0]]))
     points = [[1.0 + 1e-5, -0.1], [1.01, -0.1]]

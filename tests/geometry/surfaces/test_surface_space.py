@@ -11,8 +11,6 @@ from tests.grid import grid
 from tribox.geometry.compat import distributed_mesh, integration_facets
 from tribox.geometry.meshes.extraction import arrays_of
 from tribox.geometry.meshes.gmsh_model import gmsh_session
-from tribox.geometry.surfaces.body_facets import facet_nodes
-from tribox.geometry.surfaces.facets import facet_shape, unit_normals
 from tribox.geometry.surfaces.surface import ContactSurface
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -105,19 +103,6 @@ def test_weights_add_up_to_the_area_and_shapes_reproduce_positions(space):
     np.testing.assert_allclose(metric, np.broadcast_to(np.eye(size), metric.shape), atol=1e-13)
 
 
-def test_positions_against_interpolated_coordinates(space):
-    surface = surface_of(space)
-    dim = surface.dim
-    u = dolfinx.fem.Function(space)
-    A = np.random.default_rng(2).normal(size=(dim, dim))
-    u.interpolate(lambda X: A @ X[:dim])
-    values = surface.gather(u.x.petsc_vec)
-    slave, master = values[surface.slave_rows], values[surface.first_master :]
-    X = surface.slave.position
-    np.testing.assert_allclose(surface.slave_positions(slave), X + X @ A.T, atol=1e-13)
-    np.testing.assert_allclose(master, surface.master.position @ A.T, atol=1e-13)
-
-
 def test_stretch_is_that_of_nanson(space):
     """∫ da = ∫ |J F⁻ᵀ N| dA of a displacement that varies, at the same points."""
     surface = surface_of(space)
@@ -132,25 +117,6 @@ def test_stretch_is_that_of_nanson(space):
     )
     assert surface.slave.weight @ stretch == pytest.approx(exact, rel=1e-12)
     assert np.ptp(stretch) > 0.01
-
-
-def test_master_facets_face_outwards_and_keep_their_nodes(space):
-    surface = surface_of(space)
-    master, form = surface.master, surface.shape
-    _, facets = sides(space.mesh)
-    assert master.facets.shape == (len(facets), form.count)
-    local = facet_nodes(space, facets)
-    assert set(local.reshape(-1)) == set(master.nodes)
-    where = space.tabulate_dof_coordinates()[master.nodes][:, : surface.dim]
-    np.testing.assert_allclose(where, master.position, atol=1e-15)
-    # Nodes lie where the shape's reference points say: between the corners.
-    linear = facet_shape(form.cell, 1).values(form.points)
-    ends = master.position[master.facets[:, : form.corners]]
-    corners = np.einsum("na,fai->fni", linear, ends)
-    np.testing.assert_allclose(master.position[master.facets], corners, atol=1e-14)
-    middle = np.full((1, form.directions), 1.0 / 3.0)
-    tangents = np.einsum("ba,fai->fbi", form.first(middle)[0], master.position[master.facets])
-    assert (unit_normals(tangents)[:, -1] > 0.5).all()
 
 
 def test_rings_of_an_axisymmetric_surface():
