@@ -28,8 +28,6 @@ from typing import IO, Any
 import pytest
 from mpi4py import MPI
 
-from tests.budget import RANKS, Meter, cpu_time
-
 ROOT = Path(__file__).resolve().parents[1]
 # s that a process may take at most, or all functions of one start of ranks: what only a hang takes,
 # however busy the machine is, and less than the limit that pytest sets a test.
@@ -61,7 +59,6 @@ class OnRanks:
 
     def __init__(self, session: pytest.Session) -> None:
         self.directory = _shared_directory(session.config)
-        self._meter: Meter = session.config.pluginmanager.get_plugin("meter")
         self._alone: dict[str, Any] = {}
         self._asked = dict.fromkeys(key for item in session.items for key in _asked(item))
 
@@ -96,13 +93,11 @@ class OnRanks:
         # Tests that start ranks are alone (see conftest.py): no other process does so now.
         directory.mkdir(parents=True)
         names = [name for name, ranks in self._asked if ranks == count]
-        before = cpu_time()
         with (directory / "said.txt").open("w", encoding="utf-8") as output:
             while names:  # after one that fails, and ends all ranks, the others have a new start
                 _run(count, directory, names, output)
                 ended = [(directory / f"{name}.json").exists() for name in names]
                 names = names[ended.index(False) + 1 :] if False in ended else []
-        self._meter.charge("guard", f"{RANKS}::{count} ranks", cpu_time() - before)
 
 
 def _run(count: int, directory: Path, names: list[str], output: IO[str]) -> None:
