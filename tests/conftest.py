@@ -30,7 +30,7 @@ from tribox.geometry.surfaces.facets import FacetShape, facet_shape
 from tribox.geometry.surfaces.surface import ContactSurface
 
 TESTS = Path(__file__).parent
-pytest_plugins = ["tests.blank_figures", "tests.budget", "tests.ranks"]
+pytest_plugins = ["tests.blank_figures", "tests.ranks"]
 if "TRIBOX_CONTAINED" in os.environ and "TRIBOX_TESTS" not in os.environ:
     os.environ["CC"] = str(TESTS / "quick-cc")  # what is compiled goes with the container
 os.environ["TRIBOX_TESTS"] = "1"  # processes of the tests read this file again

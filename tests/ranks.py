@@ -28,8 +28,6 @@ from typing import IO, Any
 import pytest
 from mpi4py import MPI
 
-from tests.budget import RANKS, Meter, cpu_time
-
 ROOT = Path(__file__).resolve().parents[1]
 # s that a process may take at most, or all functions of one start of ranks: what only a hang takes,
 # however busy the machine is, and less than the limit that pytest sets a test.
@@ -57,32 +55,22 @@ def environment() -> dict[str, str]:
 
 
 class OnRanks:
-    """Calls functions on ranks; each number of ranks is started once in a run of the tests.
-
-    What only long tests ask for has a start of its own, so that the cost of the others shows.
-    """
+    """Calls functions on ranks; each number of ranks is started once in a run of the tests."""
 
     def __init__(self, session: pytest.Session) -> None:
         self.directory = _shared_directory(session.config)
-        self._meter: Meter = session.config.pluginmanager.get_plugin("meter")
-        self._tiers: dict[tuple[str, int], str] = {}
         self._alone: dict[str, Any] = {}
-        for item in session.items:
-            tier = "long" if item.get_closest_marker("long") else "guard"
-            for key in _asked(item):
-                self._tiers[key] = min(tier, self._tiers.get(key, tier))
+        self._asked = dict.fromkeys(key for item in session.items for key in _asked(item))
 
     def starts(self, item: pytest.Item) -> bool:
         """Whether a test will start ranks: its own, or the first of those that tests share."""
         if any(not mark.args for mark in item.iter_markers("mpi")):
             return True
-        shared = [key for key in _asked(item) if key[1] > 1]
-        return not all(
-            self._directory(count, self._tiers[name, count]).exists() for name, count in shared
-        )
+        counts = [count for _, count in _asked(item) if count > 1]
+        return not all(self._directory(count).exists() for count in counts)
 
-    def _directory(self, count: int, tier: str) -> Path:
-        return self.directory / f"{count}-{tier}"
+    def _directory(self, count: int) -> Path:
+        return self.directory / f"{count}"
 
     def __call__(self, scene: Scene, count: int) -> Any:
         """What a function returns on the first of a number of ranks."""
@@ -92,27 +80,24 @@ class OnRanks:
                 own = f"1-{os.environ.get('PYTEST_XDIST_WORKER', 'only')}"
                 self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / own)
             return self._alone[name]
-        tier = self._tiers.get((name, count))
-        assert tier is not None, f"@pytest.mark.mpi({scene.__name__}, {count})"
-        directory = self._directory(count, tier)
+        assert (name, count) in self._asked, f"@pytest.mark.mpi({scene.__name__}, {count})"
+        directory = self._directory(count)
         if not directory.exists():
-            self._start(tier, count, directory)
+            self._start(count, directory)
         found = directory / f"{name}.json"
         said = (directory / "said.txt").read_text(encoding="utf-8")
         assert found.exists(), f"{name} did not end within {LIMIT:g} s, or failed:\n{said}"
         return json.loads(found.read_text(encoding="utf-8"))
 
-    def _start(self, tier: str, count: int, directory: Path) -> None:
+    def _start(self, count: int, directory: Path) -> None:
         # Tests that start ranks are alone (see conftest.py): no other process does so now.
         directory.mkdir(parents=True)
-        names = [name for (name, ranks), of in self._tiers.items() if (of, ranks) == (tier, count)]
-        before = cpu_time()
+        names = [name for name, ranks in self._asked if ranks == count]
         with (directory / "said.txt").open("w", encoding="utf-8") as output:
             while names:  # after one that fails, and ends all ranks, the others have a new start
                 _run(count, directory, names, output)
                 ended = [(directory / f"{name}.json").exists() for name in names]
                 names = names[ended.index(False) + 1 :] if False in ended else []
-        self._meter.charge(tier, f"{RANKS}::{count} ranks", cpu_time() - before)
 
 
 def _run(count: int, directory: Path, names: list[str], output: IO[str]) -> None:

@@ -289,7 +289,7 @@ def soft_line(across):
     force = 2.0 * LOAD * MODULUS * RADIUS
     a = np.sqrt(4.0 * force * RADIUS / (np.pi * MODULUS))
     speeds = {g: 4.0 * (LOAD / g) ** 2 * MODULUS * RADIUS / ETA for g in
-              (2000.0, 800.0, 250.0, 80.0, 30.0, 14.0, 10.07, 7.5, 5.589, 3.108)}  # fmt: skip
+              (2000.0, 500.0, 100.0, 25.0, 14.0, 10.07, 5.589, 3.108)}  # fmt: skip
     rate, time = [[0.0, 0.0], [1.0, 0.0]], 1.0
     stages = [{"name": "press", "duration": "1 s", "steps": 1, "rate_dependent": False}]
     for g, speed in speeds.items():
