@@ -10,9 +10,11 @@ from mpi4py import MPI
 
 import tribox.forms.native
 import tribox.geometry.native.compiler
+from tests.forms.bodies.element_matrices import cells_of, summed
+from tests.forms.bodies.in_forms import InForms, in_ufl
 from tests.grid import coordinate_element, grid
 from tribox.app.equilibrium.bodies import Bodies
-from tribox.forms.bodies.compiled_cells import CompiledCells
+from tribox.forms.bodies.compiled_cells import CompiledCells, OwnCells
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean, Yeoh
 from tribox.forms.bodies.solid import DEGREE, Solid
 from tribox.geometry.native.compiler import KernelError
@@ -38,15 +40,16 @@ OTHERS = [
 
 def body(cell, material, formulation, cells=(5, 3), distortion=0.15, section=None):
     """A displacement on a distorted mesh, and the body on all of it; rings have a hole."""
-    mesh = grid(cell, cells, [1.0, 0.7])
+    dim = len(cells)
+    mesh = grid(cell, cells, [1.0, 0.7, 0.5][:dim])
     x = mesh.geometry.x
-    x[:, :2] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), 2))
+    x[:, :dim] += distortion / max(cells) * np.random.default_rng(3).uniform(-1, 1, (len(x), dim))
     if section == "axisymmetric":
         x[:, 0] += 0.3
-    element = ("Lagrange", DEGREE[formulation], (2,))
+    element = ("Lagrange", DEGREE[formulation], (dim,))
     mesh = mesh if DEGREE[formulation] == 1 else bent(mesh)
     u = dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
-    all_cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    all_cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     return u, Solid("body", u, all_cells, material, formulation, section=section)
 
 
@@ -102,11 +105,35 @@ def test_the_energy_of_tiny_strains_keeps_its_digits(name):
     assert Bodies(u, [solid]).strain_energy() == pytest.approx(area * density, rel=1e-8)
 
 
+@pytest.mark.parametrize("section", ["plane-strain", "axisymmetric", "3D"])
+@pytest.mark.parametrize("formulation", ["q1", "q1-sri"])
+def test_an_energy_of_ones_own_is_that_of_the_sources(section, formulation):
+    """Forces, energy and tangent; a cell that is inverted is told."""
+    cell = "hexahedron" if section == "3D" else "quadrilateral"
+    for material in (*list(MATERIALS.values())[:2], YEOH):
+        u, solid = body(cell, material, formulation, (3, 2, 1)[: 3 if section == "3D" else 2],
+                        section=section)  # fmt: skip
+        u.x.array[:] = 0.04 * np.random.default_rng(5).uniform(-1, 1, len(u.x.array))
+        own = Solid("own", u, solid.cells, in_ufl(material), formulation, section=section)
+        assert own.reduced == solid.reduced
+        found = []
+        for one in (solid, own):
+            cells, force = cells_of(u, one), np.zeros_like(u.x.array)
+            assert cells.add(u.x.array, force)
+            tangent = summed(u, cells.tangent_loops(u.x.array))
+            found.append((force, tangent, np.array(cells.energy(u.x.array))))
+        for known, mine in zip(*found, strict=True):
+            np.testing.assert_allclose(mine, known, rtol=0, atol=1e-12 * np.abs(known).max())
+    assert type(cells) is OwnCells
+    u.x.array[0] = 9.0
+    assert not cells.add(u.x.array, force) and cells.energy(u.x.array) == np.inf
+
+
 def same_forces(u, solid, size):
     """Compare forces and energy of both ways."""
     stretched(u, size)
-    fast, slow = Bodies(u, [solid]), Bodies(u, [solid], compiled=False)
-    assert isinstance(fast.cells[0], CompiledCells) and slow.cells == [None]
+    fast, slow = Bodies(u, [solid]), InForms(solid)
+    assert isinstance(fast.cells[0], CompiledCells)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert fast.evaluate(u.x.array, mine) and slow.evaluate(u.x.array, theirs)
     largest = np.abs(theirs).max()
@@ -126,9 +153,9 @@ def test_large_strains(name):
         u.x.array[:] = (where @ np.array(gradient).T).reshape(-1)
         mine, theirs = np.zeros_like(u.x.array), np.zeros_like(u.x.array)
         Bodies(u, [solid]).evaluate(u.x.array, mine)
-        Bodies(u, [solid], compiled=False).evaluate(u.x.array, theirs)
+        InForms(solid).evaluate(u.x.array, theirs)
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * np.abs(theirs).max())
-        assert Bodies(u, [solid]).strain_energy() == pytest.approx(solid.strain_energy())
+        assert Bodies(u, [solid]).strain_energy() == pytest.approx(InForms(solid).strain_energy())
 
 
 def test_without_a_compiler_there_is_an_error(monkeypatch, tmp_path):

@@ -10,6 +10,7 @@ from tests.forms.bodies.element_matrices import (
     same_carried_pressures,
     summed,
 )
+from tests.forms.bodies.in_forms import forms_of
 from tests.forms.bodies.test_internal_force import KINDS, MATERIALS, OTHERS, RINGS, body, stretched
 from tribox.forms.bodies.solid import Solid
 
@@ -40,7 +41,7 @@ def test_tangent_of_points_alone(material, cell, formulation, section):
 def same_tangent(u, solid, size):
     """Compare the tangent of both ways."""
     stretched(u, size)
-    wanted = dense([part.tangent for part in solid.forms])
+    wanted = dense([part.tangent for part in forms_of(solid)])
     found = summed(u, cells_of(u, solid).loops)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_allclose(found, found.T, rtol=0, atol=1e-14 * np.abs(wanted).max())

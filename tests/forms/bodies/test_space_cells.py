@@ -12,8 +12,8 @@ from tests.forms.bodies.element_matrices import (
     same_carried_pressures,
     summed,
 )
+from tests.forms.bodies.in_forms import InForms, forms_of
 from tests.grid import coordinate_element, grid
-from tribox.app.equilibrium.bodies import Bodies
 from tribox.forms.bodies.materials import (
     Hencky,
     MooneyRivlin,
@@ -83,10 +83,10 @@ def deform(u, size, turned=False):
 
 def compare(u, solid):
     """Forces, energy and tangent of the loop and of the forms."""
-    cells, slow = cells_of(u, solid), Bodies(u, [solid], compiled=False)
+    cells, slow = cells_of(u, solid), InForms(solid)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert cells.add(u.x.array, mine) and slow.add_forces(theirs)
-    stiffness = dense([part.tangent for part in solid.forms])
+    stiffness = dense([part.tangent for part in forms_of(solid)])
     # What rounds F is an error of the stress of the modulus times 1e-16.
     rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
     largest = np.abs(theirs - 1.0).max()
@@ -105,9 +105,7 @@ def test_forces_energy_and_tangent_are_those_of_the_forms(name, cell, formulatio
     for size, turned in ((0.7, False), (0.7, True), (1e-2, True), (1e-5, False)):
         deform(u, size, turned)
         assert compare(u, solid) > 1e-4 * size
-    for key, value in INCOMPRESSIBLE[name].parameters().items():
-        solid._constants[key].value = value
-    solid.material = INCOMPRESSIBLE[name]
+    solid = Solid("body", u, solid.cells, INCOMPRESSIBLE[name], formulation)
     for size in (0.5, 1e-2):
         deform(u, size, turned=True)
         compare(u, solid)
