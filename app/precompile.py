@@ -88,7 +88,7 @@ def _compile(group: _Group) -> Iterator[str]:
     )
     from tribox.forms.bodies.materials import NeoHookean
     from tribox.forms.bodies.solid import Solid
-    from tribox.forms.bodies.weights import body_weights, mass_form, surface_weights
+    from tribox.forms.bodies.weights import surface_weights
     from tribox.geometry.meshes.mesh import generate
 
     # Groups share a form or two: one process waits for the other's compiler, s.
@@ -99,9 +99,7 @@ def _compile(group: _Group) -> Iterator[str]:
     space = dolfinx.fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
     u = dolfinx.fem.Function(space)
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    solid = Solid("sample", u, cells, NeoHookean(1.0, 2.0), "q1", section=group.section)
-    mass_form(space, solid)
-    body_weights(space, cells, group.section)
+    Solid("sample", u, cells, NeoHookean(1.0, 2.0), "q1", section=group.section)
     yield f"{group.cell} {group.section} bodies"
     mesh.topology.create_connectivity(dim - 1, dim)
     facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
