@@ -75,7 +75,7 @@ def calls(made: FlowingBody) -> dict[str, Callable[[], object]]:
 
     def tangent() -> None:
         solid.evaluate(1.0, tangent=True)
-        bodies.add_tangent(A, 0, 1, False, False)
+        bodies.add_tangent(A, 0, 1, False)
 
     def residual() -> None:
         solid.evaluate(1.0)

@@ -179,12 +179,6 @@ def integration_facets(mesh: dolfinx.mesh.Mesh, facets: Ints) -> Ints:
     return np.asarray(pairs, dtype=np.int32).reshape(-1)
 
 
-def interpolation_points(space: dolfinx.fem.FunctionSpace) -> Floats:
-    """Points (p, i) of the reference cell at which a space takes values of a function."""
-    points = space.element.interpolation_points
-    return points() if callable(points) else points
-
-
 # -- spaces with more nodes than the mesh has -----------------------------------------------------
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import combinations
 
-import dolfinx
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -14,6 +12,7 @@ from tribox.app.build.boundary_conditions import ON_AXIS
 from tribox.app.case.case import Case, of_a_tool
 from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.validation import format_problem
+from tribox.app.equilibrium.supports import connected, sharing
 from tribox.app.errors import InputError
 from tribox.geometry.compat import cell_nodes, entity_nodes
 from tribox.geometry.meshes.gmsh_model import MeshError
@@ -175,14 +174,9 @@ def bodies_sharing_nodes(named: NamedMesh) -> dict[tuple[str, str], int]:
 
 def bonded_groups(named: NamedMesh) -> list[list[str]]:
     """Names of all bodies, those together that shared nodes connect; collective."""
-    group = {name: name for name in named.bodies}
-    for first, second in bodies_sharing_nodes(named):
-        old, new = group[second], group[first]
-        group = {name: new if of == old else of for name, of in group.items()}
-    return [
-        [name for name, of in group.items() if of == first]
-        for first in dict.fromkeys(group.values())
-    ]
+    names = list(named.bodies)
+    pairs = [(names.index(a), names.index(b)) for a, b in bodies_sharing_nodes(named)]
+    return [[names[k] for k in group] for group in connected(len(names), pairs)]
 
 
 def surfaces_sharing_nodes(named: NamedMesh, surfaces: tuple[str, str]) -> int:
@@ -198,16 +192,6 @@ def _sharing(
     named: NamedMesh, nodes: Mapping[str, npt.NDArray[np.int32]]
 ) -> dict[tuple[str, str], int]:
     """How many of the mesh's nodes two of several sets, by local numbers, share; collective."""
-    index, comm = named.mesh.geometry.index_map(), named.mesh.comm
-    used = {}
-    for name, rows in nodes.items():
-        marks = dolfinx.la.vector(index, 1, dtype=np.float64)
-        marks.array[np.unique(rows)] = 1.0
-        # A node may be used only on a process that does not own it.
-        marks.scatter_reverse(dolfinx.la.InsertMode.add)
-        used[name] = marks.array[: index.size_local] > 0.0
-    counts = {
-        (a, b): comm.allreduce(int(np.count_nonzero(used[a] & used[b])), op=MPI.SUM)
-        for a, b in combinations(nodes, 2)
-    }
-    return {pair: count for pair, count in counts.items() if count}
+    names, mesh = list(nodes), named.mesh
+    counts = sharing(mesh.geometry.index_map(), mesh.comm, list(nodes.values()))
+    return {(names[a], names[b]): count for (a, b), count in counts.items()}

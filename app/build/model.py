@@ -420,14 +420,7 @@ def notes_on_materials(bodies: Bodies, materials: Mapping[str, Material]) -> lis
     for name, body in bodies.items():
         if getattr(materials[name].elastic, "always_stable", False):
             continue
-        try:
-            limits = stability_limits(materials[name])
-        except NotImplementedError as error:
-            notes.append(
-                f"bodies.{name}: moduli and stability of its energy are not known ({error})"
-            )
-            continue
-        if limits:
+        if limits := stability_limits(materials[name]):
             where = ", ".join(f"{test} beyond a stretch of {at:.3g}" for test, at in limits.items())
             notes.append(
                 f"bodies.{name}: the {body.called} energy with these constants is not stable "

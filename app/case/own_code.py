@@ -283,14 +283,14 @@ def load_own_material(
         OwnCodeError: there is no such file or class, it is no strain energy of J, I1 and I2, the
             undeformed body is under stress, or has other moduli.
     """
-    from tribox.forms.bodies.stability import at_rest
+    from tribox.forms.bodies.own_energy import at_rest
 
     own = _made(reference, parameters, ("parameters", "energy"), "strain energy")
     material = OwnMaterial(own, reference.rpartition(":")[0], shear_modulus, bulk_modulus)
     try:
         stress, shear, bulk = at_rest(material)
-    except NotImplementedError:  # of a function whose values are not known here
-        return material
+    except NotImplementedError as error:
+        raise OwnCodeError(f"the energy has a function that is not known: {error}") from None
     modulus = bulk_modulus + 4.0 / 3.0 * shear_modulus
     if not abs(stress) <= CLOSE * 1e-3 * modulus:
         raise OwnCodeError(

@@ -1,8 +1,7 @@
 """Forces, strain energy and tangent of all bodies.
 
-Strain energies that compiled loops cover (:mod:`tribox.forms.bodies.compiled_cells`) go through
-them, the others through the forms that DOLFINx compiled. Matrices of points that remember are
-added in the same loop (:mod:`tribox.forms.bodies.point_cells`).
+Strain energies go through loops over cells (:mod:`tribox.forms.bodies.compiled_cells`), with those
+of points that remember (:mod:`tribox.forms.bodies.point_cells`).
 """
 
 from __future__ import annotations
@@ -26,12 +25,11 @@ from tribox.app.equilibrium.matrix_values import (
     pattern_in_place,
     values_in_place,
 )
-from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
+from tribox.forms.bodies.compiled_cells import compiled_cells
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import PointCells, add_tangent, parts
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native import library
-from tribox.geometry.compat import add_matrix
 from tribox.geometry.surfaces.facets import Bools, Floats, Ints
 
 # -- Where the element matrices of a body go in the tangent's matrix -------------------------------
@@ -177,23 +175,11 @@ class Bodies:
         solids: the bodies; cells: the compiled loop of the strain energy of each, None without.
     """
 
-    def __init__(
-        self, u: dolfinx.fem.Function, solids: Sequence[Solid], compiled: bool = True
-    ) -> None:
-        """Choose the compiled loop or the forms for each body.
-
-        Args:
-            u: displacement, m, that the forms read.
-            compiled: False for the forms throughout.
-        """
+    def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
+        """Choose the compiled loop or the forms for each body; ``u``: displacement, m."""
         self.solids = list(solids)
         self._u, self._dim = u, u.function_space.dofmap.index_map_bs
-        self.cells: list[CompiledCells | None] = [
-            compiled_cells(u.function_space, solid) if compiled else None for solid in solids
-        ]
-        for solid, cells in zip(solids, self.cells, strict=True):
-            if cells is None:
-                solid.forms  # what is wrong with an energy is told before anything is solved
+        self.cells = [compiled_cells(u.function_space, solid) for solid in solids]
         self._placed: dict[int, _Placed] = {}
 
     def evaluate(self, u: Floats, out: Floats, dt: float | None = math.inf) -> bool:
@@ -230,10 +216,7 @@ class Bodies:
         for solid, cells in zip(self.solids, self.cells, strict=True):
             if cells is not None:
                 valid &= cells.add(u, out)
-            for part in solid.forms if cells is None else ():
-                dolfinx.fem.assemble_vector(out, part.residual)
             solid.add_point_forces(out)
-        # Of forms the logarithm of J ≤ 0 is NaN, and a NaN anywhere makes the sum one.
         return valid and (None not in self.cells or bool(np.isfinite(out.sum())))
 
     def strain_energy(self) -> float:
@@ -243,28 +226,17 @@ class Bodies:
     def strain_energies(self) -> list[float]:
         """The same of each body."""
         return [
-            solid.strain_energy()
-            if cells is None
-            else cells.energy(self._u.x.array) + solid.point_energy()
+            (0.0 if cells is None else cells.energy(self._u.x.array)) + solid.point_energy()
             for solid, cells in zip(self.solids, self.cells, strict=True)
         ]
 
-    def add_tangent(
-        self, A: PETSc.Mat, index: int, pattern: object, carried: bool, unrolled: bool
-    ) -> None:
+    def add_tangent(self, A: PETSc.Mat, index: int, pattern: object, carried: bool) -> None:
         """Add the tangent of one solid; collective."""
-        solid, cells = self.solids[index], self._cells_for(A, index)
+        solid, cells = self.solids[index], self.cells[index]
         carrier = solid.carried if carried else None
-        loops = [] if cells is None else list(cells.loops)
+        loops = [] if cells is None else list(cells.tangent_loops(self._u.x.array))
         if isinstance(solid, MemorySolid):
             loops.append(solid.point_cells)
-        if cells is None:
-            forms = [part.tangent for part in solid.forms]
-            forms += [] if carrier is None else [carrier.tangent]
-            for form in forms:
-                add_matrix(A, form, unrolled=unrolled)
-        if not loops:
-            return
         known = self._placed.get(index)
         if known is None or known.pattern != pattern:
             known = self._placed[index] = self._found(A, loops, pattern, known)
@@ -272,16 +244,9 @@ class Bodies:
 
     def add_elastic_tangent(self, A: PETSc.Mat, index: int) -> None:
         """Add the tangent of the strain energy of one solid to a matrix that is made once."""
-        cells = self._cells_for(A, index)
+        cells = self.cells[index]
         if cells is not None:
-            self._add_cells(A, self._found(A, cells.loops), None)
-            return
-        for part in self.solids[index].forms:
-            add_matrix(A, part.tangent, unrolled=False)
-
-    def _cells_for(self, A: PETSc.Mat, index: int) -> CompiledCells | None:
-        """The loops of one solid, which are quick only where they find their places in ``A``."""
-        return self.cells[index] if is_direct(A) else None
+            self._add_cells(A, self._found(A, cells.tangent_loops(self._u.x.array)), None)
 
     def _found(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -29,27 +29,36 @@ def bonded_groups(problem: Equilibrium) -> list[list[Solid]]:
 
     They are in the order of the problem's bodies; the same on all ranks.
     """
-    solids = problem.solids
-    number = list(range(len(solids)))
-    if len(solids) > 1:
-        index = problem.space.dofmap.index_map
-        uses = np.zeros((len(solids), index.size_local), dtype=np.bool_)
-        for row, solid in zip(uses, solids, strict=True):
-            marks = dolfinx.la.vector(index, 1, dtype=np.float64)
-            marks.array[np.unique(problem.space.dofmap.list[solid.cells])] = 1.0
-            # A body may use a node only on a rank that does not own it.
-            marks.scatter_reverse(dolfinx.la.InsertMode.add)
-            row[:] = marks.array[: index.size_local] > 0.0
-        pairs = list(combinations(range(len(solids)), 2))
-        local = np.array([np.count_nonzero(uses[a] & uses[b]) for a, b in pairs])
-        shared = problem.comm.allreduce(local, op=MPI.SUM)
-        for (a, b), count in zip(pairs, shared, strict=True):
-            if count:
-                number = [number[a] if n == number[b] else n for n in number]
-    groups: dict[int, list[Solid]] = {}
-    for n, solid in zip(number, solids, strict=True):
-        groups.setdefault(n, []).append(solid)
-    return list(groups.values())
+    solids, dofmap = problem.solids, problem.space.dofmap
+    nodes = [dofmap.list[solid.cells] for solid in solids]
+    shared = sharing(dofmap.index_map, problem.comm, nodes)
+    return [[solids[k] for k in group] for group in connected(len(solids), shared)]
+
+
+def sharing(
+    index: dolfinx.common.IndexMap, comm: MPI.Comm, sets: Sequence[Ints]
+) -> dict[tuple[int, int], int]:
+    """How many nodes two of several sets, by local numbers, share, where they do; collective."""
+    used = []
+    for nodes in sets:
+        marks = dolfinx.la.vector(index, 1, dtype=np.float64)
+        marks.array[np.unique(nodes)] = 1.0
+        # A node may be used only on a rank that does not own it.
+        marks.scatter_reverse(dolfinx.la.InsertMode.add)
+        used.append(marks.array[: index.size_local] > 0.0)
+    pairs = list(combinations(range(len(sets)), 2))
+    local = np.array([np.count_nonzero(used[a] & used[b]) for a, b in pairs], dtype=np.int64)
+    counts = comm.allreduce(local, op=MPI.SUM)
+    return {pair: int(count) for pair, count in zip(pairs, counts, strict=True) if count}
+
+
+def connected(count: int, pairs: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """The numbers below ``count``, those together that pairs connect."""
+    group = list(range(count))
+    for a, b in pairs:
+        new, old = group[a], group[b]
+        group = [new if of == old else of for of in group]
+    return [[k for k, of in enumerate(group) if of == one] for one in dict.fromkeys(group)]
 
 
 # -- Which bodies a contact is between -------------------------------------------------------------

@@ -154,7 +154,7 @@ class Tangent:
         """Add solids and loads at the displacement at hand."""
         pattern, unrolled = (self.pattern_changes, self._mapped), bool(self.constraints.aligned)
         for index in range(len(self.bodies.solids)):
-            self.bodies.add_tangent(A, index, pattern, carried, unrolled)
+            self.bodies.add_tangent(A, index, pattern, carried)
         for load in self.loads:
             if load.tangent is not None and load.acts:
                 add_matrix(A, load.tangent, unrolled=unrolled)

@@ -28,7 +28,7 @@ from tribox.app.equilibrium.snapshot import Kept, Nodal, Remembers, Snapshot
 from tribox.app.equilibrium.unknowns import place_of_largest
 from tribox.app.explicit.leap_frog import LumpedDynamics
 from tribox.forms.bodies.loads import Foundation
-from tribox.forms.bodies.weights import cell_field, element_frequencies, lumped_mass
+from tribox.forms.bodies.weights import element_frequencies, lumped_mass
 from tribox.forms.contact.stiffness import PairStiffness
 from tribox.geometry.surfaces.facets import Floats
 from tribox.geometry.surfaces.surface import NodalVector
@@ -105,19 +105,16 @@ def scaled_mass(
     limits = _Limits(problem, pairs)
     if scaling.kind == "uniform":
         worst = problem.comm.allreduce(limits.of(plain).max(initial=0.0), op=MPI.MAX)
-        factor = max(float(worst) / highest, 1.0)
-        return _result(problem, plain, factor * plain, np.full(1, factor))
-    field = cell_field(problem.space.mesh, 1.0)
-    mass = plain
+        most = max(float(worst) / highest, 1.0)
+        return _result(problem, plain, most * plain, np.full(1, most))
+    factor, mass = np.ones(limits.count), plain
     for _ in range(ROUNDS):
-        excess = limits.of(mass, field) / highest
+        excess = limits.of(mass, factor) / highest
         if not problem.comm.allreduce(bool(np.any(excess > 1.0 + 1e-9)), op=MPI.LOR):
             break
-        owned = field.x.array[: len(excess)]
-        owned *= np.maximum(excess, 1.0)
-        field.x.scatter_forward()
-        mass = lumped_mass(problem.space, problem.solids, field)
-    return _result(problem, plain, mass, field.x.array[: len(excess)])
+        factor *= np.maximum(excess, 1.0)
+        mass = lumped_mass(problem.space, problem.solids, factor)
+    return _result(problem, plain, mass, factor)
 
 
 def with_tools(mass: Floats, tools: Sequence[RigidTool]) -> Floats:
@@ -161,12 +158,16 @@ class _Limits:
         self._stiffness = stiffness.array.copy()
         self._dim = problem.dim
 
-    def of(self, mass: Floats, scale: dolfinx.fem.Function | None = None) -> Floats:
+    @property
+    def count(self) -> int:
+        """Number of owned cells."""
+        return len(self._alone)
+
+    def of(self, mass: Floats, factor: Floats | float = 1.0) -> Floats:
         """ω² (c,) of the cells for nodal masses (local unknowns) and a factor per cell."""
         bound = np.zeros_like(mass)  # nodes beside those of bodies are without mass
         np.divide(self._stiffness, mass, out=bound, where=mass > 0.0)
         per_node = bound.reshape(-1, self._dim).max(axis=1)
-        factor = scale.x.array[: len(self._alone)] if scale is not None else 1.0
         # ω² of a sum of stiffnesses is at most the sum of both: the cell alone, and the contact's
         # springs on the worst of its nodes.
         return self._alone / factor + per_node[self._nodes].max(axis=1, initial=0.0)

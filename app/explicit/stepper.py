@@ -17,7 +17,6 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.equilibrium import Equilibrium, load_residuals
 from tribox.app.equilibrium.snapshot import AtPoints, Nodal, Snapshot, of_bodies, of_contacts
 from tribox.app.equilibrium.supports import bodies_of
@@ -90,7 +89,7 @@ class ExplicitStepper:
         self._residual = NodalVector(problem.space)
         self.load_residuals = load_residuals(problem)
         compiled = self.options.compiled
-        self.bodies = problem.bodies if compiled else Bodies(problem.u, problem.solids, False)
+        self.bodies = problem.bodies
         self.contacts = [explicit_contact(term, compiled) for term in problem.contacts]
         for part in problem.prescribed:
             if part.acts:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import dolfinx
 import numpy as np
 from mpi4py import MPI
 
@@ -30,7 +31,7 @@ from tribox.app.results.saving import Saving, on_first
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.motion_history import KEYS
 from tribox.app.simulation.run_state import Interval, Observer, RunState
-from tribox.forms.bodies.deformation import BodyPoints
+from tribox.forms.bodies.deformation import quadrature_rows
 from tribox.forms.bodies.point_stress import mean_pressure, von_mises
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.bodies.viscous_points import Viscoelastic
@@ -241,16 +242,42 @@ class BodyProbes:
 
     def rows(self) -> list[tuple[object, ...]]:
         """Rows at the present displacement, on the first rank; collective."""
+        problem = self._model.problem
+        energies = [solid.name for solid in problem.solids], problem.bodies.strain_energies()
+        energy = dict(zip(*energies, strict=True))
         found = [
             (
-                *(name, body.solid.name, *map(float, body.values(self._components))),
+                *(name, body.solid.name),
+                *map(float, body.values(self._components, energy[body.solid.name])),
                 *(body.plastic_strain() if self._flows else ()),
                 *body.by_branch(self._branches),
                 *([body.by_softening()] if self._softens else ()),
             )
             for name, body in self._probes
         ]
-        return found if self._model.problem.comm.rank == 0 else []
+        return found if problem.comm.rank == 0 else []
+
+
+class BodyPoints:
+    """The quadrature points of a body's own cells, those of full integration.
+
+    Attributes:
+        weight: (q, c) m² or m³, of whole rings with axial symmetry; place: (q, c, i), m.
+    """
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid) -> None:
+        """Tabulate the shape functions of the displacement's ``space``."""
+        degree = solid.full_degree
+        self._rows, self.weight = quadrature_rows(space, solid.section, solid.cells, degree)
+        self.place: Floats = np.stack([rows.place for rows in self._rows])
+
+    def deformation(self, u: Floats) -> Floats:
+        """Deformation gradients (q, c, 3, 3) of nodal displacements ``u`` (c, a, i), m."""
+        return np.stack([rows.deformation(u) for rows in self._rows])
+
+    def displacement(self, u: Floats) -> Floats:
+        """Displacements (q, c, i), m."""
+        return np.stack([rows.displacement(u) for rows in self._rows])
 
 
 class _Body:
@@ -267,8 +294,13 @@ class _Body:
         local = float(self._points.weight.sum())
         self._reference = float(model.problem.comm.allreduce(local, op=MPI.SUM))
 
-    def values(self, tensor: Sequence[tuple[str, int, int]]) -> Floats:
-        """The columns of numbers, on all ranks; collective."""
+    def values(self, tensor: Sequence[tuple[str, int, int]], energy: float) -> Floats:
+        """The columns of numbers, on all ranks; collective.
+
+        Args:
+            tensor: :func:`components`.
+            energy: this rank's strain energy of the body, J per unit thickness.
+        """
         comm, dim = self._problem.comm, self._problem.dim
         u = self._problem.u.x.array.reshape(-1, dim)[self._nodes]
         F = self._points.deformation(u)
@@ -287,13 +319,13 @@ class _Body:
         parts = [np.ones(len(F)), *place.T]
         parts += [sigma[:, i, j] for _, i, j in tensor] + [mises, mean_pressure(sigma)]
         parts += [strain[:, i, j] for _, i, j in tensor]
-        local = np.array([weight @ part for part in parts] + [self.solid.strain_energy()])
+        local = np.array([weight @ part for part in parts] + [energy])
         total = comm.allreduce(local)
-        volume, means, energy = total[0], total[1:-1] / total[0], total[-1]
+        volume, means, stored = total[0], total[1:-1] / total[0], total[-1]
         largest = comm.allreduce(float(measures.max_stretch.max(initial=0.0)), op=MPI.MAX)
         extreme, where = _largest(mises, self._points.place.reshape(-1, dim), comm)
         t = self._thickness
-        tail = [volume / self._reference, largest, extreme, *where, energy * t]
+        tail = [volume / self._reference, largest, extreme, *where, stored * t]
         return np.array([volume * t, *means, *tail])
 
     def by_branch(self, count: int) -> list[float]:

@@ -18,17 +18,11 @@ import dolfinx
 import numpy as np
 
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import (
-    Hencky,
-    Material,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    Yeoh,
-)
+from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import MemorySolid
 from tribox.forms.bodies.point_cells import (
     NAMES,
+    PIECE,
     Cells,
     Moduli,
     PointCells,
@@ -36,16 +30,23 @@ from tribox.forms.bodies.point_cells import (
     centres_of,
     in_lanes,
     lanes,
+    moduli_in_place,
 )
-from tribox.forms.bodies.point_state import Kernel
+from tribox.forms.bodies.point_stress import (
+    DISTORTION,
+    NUMBERS,
+    VOLUME,
+    WHOLE,
+    AtPoints,
+    constants_of,
+    energy_at_points,
+    energy_kernel,
+)
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native import library
 from tribox.geometry.compat import cell_order
 from tribox.geometry.surfaces.facets import Floats
 
-# Of energies.h.
-_NUMBERS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3, Ogden: 4}
-_WHOLE, _DISTORTION, _VOLUME = range(3)
 # Loops over first-order cells: name in the sources, the source, and the materials that they know.
 _FIRST_ORDER: dict[Section, tuple[str, str, int]] = {
     "plane-strain": ("plane", "plane_kernel.c", 3),
@@ -56,30 +57,6 @@ _CELLS: list[Any] = [ctypes.c_int, ctypes.c_int, _POINTER, ctypes.c_int64, ctype
 _CELLS += [_POINTER] * 4
 
 
-class _Law(ctypes.Structure):
-    """``Law`` of ``energies.h``."""
-
-    constants: Floats  # that ``c`` points to
-    _fields_ = (("material", ctypes.c_int64), ("part", ctypes.c_int64), ("c", ctypes.c_void_p))
-
-
-def _constants(material: Material) -> Floats:
-    """The material's constants as the sources have them."""
-    values = list(material.parameters().values())
-    if isinstance(material, Ogden):  # as many as it has terms, which must be told
-        values = [values[-1], len(material.mu), *values[:-1]]
-    return np.array(values, dtype=np.float64)
-
-
-def _kernel(section: Section, material: Material, part: int) -> Kernel:
-    """What gives stress, moduli and energy of a part of the material's energy at points."""
-    constants = _constants(material)
-    law = _Law(_NUMBERS[type(material)], part, constants.ctypes.data)
-    law.constants = constants
-    source = "space_kernel.c" if section == "3D" else "elastic_points.c"
-    return Kernel.of(source, f"elastic_{NAMES[section]}", law, symmetric=True)
-
-
 class _FirstOrder:
     """Forces and energy of first-order cells by the loops for them."""
 
@@ -88,11 +65,10 @@ class _FirstOrder:
         nodes = np.asarray(space.dofmap.list, dtype=np.int32)[solid.cells]
         x = space.tabulate_dof_coordinates()[:, : space.mesh.topology.dim][nodes]
         table = coefficients(x).reshape(len(nodes), 21) if solid.section == "3D" else _edges(x)
-        simplex = nodes.shape[1] == x.shape[2] + 1
         triangles = nodes.shape[1] == 3  # which repeat their third node
         self._rows = in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
         self._table = in_lanes(table)
-        self._constants = _constants(material)
+        self._constants = constants_of(material)
         code = library(source)
         self._code = [getattr(code, f"tribox_{name}_{of}") for of in ("forces", "energy")]
         for function in self._code:
@@ -100,8 +76,8 @@ class _FirstOrder:
         blocks = len(self._rows)
         # Addresses only: the arrays behind them are attributes, and live as long as this object.
         self._arguments = (
-            _NUMBERS[type(material)],
-            2 if simplex else int(solid.reduced),
+            NUMBERS[type(material)],
+            2 if triangles else int(solid.reduced),
             self._constants.ctypes.data,
             blocks,
             len(nodes) - (blocks - 1) * lanes(),
@@ -133,8 +109,13 @@ class CompiledCells:
         self._centres_alone = isinstance(solid, MemorySolid) and not solid.law.added
         degree, section = space.element.basix_element.degree, solid.section
         self._linear = degree == 1 and cell_order(space.mesh) == 1
-        known = section in _FIRST_ORDER and _NUMBERS[type(material)] < _FIRST_ORDER[section][2]
-        first = known and self._linear and not self._centres_alone
+        first = (
+            self._linear
+            and section in _FIRST_ORDER
+            and NUMBERS.get(type(material), len(NUMBERS)) < _FIRST_ORDER[section][2]
+            and not self._centres_alone
+            and solid.cell != "tetrahedron"  # whose one point any loop takes as quickly
+        )
         self._first_order = _FirstOrder(space, solid, material) if first else None
 
     @cached_property
@@ -142,10 +123,10 @@ class CompiledCells:
         """The loops over points of full integration, and over the centres of ``q1-sri``."""
         solid, section, loops = self._solid, self._solid.section, []
         if not self._centres_alone:
-            part = _DISTORTION if solid.reduced else _WHOLE
+            part = DISTORTION if solid.reduced else WHOLE
             loops.append(self._loop(self._cells(), part))
         if solid.reduced:
-            loops.append(self._loop(centres_of(self._space, section, solid.cells), _VOLUME))
+            loops.append(self._loop(centres_of(self._space, section, solid.cells), VOLUME))
         return loops
 
     def _cells(self) -> Cells:
@@ -159,8 +140,12 @@ class CompiledCells:
         return cells_of(self._space, solid.section, solid.cells, degree)
 
     def _loop(self, cells: Cells, part: int) -> PointCells:
-        kernel = _kernel(self._solid.section, self._material, part)
+        kernel = energy_kernel(NAMES[self._solid.section], self._material, part)
         return PointCells(self._solid.section, cells, Moduli(kernel))
+
+    def tangent_loops(self, u: Floats) -> list[PointCells]:
+        """The loops, ready to add the tangent at ``u`` (n,), m."""
+        return self.loops
 
     def add(self, u: Floats, out: Floats) -> bool:
         """Add the nodal forces at the displacements ``u`` to ``out``; False: a cell is inverted.
@@ -183,15 +168,66 @@ class CompiledCells:
         return float(found[0] if good else np.inf)
 
 
+class OwnCells(CompiledCells):
+    """The same of an energy of the user's own, which is evaluated in numpy."""
+
+    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
+        """Differentiate the energy, too: what is wrong with it is told beforehand."""
+        super().__init__(space, solid, material)
+        self._energies: list[AtPoints] = []
+        _ = self.loops
+
+    def _loop(self, cells: Cells, part: int) -> PointCells:
+        section = self._solid.section
+        self._energies.append(energy_at_points(self._material, part, section == "3D"))
+        return PointCells(section, cells)
+
+    def add(self, u: Floats, out: Floats) -> bool:
+        good = True
+        for loop, F, energy in self._points(u):
+            P = np.concatenate([energy(piece, False)[1] for piece in _pieces(F)])
+            loop.add_forces(u, P, out)
+            good &= bool(np.isfinite(P).all())
+        return good
+
+    def energy(self, u: Floats) -> float:
+        total = 0.0
+        for loop, F, energy in self._points(u):
+            W = np.concatenate([energy(piece, False)[0] for piece in _pieces(F)])
+            total += float(loop.cells.weights @ W)
+        return total if np.isfinite(total) else np.inf
+
+    def tangent_loops(self, u: Floats) -> list[PointCells]:
+        for loop, F, energy in self._points(u):
+            # What lies between takes many times the room of the moduli.
+            found = []
+            for piece in _pieces(F):
+                _, P, A = energy(piece, True)
+                assert A is not None
+                found.append(moduli_in_place(piece, P, A))
+            loop.moduli.A = np.concatenate(found)
+        return self.loops
+
+    def _points(self, u: Floats) -> list[tuple[PointCells, Floats, AtPoints]]:
+        """Each loop with the deformation gradients (k, p) at its points, and the energy there."""
+        pairs = zip(self.loops, self._energies, strict=True)
+        return [(loop, loop.deformation(u), energy) for loop, energy in pairs]
+
+
+def _pieces(F: Floats) -> list[Floats]:
+    return np.split(F, range(PIECE, len(F), PIECE))
+
+
 def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
-    """The loops for this rank's cells of a body, even if there are none; None: none covers it.
+    """The loops for this rank's cells of a body, even if there are none; None: there is no energy.
 
     All ranks get them, or none does.
     """
     material = solid.elastic
-    if material is None or type(material) not in _NUMBERS:
+    if material is None:
         return None
-    return CompiledCells(space, solid, material)
+    material = getattr(material, "elastic", material)
+    return (CompiledCells if type(material) in NUMBERS else OwnCells)(space, solid, material)
 
 
 def _edges(x: Floats) -> Floats:
@@ -204,13 +240,8 @@ def _edges(x: Floats) -> Floats:
 def coefficients(x: Floats) -> Floats:
     """Coefficients (c, 7, i) of ξ, η, ξη, ζ, ξζ, ηζ, ξηζ in the positions (c, a, i) of the nodes.
 
-    The parent cell is [−1, 1]³; tetrahedra have the edges from their first node in the places of
-    ξ, η and ζ.
+    The parent cell is [−1, 1]³.
     """
-    if x.shape[1] == 4:
-        found = np.zeros((len(x), 7, 3))
-        found[:, [0, 1, 3]] = x[:, 1:] - x[:, :1]
-        return found
     # N_a = ⅛ Π (1 ± ξ_i): a monomial, whose bits m are its directions, has the coefficient ⅛ times
     # the signs of the node, whose bits a are the sides it is on. Σ_a of each is 0, so that the
     # first node may be taken off before the products, which keeps the digits of bodies far from the

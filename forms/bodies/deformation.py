@@ -13,7 +13,6 @@ import dolfinx
 import numpy as np
 
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.solid import Solid
 from tribox.geometry.compat import cell_order
 from tribox.geometry.meshes.places import centre, nodes_of, shape_functions
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -82,8 +81,10 @@ def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi:
 def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints) -> Rows:
     """Rows of the kinematics from which ``q1-sri`` takes the volume of a cell.
 
-    Those of its centre; of a ring's cell with the gradients extrapolated to the centroid of its
-    volume, as :func:`tribox.forms.bodies.kinematics.centre_kinematics` has it.
+    Those of its centre; of a ring's cell with the in-plane gradients extrapolated to the centroid
+    of its volume by their own derivatives, at R + h²/(12 R) for a width h at the radius R. The work
+    of an axial stress in a rectangular cell is that at the centroid, the work of a hoop stress that
+    at R; next to the axis the two are h/6 apart.
     """
     kind = space.mesh.topology.cell_name()
     rows = rows_at(space, section, cells, centre(kind))
@@ -158,28 +159,6 @@ def _determinant(edges: Floats) -> Floats:
     if edges.shape[1] == 2:
         return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return np.einsum("czq,czq->cq", np.cross(a, b, axis=1), edges[:, 2])
-
-
-class BodyPoints:
-    """The quadrature points of a body's own cells, those of full integration.
-
-    Attributes:
-        weight: (q, c) m² or m³, of whole rings with axial symmetry; place: (q, c, i), m.
-    """
-
-    def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid) -> None:
-        """Tabulate the shape functions of the displacement's ``space``."""
-        degree = solid.full_degree
-        self._rows, self.weight = quadrature_rows(space, solid.section, solid.cells, degree)
-        self.place: Floats = np.stack([rows.place for rows in self._rows])
-
-    def deformation(self, u: Floats) -> Floats:
-        """Deformation gradients (q, c, 3, 3) of nodal displacements ``u`` (c, a, i), m."""
-        return np.stack([rows.deformation(u) for rows in self._rows])
-
-    def displacement(self, u: Floats) -> Floats:
-        """Displacements (q, c, i), m."""
-        return np.stack([rows.displacement(u) for rows in self._rows])
 
 
 def _each(table: Floats, cells: Ints) -> Floats:

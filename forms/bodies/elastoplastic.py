@@ -70,12 +70,10 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from tribox.forms.bodies.hardening import Backstress, Hardening, Linear, RateFactor
-from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Hencky
 from tribox.forms.bodies.point_state import Floats, Kernel, MaterialPoints
 from tribox.forms.native import library
@@ -129,10 +127,6 @@ class ElastoPlastic:
     def parameters(self) -> dict[str, float]:
         """G and K, Pa."""
         return self.elastic.parameters()
-
-    def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
-        """Strain energy of an elastic deformation, see Hencky."""
-        return self.elastic.energy(k, c)
 
 
 class _Material(ctypes.Structure):

@@ -1,8 +1,8 @@
 """Stored energies of the elastomers and of aluminium, per reference volume.
 
-A material implements its strain energy only, split into the part that is integrated at the full
-number of Gauss points and the volumetric part that selective reduced integration evaluates at the
-centre. Parameters enter the forms as constants, so another value compiles nothing.
+The energies, with stress and moduli, are those of ``forms/native/energies.h``, split into the part
+that is integrated at the full number of Gauss points and the volumetric part that selective reduced
+integration evaluates at the centre.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 from tribox.forms.parameters import Declared, Refused, parameter
 
 if TYPE_CHECKING:  # UFL is loaded when forms are made, not when a case file is read
-    from tribox.forms.bodies.kinematics import Kinematics, PlanePart
+    from tribox.forms.bodies.kinematics import Kinematics
     from tribox.forms.bodies.point_state import MaterialPoints
 
 Expr = Any
 MOST_TERMS = 6  # of Ogden's sum
 HIGHEST_POWER = 30.0  # of its stretches
-LOGARITHM_TERMS = 10  # of the series for the logarithmic strain in space
 
 
 class Material(Protocol):
@@ -30,10 +29,6 @@ class Material(Protocol):
 
     def parameters(self) -> dict[str, float]:
         """Values of the constants in the energy, by name."""
-        ...
-
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """Strain energy (distortional part, volumetric part), J/m³, of the constants ``c``."""
         ...
 
     def points(self, space: bool) -> MaterialPoints | None:
@@ -53,6 +48,14 @@ class Material(Protocol):
     @property
     def bulk_modulus(self) -> float:
         """K of the undeformed material, Pa."""
+        ...
+
+
+class OwnEnergy(Material, Protocol):
+    """A material whose strain energy the C sources do not know, but UFL."""
+
+    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
+        """Strain energy (distortional part, volumetric part), J/m³, of the constants ``c``."""
         ...
 
 
@@ -119,13 +122,6 @@ class NeoHookean(Elastic):
         """G and Λ, Pa."""
         return {"G": self.shear_modulus, "L": self.bulk_modulus - 2.0 / 3.0 * self.shear_modulus}
 
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """See the class; the term in Λ is the volumetric part."""
-        import ufl
-
-        log_j = ufl.ln(k.J)
-        return 0.5 * c["G"] * (k.I1 - 3.0) - c["G"] * log_j, 0.5 * c["L"] * log_j**2
-
 
 @dataclass(frozen=True, slots=True)
 class MooneyRivlin(Elastic, Declared):
@@ -158,13 +154,6 @@ class MooneyRivlin(Elastic, Declared):
         """C10, C01 and K, Pa."""
         return {"C10": self.C10, "C01": self.C01, "K": self.bulk_modulus}
 
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """See the class."""
-        i1 = k.J ** (-2.0 / 3.0) * k.I1
-        i2 = k.J ** (-4.0 / 3.0) * k.I2
-        distortion = c["C10"] * (i1 - 3.0) + c["C01"] * (i2 - 3.0)
-        return distortion, _volumetric(k, c)
-
 
 @dataclass(frozen=True, slots=True)
 class Yeoh(Elastic, Declared):
@@ -196,19 +185,14 @@ class Yeoh(Elastic, Declared):
         """C10, C20, C30 and K, Pa."""
         return {"C10": self.C10, "C20": self.C20, "C30": self.C30, "K": self.bulk_modulus}
 
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """See the class."""
-        x = k.J ** (-2.0 / 3.0) * k.I1 - 3.0
-        return x * (c["C10"] + x * (c["C20"] + x * c["C30"])), _volumetric(k, c)
-
 
 @dataclass(frozen=True, slots=True)
 class Ogden(Elastic, Declared):
     """W = Σ_p μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + K/4 (J² − 1 − 2 ln J).
 
     Ogden, Proc. R. Soc. Lond. A 326 (1972) 565, with his μ_p, in isochoric principal stretches λ̄. A
-    convention that writes 2 μ_i/α_i² instead has μ_i = μ_p α_p/2. See
-    :mod:`tribox.forms.bodies.principal_powers` for how stretches that coincide are treated.
+    convention that writes 2 μ_i/α_i² instead has μ_i = μ_p α_p/2. Stretches that coincide are
+    nothing special: see ``principal_powers.h``.
     """
 
     mu: tuple[float, ...] = parameter(
@@ -252,21 +236,6 @@ class Ogden(Elastic, Declared):
             found |= {f"mu{number}": mu, f"alpha{number}": alpha}
         return found | {"K": self.bulk_modulus}
 
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """See the class."""
-        from tribox.forms.bodies.principal_powers import power_sum
-
-        numbers = range(1, len(self.mu) + 1)
-        terms = [(c[f"mu{n}"] / c[f"alpha{n}"], c[f"alpha{n}"]) for n in numbers]
-        return power_sum(k, terms), _volumetric(k, c)
-
-
-def _volumetric(k: Kinematics, c: dict[str, Expr]) -> Expr:
-    """K/4 (J² − 1 − 2 ln J), Simo & Taylor's."""
-    import ufl
-
-    return 0.25 * c["K"] * (k.J**2 - 1.0 - 2.0 * ufl.ln(k.J))
-
 
 @dataclass(frozen=True, slots=True)
 class Hencky(Elastic):
@@ -274,7 +243,10 @@ class Hencky(Elastic):
 
     In a plane the logarithmic stretches h₁, h₂ follow from J₂ = exp(h₁ + h₂) and
     y = tr C₂/(2 J₂) = cosh(h₁ − h₂) without eigenvalues: |dev ln U|² = ((h₁ − h₂)² + (ln J₂)²)/2 +
-    h₃² − (ln J)²/3. In space see `_squared_logarithm`.
+    h₃² − (ln J)²/3. In space, with C̄ = J^(−2/3) C and Z = (C̄ − I)(C̄ + I)⁻¹, dev ln U = artanh Z,
+    and artanh(z)² is the series Σ_k (z²)ᵏ/k Σ_{j≤k} 1/(2j − 1). What is left out of it is below
+    1e-12 of the sum while each isochoric principal stretch, or its inverse, is at most 1.3; 2e-9 at
+    1.5 and 1e-5 at 2.
     """
 
     always_stable: ClassVar[bool] = True
@@ -284,51 +256,6 @@ class Hencky(Elastic):
     def parameters(self) -> dict[str, float]:
         """G and K, Pa."""
         return {"G": self.shear_modulus, "K": self.bulk_modulus}
-
-    def energy(self, k: Kinematics, c: dict[str, Expr]) -> tuple[Expr, Expr]:
-        """See the class."""
-        import ufl
-
-        log_j = ufl.ln(k.J)
-        deviator = _squared_logarithm(k) if k.plane is None else _plane_deviator(k.plane, log_j)
-        return c["G"] * deviator, 0.5 * c["K"] * log_j**2
-
-
-def _plane_deviator(plane: PlanePart, log_j: Expr) -> Expr:
-    """|dev ln U|² of a deformation that does not tilt the normal of the plane."""
-    import ufl
-
-    from tribox.forms.bodies.principal_powers import squared_arcosh
-
-    excess = plane.I1 / (2.0 * plane.J) - 1.0
-    in_plane = 0.5 * (squared_arcosh(excess) + ufl.ln(plane.J) ** 2)
-    return in_plane + ufl.ln(plane.stretch) ** 2 - log_j**2 / 3.0
-
-
-def _squared_logarithm(k: Kinematics) -> Expr:
-    """|dev ln U|² in space, smooth where stretches coincide: no eigenvalues are taken.
-
-    With C̄ = J^(−2/3) C and Z = (C̄ − I)(C̄ + I)⁻¹, dev ln U = artanh Z, and artanh(z)² is the
-    series Σ_k (z²)ᵏ/k Σ_{j≤k} 1/(2j − 1). By the characteristic polynomial of C̄ the invariants of
-    Z are (Ī2 − Ī1, 6 − Ī1 − Ī2, Ī1 − Ī2)/(Ī1 + Ī2 + 2); from those of Z² the traces of its powers
-    follow (Newton's identities). The terms left out are below 1e-12 of the sum while each principal
-    stretch of the isochoric part, or its inverse, is at most 1.3; 2e-9 at 1.5 and 1e-5 at 2.
-    """
-    I1, I2 = k.J ** (-2.0 / 3.0) * k.I1, k.J ** (-4.0 / 3.0) * k.I2
-    below = I1 + I2 + 2.0
-    even, odd = (I1 + I2 - 6.0) / below, ((I2 - I1) / below) ** 2
-    # Invariants of Z² from those z1, z2, z3 of Z: z1² − 2 z2, z2² − 2 z1 z3, z3², where z3 = −z1 as
-    # det C̄ = 1, z2 = −even and z1² = odd.
-    e1, e2, e3 = 2.0 * even + odd, even**2 + 2.0 * odd, odd
-    powers = [e1, e1**2 - 2.0 * e2]
-    powers.append(e1 * powers[1] - e2 * e1 + 3.0 * e3)
-    while len(powers) < LOGARITHM_TERMS:
-        powers.append(e1 * powers[-1] - e2 * powers[-2] + e3 * powers[-3])
-    factor, total = 0.0, 0.0
-    for n, power in enumerate(powers, start=1):
-        factor += 1.0 / (2 * n - 1)
-        total = total + factor / n * power
-    return total
 
 
 ENERGIES: Mapping[str, type[Declared]] = MappingProxyType(

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tribox.forms.bodies.elastoplastic import PLASTIC_STRAIN
-from tribox.forms.bodies.kinematics import Section, centre_kinematics, section_of
+from tribox.forms.bodies.kinematics import Section, section_of
 from tribox.forms.bodies.materials import Hencky, Material
 from tribox.forms.bodies.point_cells import NAMES, PointCells, cells_of, moduli_in_place
 from tribox.forms.bodies.point_state import (
@@ -37,8 +37,8 @@ from tribox.forms.bodies.point_state import (
     PointHistory,
     PointState,
 )
-from tribox.forms.bodies.point_stress import PointStress, StressAt
-from tribox.forms.bodies.solid import CENTRE_DEGREE, CompiledForms, Formulation, Solid
+from tribox.forms.bodies.point_stress import PointStress, StressAt, as_tensors, cauchy_of
+from tribox.forms.bodies.solid import Formulation, Solid
 
 Ints = NDArray[np.int32]
 
@@ -85,18 +85,6 @@ class MemorySolid(Solid):
         self._dissipated: Floats = np.zeros(2)
         self._last_kernel: tuple[MaterialPoints, float, Kernel | None] | None = None
         self._adopted: Origin | None = None  # of a step that is still to be made again
-
-    def _energy_forms(self) -> list[CompiledForms]:
-        """Forms of the strain energy beside the points: all of it, or the volumetric part, or none.
-
-        Those at the points are the loop's.
-        """
-        if self.law.added:
-            return super()._energy_forms()
-        if not self.reduced:
-            return []
-        k = centre_kinematics(self._u, self.section)
-        return [self._compiled(k, self._volumetric, self._dx(CENTRE_DEGREE))]
 
     @property
     def elastic(self) -> Material | None:
@@ -146,9 +134,7 @@ class MemorySolid(Solid):
 
     def _gradients(self) -> Floats:
         """Deformation gradients (k, p) at the present displacement."""
-        F = np.empty((len(self.points.committed), self._width))
-        self.point_cells.gradients(self._u.x.array, F)
-        return F
+        return self.point_cells.deformation(self._u.x.array)
 
     def _tangent_start(self, u: Floats, dt: float) -> Origin:
         """From where the tangent at ``u`` (n,), m, is taken."""
@@ -268,9 +254,7 @@ class MemorySolid(Solid):
         law = self._frozen if origin.elastic else self.law
         F = self._gradients()
         found = law.update(F, origin.values, origin.dt, False, volumetric=not self.reduced)
-        F, P = as_tensors(F), as_tensors(found.P)
-        # Push-forward of the first Piola stress: σ = P Fᵀ/J.
-        sigma = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        sigma = cauchy_of(as_tensors(found.P), as_tensors(F))
         return sigma.reshape(len(self.cells), self.count, 3, 3)
 
     @property
@@ -303,7 +287,7 @@ class MemorySolid(Solid):
         return np.asarray(values.reshape(len(self.cells), self.count, -1))
 
 
-# -- Values of material points at other places of their cells, and as tensors ----------------------
+# -- Values of material points at other places of their cells --------------------------------------
 #
 # Stress and plastic strain are known at the quadrature points alone. Elsewhere in a cell they are
 # taken from the linear function of the reference coordinates that fits the cell's points best: the
@@ -311,16 +295,6 @@ class MemorySolid(Solid):
 # the centre.
 #
 # Axis letters: k places, c cells, q quadrature points of a cell, p components.
-
-
-def as_tensors(rows: Floats) -> Floats:
-    """Tensors (k, 3, 3) from components (k, p): 11, 12, 21, 22, 33; in space all, row by row."""
-    if rows.shape[1] == 9:
-        return rows.reshape(-1, 3, 3)
-    out = np.zeros((len(rows), 3, 3))
-    out[:, :2, :2] = rows[:, :4].reshape(-1, 2, 2)
-    out[:, 2, 2] = rows[:, 4]
-    return out
 
 
 def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:

@@ -262,9 +262,11 @@ class PointCells:
         """
         return self._run(kernel, u=u, state=state, **out)
 
-    def gradients(self, u: Floats, F: Floats) -> None:
-        """Put the deformation gradients at ``u`` (n,), m, into ``F`` (k, p)."""
+    def deformation(self, u: Floats) -> Floats:
+        """The deformation gradients (k, p) at ``u`` (n,), m."""
+        F = np.empty((self.cells.count, 9 if self.section == "3D" else 5))
         self._run(u=u, F=F)
+        return F
 
     def dilatation(self, u: Floats) -> tuple[Floats, Floats]:
         """The logarithm ln J (c,) at the centres of cells in space, and its slopes (c, a·i), 1/m.
@@ -272,8 +274,7 @@ class PointCells:
         Args:
             u: (n,), m.
         """
-        cells, F = self.cells, np.empty((self.cells.count, 3, 3))
-        self.gradients(u, F)
+        cells, F = self.cells, self.deformation(u).reshape(-1, 3, 3)
         table = cells.table.transpose(0, 2, 1).reshape(-1, cells.table.shape[1])[: cells.count]
         # The gradients of the nodes' functions, carried over to the present place.
         carried = table[:, :9].reshape(-1, 3, 3) @ np.linalg.inv(F)

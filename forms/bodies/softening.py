@@ -15,27 +15,22 @@ in them. Beside the forms of the energy the points add what softening takes away
 
     −(1 − η) P,   −(1 − η) A + η' P ⊗ P,   η' = 2 exp(−x²)/(√π r s) where W < W_m.
 
-State: W_m, J/m³. Axis letters: n points, p components of F and P, a, b invariants: J, I1, I2 in
-space, of the plane J and I1 in it and the stretch across it.
+State: W_m, J/m³. Axis letters: n points, p components of F and P.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import ufl
 from scipy.special import erf
-from ufl.algorithms import expand_derivatives
 
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.point_state import Floats, MaterialPoints, PointUpdate
-from tribox.forms.bodies.point_stress import free_variables, of_invariants, values_of
+from tribox.forms.bodies.point_stress import DISTORTION, energy_at_points
 
 LARGEST = "largest_energy"
-TURNED = np.array([[0.0, 0, 0, 1], [0, 0, -1, 0], [0, -1, 0, 0], [1, 0, 0, 0]])  # ∂²det/∂F²
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +64,7 @@ class SofteningPoints(MaterialPoints):
     def __init__(
         self, elastic: Material, softening: Mullins, space: bool, held: bool = False
     ) -> None:
-        """Differentiate the energy.
+        """Take the energy.
 
         Args:
             space: 9 components of F instead of the plane's 5.
@@ -78,13 +73,7 @@ class SofteningPoints(MaterialPoints):
         """
         super().__init__(space, {LARGEST: slice(0, 1)}, np.zeros(1))
         self.elastic, self.softening, self._held = elastic, softening, held
-        self._constants, variables = free_variables(3)
-        k = of_invariants(variables, space)
-        energy = elastic.energy(k, dict(elastic.parameters()))[0]
-        slopes = [ufl.diff(energy, v) for v in variables]
-        self._first = [expand_derivatives(e) for e in (energy, *slopes)]
-        curved = [ufl.diff(slopes[a], variables[b]) for a in range(3) for b in range(a, 3)]
-        self._second = [expand_derivatives(e) for e in curved]
+        self._distortion = energy_at_points(elastic, DISTORTION, space)
 
     def frozen(self) -> SofteningPoints:
         """The same with the largest energy held."""
@@ -117,66 +106,3 @@ class SofteningPoints(MaterialPoints):
         end = np.where(good, largest, before)[:, None]
         lost = np.maximum(dissipation, 0.0)
         return PointUpdate(P, end, A, elastic, lost, np.zeros_like(lost), bool(good.all()))
-
-    def _distortion(self, F: Floats, tangent: bool) -> tuple[Floats, Floats, Floats | None]:
-        """Distortional energy (n,), J/m³, P (n, p) and A (n, p, p), Pa, as if nothing had softened.
-
-        By the chain rule over the invariants: P = W_a g_a, A = W_ab g_a ⊗ g_b + W_a ∂g_a/∂F.
-        """
-        values, g = self._invariants(F)
-        given = dict(zip(self._constants, values, strict=True))
-        size = len(F)
-        W, *slopes = (np.broadcast_to(v, size) for v in values_of(self._first, given))
-        P = np.einsum("an,anp->np", slopes, g)
-        if not tangent:
-            return W, P, None
-        second = [np.broadcast_to(v, size) for v in values_of(self._second, given)]
-        A = sum(w[:, None, None] * H for w, H in zip(slopes, self._curvatures(F, g), strict=True))
-        pairs = [(a, b) for a in range(3) for b in range(a, 3)]
-        for (a, b), w in zip(pairs, second, strict=True):
-            outer = g[a][:, :, None] * g[b][:, None, :]
-            both = outer if a == b else outer + outer.transpose(0, 2, 1)
-            A = A + w[:, None, None] * both
-        return W, P, np.asarray(A)
-
-    def _invariants(self, F: Floats) -> tuple[Sequence[Floats], Floats]:
-        """The three invariants (n,), and their derivatives (a, n, p); NaN where J ≤ 0."""
-        if self.space:
-            f = F.reshape(-1, 3, 3)
-            # ∂J/∂F is the cofactor matrix, its rows the cross products of the two other rows of F.
-            cofactors = np.stack([np.cross(f[:, i - 2], f[:, i - 1]) for i in range(3)], axis=1)
-            J, first = np.einsum("ni,ni->n", f[:, 0], cofactors[:, 0]), (f**2).sum(axis=(1, 2))
-            slope = 2.0 * (first[:, None, None] * f - f @ f.transpose(0, 2, 1) @ f)
-            g = np.stack([cofactors, 2.0 * f, slope]).reshape(3, -1, 9)
-            return [np.where(J > 0.0, J, np.nan), first, (cofactors**2).sum(axis=(1, 2))], g
-        flat, across = F[:, :4], F[:, 4]
-        # det of the plane part is the quadratic form ½ F·T·F, T of zeros and ±1: its slope is T F,
-        # its curvature T.
-        turned = flat @ TURNED
-        g = np.zeros((3, len(F), 5))
-        g[0, :, :4], g[1, :, :4], g[2, :, 4] = turned, 2.0 * flat, 1.0
-        J = 0.5 * (flat * turned).sum(axis=1)
-        good = (J > 0.0) & (across > 0.0)
-        return [np.where(good, J, np.nan), (flat**2).sum(axis=1), across], g
-
-    def _curvatures(self, F: Floats, g: Floats) -> Sequence[Floats]:
-        """Second derivatives (n, p, p) or (p, p) of the invariants by F."""
-        if not self.space:
-            flat = np.zeros((2, 5, 5))
-            flat[0, :4, :4], flat[1, :4, :4] = TURNED, 2.0 * np.eye(4)
-            return [flat[0], flat[1], np.zeros((5, 5))]
-        f, one = F.reshape(-1, 3, 3), np.eye(3)
-        # ∂²J/∂F_iJ ∂F_kL = ε_ikm ε_JLM F_mM.
-        alternating = np.zeros((3, 3, 3))
-        for i in range(3):
-            alternating[i, i - 2, i - 1], alternating[i, i - 1, i - 2] = 1.0, -1.0
-        volume = np.einsum("ikm,JLM,nmM->niJkL", alternating, alternating, f)
-        C, b = f.transpose(0, 2, 1) @ f, f @ f.transpose(0, 2, 1)
-        first = (f**2).sum(axis=(1, 2))
-        # I2 = ½ ((tr C)² − tr C²): ∂²I2/∂F_iJ ∂F_kL = 4 F_iJ F_kL + 2 I1 δ_ik δ_JL − 2 (F_iL F_kJ +
-        # δ_ik C_LJ + b_ik δ_JL).
-        second = 4.0 * np.einsum("niJ,nkL->niJkL", f, f) - 2.0 * np.einsum("niL,nkJ->niJkL", f, f)
-        second += 2.0 * np.einsum("n,ik,JL->niJkL", first, one, one)
-        second -= 2.0 * np.einsum("ik,nLJ->niJkL", one, C)
-        second -= 2.0 * np.einsum("nik,JL->niJkL", b, one)
-        return [volume.reshape(-1, 9, 9), 2.0 * np.eye(9), second.reshape(-1, 9, 9)]

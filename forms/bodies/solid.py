@@ -4,52 +4,45 @@
 :class:`tribox.forms.bodies.memory_solid.MemorySolid` is one whose material points remember.
 
 Selective reduced integration (``q1-sri``) takes the distortional energy at 2 × 2 (2 × 2 × 2 in
-space) Gauss points and the volumetric energy at the centre. The two parts are compiled as forms of
-their own: a linear form that mixes two quadrature degrees on the same cells is compiled wrongly by
-FFCx 0.9. In a section of a body of revolution all integrals carry the weight 2πx, so that forces
-and energies are those of the whole body.
+space) Gauss points and the volumetric energy at the centre. In a section of a body of revolution
+all integrals carry the weight 2πx, so that forces and energies are those of the whole body.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
 import basix.cell
 import dolfinx
-import dolfinx.fem.petsc
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from ufl.algorithms import expand_derivatives
-from ufl.corealg.map_dag import map_expr_dag
-from ufl.corealg.traversal import unique_pre_traversal
 
 from tribox.forms.bodies.kinematics import (
-    Kinematics,
     Section,
-    WithoutVariables,
     body_measure,
-    centre_kinematics,
     circumference,
-    kinematics,
     section_of,
 )
 from tribox.forms.bodies.materials import Material, oedometric_modulus
+from tribox.forms.bodies.point_cells import PointCells, centres_of
 from tribox.forms.bodies.point_state import Floats, PointHistory
-from tribox.forms.bodies.point_stress import PointStress, StressAt
-from tribox.geometry.compat import interpolation_points
+from tribox.forms.bodies.point_stress import (
+    VOLUME,
+    PointStress,
+    StressAt,
+    as_tensors,
+    energy_at_points,
+    has_volume,
+)
 from tribox.geometry.surfaces.facets import Ints
 
 Formulation = Literal["q1", "q1-sri", "q2"]
 DEGREE: dict[Formulation, int] = {"q1": 1, "q1-sri": 1, "q2": 2}
 """Degree of the displacement in each formulation."""
-CENTRE_DEGREE = 1
 
 
 def full_degree(formulation: Formulation, cell: str) -> int:
@@ -63,62 +56,6 @@ def full_degree(formulation: Formulation, cell: str) -> int:
     if DEGREE[formulation] == 2:
         return 3 if simplex else 4
     return 1 if cell == "tetrahedron" else 2
-
-
-@dataclass(slots=True)
-class CompiledForms:
-    """Forms of one integral: energy (scalar), residual (vector) and tangent (matrix)."""
-
-    energy: dolfinx.fem.Form
-    residual: dolfinx.fem.Form
-    tangent: dolfinx.fem.Form
-
-
-def compile_energy(density: Any, measure: Any, u: dolfinx.fem.Function) -> CompiledForms:
-    """Compile ∫ W dΩ₀ and its first and second derivatives in the direction of ``u``'s space."""
-    total = density * measure
-    test, trial = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
-    residual = ufl.derivative(total, u, test)
-    return CompiledForms(
-        energy=dolfinx.fem.form(total),
-        residual=dolfinx.fem.form(residual),
-        tangent=dolfinx.fem.form(ufl.derivative(residual, u, trial)),
-    )
-
-
-def compile_isotropic(
-    energy: Callable[[Kinematics], Any], k: Kinematics, measure: Any, u: dolfinx.fem.Function
-) -> CompiledForms:
-    """Compile an energy W(J, I1, I2) in space, by the chain rule over the invariants.
-
-    δW = W_i δI_i and ΔδW = W_ij δI_i ΔI_j + W_i ΔδI_i: test and trial functions stay out of W and
-    its derivatives, which may be long.
-    """
-    space = u.function_space
-    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-    density, invariants = energy(k), (k.J, k.I1, k.I2)
-    # What a derivative depends on is seen of bare variables, whose own need not be expanded.
-    bare = [ufl.variable(dolfinx.fem.Constant(space.mesh, 1.0)) for _ in invariants]
-    plain = energy(replace(k, J=bare[0], I1=bare[1], I2=bare[2]))
-    used = [i for i, own in enumerate(bare) if _depends(plain, own)]
-    shapes = {i: expand_derivatives(ufl.diff(plain, bare[i])) for i in used}
-    slopes = {i: ufl.diff(density, invariants[i]) for i in used}
-    first = {i: ufl.derivative(invariants[i], u, test) for i in used}
-    second = {i: ufl.derivative(invariants[i], u, trial) for i in used}
-    residual = sum(slopes[i] * first[i] for i in used)
-    tangent = sum(slopes[i] * ufl.derivative(first[i], u, trial) for i in used)
-    for i, j in itertools.product(used, repeat=2):
-        if _depends(shapes[i], bare[j]):
-            tangent += ufl.diff(slopes[i], invariants[j]) * first[i] * second[j]
-    return CompiledForms(
-        energy=dolfinx.fem.form(density * measure),
-        residual=dolfinx.fem.form(residual * measure),
-        tangent=dolfinx.fem.form(tangent * measure),
-    )
-
-
-def _depends(expression: Any, variable: Any) -> bool:
-    return any(part == variable for part in unique_pre_traversal(expression))
 
 
 class Solid:
@@ -172,36 +109,23 @@ class Solid:
         # A cell is integrated by the rank that owns it; sorted, as `PointValues` searches in them.
         self.cells = np.sort(cells[cells < owned])
         self._u = u
-        self._constants = {
-            key: dolfinx.fem.Constant(mesh, PETSc.ScalarType(value))
-            for key, value in material.parameters().items()
-        }
         self._roundoff = self._roundoff_forms()
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
         # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
-        slope = expand_derivatives(_derivatives(u, self.section, self._volumetric)[1])
-        has_volume = not isinstance(slope, ufl.constantvalue.Zero)
-        self.reduced = formulation == "q1-sri" and has_volume
+        self.reduced = formulation == "q1-sri" and has_volume(material)
         self._start_points()
 
     @cached_property
     def carried(self) -> CarriedPressure | None:
-        """Of a reduced volumetric part, what another pressure changes of its tangent.
-
-        Compiled, or taken from the cache, when first asked for, which is collective.
-        """
+        """Of a reduced volumetric part, what another pressure changes of its tangent."""
         if not self.reduced:
             return None
-        dx = self._dx(CENTRE_DEGREE)
-        return CarriedPressure(self._u, self.cells, self.section, self._volumetric, dx)
+        return CarriedPressure(self._u, self.cells, self.section, self.material)
 
     @property
     def elastic(self) -> Material | None:
-        """The material whose strain energy the forms are of; None: there are none.
-
-        A compiled loop may stand for these forms.
-        """
+        """The material whose strain energy loops over the cells have; None: there is none."""
         return self.material
 
     def add_point_forces(self, out: Floats) -> None:
@@ -218,43 +142,6 @@ class Solid:
 
     def _start_points(self) -> None:
         """Make what material points remember, if they do."""
-
-    @cached_property
-    def forms(self) -> list[CompiledForms]:
-        """Of each integral of the strain energy; compiled, or taken from the cache, when asked for.
-
-        Where a compiled loop stands for them they never are. The first call is collective.
-        """
-        return self._energy_forms()
-
-    def _energy_forms(self) -> list[CompiledForms]:
-        """The forms of the strain energy, of a reduced volumetric part by itself."""
-        u = self._u
-        k = kinematics(u, self.section)
-        full = self._dx(self.full_degree)
-        if not self.reduced:
-            return [self._compiled(k, lambda k: sum(self._energy(k)), full)]
-        centre = centre_kinematics(u, self.section)
-        return [
-            self._compiled(k, lambda k: self._energy(k)[0], full),
-            self._compiled(centre, self._volumetric, self._dx(CENTRE_DEGREE)),
-        ]
-
-    def _energy(self, k: Kinematics) -> tuple[Any, Any]:
-        """The strain energy, J/m³: its distortional and its volumetric part."""
-        return self.material.energy(k, self._constants)
-
-    def _volumetric(self, k: Kinematics) -> Any:
-        """The volumetric part of the strain energy, J/m³."""
-        return self._energy(k)[1]
-
-    def _compiled(
-        self, k: Kinematics, energy: Callable[[Kinematics], Any], dx: Any
-    ) -> CompiledForms:
-        if self.section == "3D":
-            return compile_isotropic(energy, k, dx, self._u)
-        weight = circumference(self._u.function_space.mesh, self.section)
-        return compile_energy(weight * energy(k), dx, self._u)
 
     def _dx(self, degree: int) -> Any:
         """Measure over the body's cells, of a quadrature degree."""
@@ -306,11 +193,6 @@ class Solid:
     @property
     def _stiffness(self) -> float:
         return oedometric_modulus(self.material)
-
-    def strain_energy(self) -> float:
-        """This rank's strain energy, J; in plane strain per unit thickness, J/m."""
-        of_forms = float(sum(dolfinx.fem.assemble_scalar(part.energy) for part in self.forms))
-        return of_forms + self.point_energy()
 
     def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:
         """What gives the Cauchy stress at points of owned cells, in numpy.
@@ -390,53 +272,18 @@ class Solid:
 # the solution the two agree to second order, so that the convergence stays quadratic. Magisano,
 # Leonetti & Garcea, Comput. Methods Appl. Mech. Engng 313 (2017) 986.
 
-Volumetric = Callable[[Kinematics], Any]
-
 
 class CarriedPressure:
-    """What the pressure carried from another displacement adds to the tangent of one body.
-
-    Attributes:
-        tangent: form of the difference to the exact tangent, for the pressures found last.
-    """
+    """What pressures carried from another displacement exceed those of the present volumes by."""
 
     def __init__(
-        self,
-        u: dolfinx.fem.Function,
-        cells: Ints,
-        section: Section,
-        volumetric: Volumetric,
-        measure: Any,
+        self, u: dolfinx.fem.Function, cells: Ints, section: Section, material: Material
     ) -> None:
-        """Compile, or take from the cache.
-
-        Args:
-            u: displacement, m.
-            cells: owned cells of the body.
-            volumetric: energy U(J), J/m³, of the kinematics at the centre.
-            measure: over these cells, at their centres.
-        """
-        space = u.function_space
-        mesh = space.mesh
-        self._u, self._cells = u, cells
-        self._before = dolfinx.fem.Function(space)
-        self._step = dolfinx.fem.Function(space)
-        constants = dolfinx.fem.functionspace(mesh, ("DG", 0))
-        self._excess = dolfinx.fem.Function(constants)
-        volume, slope, curvature = _derivatives(self._before, section, volumetric)
-        change = ufl.derivative(volume, self._before, self._step)
-        carried = slope + curvature * change - _derivatives(u, section, volumetric)[1]
-        self._expression = dolfinx.fem.Expression(
-            map_expr_dag(WithoutVariables(), expand_derivatives(carried)),
-            interpolation_points(constants),
-        )
-        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-        now = centre_kinematics(u, section).J
-        # (p − U'(J)) ∂²J/∂u²: the geometric stiffness is all that the carried pressure changes, for
-        # U''(J) DJ⊗DJ stays that of the present volume.
-        second = ufl.derivative(ufl.derivative(now, u, test), u, trial)
-        weight = circumference(mesh, section)
-        self.tangent = dolfinx.fem.form(weight * self._excess * second * measure)
+        """Take the owned cells of a body."""
+        self._u = u
+        self._excess: Floats = np.zeros(len(cells))
+        self._centres = PointCells(section, centres_of(u.function_space, section, cells))
+        self._energy = energy_at_points(material, VOLUME, space=True)
 
     def carry(self, before: Floats) -> None:
         """Find the pressures at the present displacement.
@@ -444,23 +291,28 @@ class CarriedPressure:
         Args:
             before: (n,), m, u₀ at this rank's unknowns, ghosts included.
         """
-        self._before.x.array[:] = before
-        self._step.x.array[:] = self._u.x.array - before
-        self._excess.interpolate(self._expression, cells0=self._cells)
+        F, start = self._gradients(self._u.x.array), self._gradients(before)
+        with np.errstate(all="ignore"):
+            J, J0 = np.linalg.det(F), np.linalg.det(start)
+            # The rows of cof F are the cross products of the two other rows of F.
+            cofactors = [np.cross(start[:, i - 2], start[:, i - 1]) for i in range(3)]
+            change = np.einsum("icj,cij->c", cofactors, F - start)
+            slope, curvature = self._slopes(J0)
+            excess = slope + curvature * change - self._slopes(J)[0]
         # An iterate may have no volume to take a logarithm of; its residual is refused elsewhere.
-        values = self._excess.x.array
-        values[~np.isfinite(values)] = 0.0
+        self._excess = np.where(np.isfinite(excess), excess, 0.0)
 
     def excess(self) -> Floats:
         """The pressures found last less those of the present volumes (c,), Pa, of the cells."""
-        return self._excess.x.array[self._excess.function_space.dofmap.list[self._cells, 0]]
+        return self._excess
 
+    def _gradients(self, u: Floats) -> Floats:
+        """Deformation gradients (c, 3, 3) at the centres, for displacements (n,), m."""
+        return as_tensors(self._centres.deformation(u))
 
-def _derivatives(
-    u: dolfinx.fem.Function, section: Section, volumetric: Volumetric
-) -> tuple[Any, Any, Any]:
-    """J at the centre, and U' and U'' there."""
-    k = centre_kinematics(u, section)
-    variable = ufl.variable(k.J)
-    slope = ufl.diff(volumetric(replace(k, J=variable)), variable)
-    return k.J, slope, ufl.diff(slope, variable)
+    def _slopes(self, J: Floats) -> tuple[Floats, Floats]:
+        """U' and U'' (c,), Pa: in a sphere F = J^(1/3) I, P = U' cof F."""
+        side = np.cbrt(J)
+        _, P, A = self._energy(side[:, None] * np.eye(3).reshape(9), True)
+        assert A is not None
+        return P[:, 0] / side**2, A[:, 0, 0] / side**4

@@ -44,11 +44,9 @@ import ctypes
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from tribox.forms.bodies.kinematics import Kinematics
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.point_state import (
     DISSIPATED,
@@ -92,10 +90,6 @@ class Viscoelastic:
     def parameters(self) -> dict[str, float]:
         """Those of the relaxed energy."""
         return self.elastic.parameters()
-
-    def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
-        """The relaxed strain energy."""
-        return self.elastic.energy(k, c)
 
     def points(self, space: bool) -> MaterialPoints:
         """Its branches, and what softens."""

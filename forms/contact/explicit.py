@@ -144,7 +144,9 @@ class ExplicitContact:
         self._enter_damping(normal, projection.gap, mode)
         kinematics = term.related(points, nodes, projection, normal.closed)[1]
         film = term.film.at(normal.pressure)[0]
-        term.cover_rim(normal, projection)
+        normal.cover = None
+        if term.has_film:
+            term.cover_rim(normal, projection)
         response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)
         self.trial = ContactTrial(
             position=points,

@@ -149,7 +149,9 @@ class CompiledContact(ExplicitContact):
         # add its traction to the pressure's.
         film = term.film.at(normal.pressure)[0]
         projection = now.projection()
-        term.cover_rim(normal, projection)
+        normal.cover = None
+        if term.has_film:
+            term.cover_rim(normal, projection)
         response = term.respond(kinematics, dt, normal, film, rate_dependent, look_inside=False)
         self._dry[:] = response.traction
         self._code.tribox_pair_load(now.at)

@@ -253,7 +253,7 @@ class ContactTerm:
         mode: ContactMode,
     ) -> tuple[Floats, FrictionResponse]:
         """Complete the normal contact; film thickness (q,), m, and friction; collective."""
-        if self._has_film:
+        if self.has_film:
             linearise, inside = not mode.friction_as_load, mode.interior is not None
             self.cover_rim(normal, at, mode.penalty_scale, linearise, inside)
         else:
@@ -289,7 +289,7 @@ class ContactTerm:
         if at.share is not None:
             normal.cover = normal.cover * at.share
             slope = None if slope is None else slope * at.share[:, None]
-        if not (linearise and self._has_film) or normal.active is None:
+        if not (linearise and self.has_film) or normal.active is None:
             return
         normal.cover_slope = slope
         felt = np.zeros(len(normal.active))
@@ -306,7 +306,7 @@ class ContactTerm:
         return normal.cover
 
     @property
-    def _has_film(self) -> bool:
+    def has_film(self) -> bool:
         """Whether the law has a part that acts on the covered area only."""
         return bool(getattr(self.law, "takes_film_cover", False))
 
@@ -349,7 +349,7 @@ class ContactTerm:
             entering &= ~taken
         elastic = np.where(none[:, None], 0.0, elastic)
         more: dict[str, Any] = {}
-        if self._has_film:
+        if self.has_film:
             more["film_cover"] = normal.cover
         if (inside or not look_inside) and getattr(self.law, "looks_inside", False):
             more["look_inside"] = False

@@ -25,8 +25,8 @@ typedef struct {
     vec J, I1, I2, JJ, J1, J2, I11, I12, I22;
 } Slopes;
 
-/* Of the series S = sum over n of f_n/n tr Z^2n, f_n = 1 + 1/3 + ... + 1/(2n - 1), that materials.py
- * takes for |dev ln U|^2: derivatives by the isochoric invariants x and y, in the places of I1 and
+/* Of the series S = sum over n of f_n/n tr Z^2n, f_n = 1 + 1/3 + ... + 1/(2n - 1), of
+ * |dev ln U|^2 (Hencky in materials.py): derivatives by the isochoric invariants x and y, in the places of I1 and
  * I2. The derivatives of a power sum by the elementary symmetric
  * polynomials e_k are complete ones, dp_n/de_k = -(-1)^k n h_(n-k), and those of h_m are
  * -(-1)^k g_(m-k) with sum g_m s^m = (sum h_m s^m)^2. */

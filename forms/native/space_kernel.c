@@ -1,4 +1,4 @@
-/* Internal forces and strain energy of first-order cells in space, several at a time, and the moduli of
+/* Internal forces and strain energy of first-order hexahedra, several at a time, and the moduli of
  * elastic points in space.
  *
  * In parent coordinates xi the deformation gradient is F = g G^-1, with the columns of g and G the
@@ -21,12 +21,10 @@
 
 #include "energies.h"
 
-enum shape { HEXAHEDRON, TETRAHEDRON };
-
 #define GAUSS 0.57735026918962576451
 
-/* What holds at a point of the weight w. One instance of the loop serves all materials and cells, or
- * compiling takes a minute. */
+/* What holds at a point of the weight w. One instance of the loop serves all materials, or compiling
+ * takes a minute. */
 typedef struct {
     enum material material;
     enum part part;
@@ -153,31 +151,23 @@ INLINE void butterflies(vec v[8])
 }
 
 /* Coefficients of a nodal vector: e[m] that of the product of xi (bit 1 of m), eta (2), zeta (4). */
-INLINE void coefficients(enum shape shape, const double *u, const int32_t *node, vec e[8][3])
+INLINE void coefficients(const double *u, const int32_t *node, vec e[8][3])
 {
-    const int nodes = shape == HEXAHEDRON ? 8 : 4;
     double at[8][3][LANES];
-    for (int a = 0; a < nodes; ++a)
+    for (int a = 0; a < 8; ++a)
         for (int l = 0; l < LANES; ++l)
             for (int i = 0; i < 3; ++i)
                 at[a][i][l] = u[3 * (int64_t)node[a * LANES + l] + i];
     for (int i = 0; i < 3; ++i) {
         vec v[8];
-        for (int a = 0; a < nodes; ++a)
+        for (int a = 0; a < 8; ++a)
             __builtin_memcpy(&v[a], at[a][i], sizeof(vec));
-        for (int a = 1; a < nodes; ++a) /* how far the cell has moved rounds nothing */
+        for (int a = 1; a < 8; ++a) /* how far the cell has moved rounds nothing */
             v[a] -= v[0];
         v[0] = all(0.0);
-        if (shape == HEXAHEDRON) {
-            butterflies(v);
-            for (int m = 1; m < 8; ++m)
-                e[m][i] = 0.125 * v[m];
-        } else {
-            for (int m = 1; m < 8; ++m)
-                e[m][i] = all(0.0);
-            for (int a = 0; a < 3; ++a)
-                e[1 << a][i] = v[a + 1];
-        }
+        butterflies(v);
+        for (int m = 1; m < 8; ++m)
+            e[m][i] = 0.125 * v[m];
     }
 }
 
@@ -206,39 +196,32 @@ INLINE void collect(const vec h[3][3], const double *x, vec force[8][3])
 }
 
 /* The point of a number: its coordinates and its weight. */
-INLINE double place_of(enum shape shape, int point, double *x)
+INLINE double place_of(int point, double *x)
 {
-    const double distance = shape == HEXAHEDRON && point < 8 ? GAUSS : 0.0;
+    const double distance = point < 8 ? GAUSS : 0.0;
     for (int i = 0; i < 3; ++i)
         x[i] = point >> i & 1 ? distance : -distance;
-    return shape == TETRAHEDRON ? 1.0 / 6.0 : point < 8 ? 1.0 : 8.0;
+    return point < 8 ? 1.0 : 8.0;
 }
 
-INLINE void scatter(enum shape shape, const int32_t *node, int lanes, vec force[8][3], double *f)
+INLINE void scatter(const int32_t *node, int lanes, vec force[8][3], double *f)
 {
-    const int nodes = shape == HEXAHEDRON ? 8 : 4;
     for (int i = 0; i < 3; ++i) {
         vec v[8];
-        if (shape == HEXAHEDRON) {
-            for (int m = 0; m < 8; ++m)
-                v[m] = m ? 0.125 * force[m][i] : all(0.0);
-            /* The transpose of sums and differences: bit by bit the difference of low and high. */
-            for (int step = 1; step < 8; step *= 2)
-                for (int a = 0; a < 8; ++a)
-                    if (!(a & step)) {
-                        vec low = v[a], high = v[a + step];
-                        v[a] = low - high;
-                        v[a + step] = low + high;
-                    }
-        } else {
-            v[0] = -(force[1][i] + force[2][i] + force[4][i]);
-            for (int a = 0; a < 3; ++a)
-                v[a + 1] = force[1 << a][i];
-        }
-        for (int a = 0; a < nodes; ++a)
+        for (int m = 0; m < 8; ++m)
+            v[m] = m ? 0.125 * force[m][i] : all(0.0);
+        /* The transpose of sums and differences: bit by bit the difference of low and high. */
+        for (int step = 1; step < 8; step *= 2)
+            for (int a = 0; a < 8; ++a)
+                if (!(a & step)) {
+                    vec low = v[a], high = v[a + step];
+                    v[a] = low - high;
+                    v[a + step] = low + high;
+                }
+        for (int a = 0; a < 8; ++a)
             force[a][i] = v[a];
     }
-    for (int a = 0; a < nodes; ++a)
+    for (int a = 0; a < 8; ++a)
         for (int l = 0; l < lanes; ++l)
             for (int i = 0; i < 3; ++i)
                 f[3 * (int64_t)node[a * LANES + l] + i] += force[a][i][l];
@@ -255,28 +238,27 @@ typedef struct {
 } Work;
 
 /* All cells of one body; returns whether one is turned inside out. */
-INLINE int over_cells(enum material material, enum shape shape, int reduced, int energy, const Work *work)
+INLINE int over_cells(enum material material, int reduced, int energy, const Work *work)
 {
-    const int nodes = shape == HEXAHEDRON ? 8 : 4, points = shape == HEXAHEDRON ? 8 + reduced : 1;
     const int32_t *node = work->node;
     const double *edge = work->edge;
     double sum = 0.0;
     Point at = {};
-    for (int64_t n = 0; n < work->blocks; ++n, node += nodes * LANES, edge += 21 * LANES) {
+    for (int64_t n = 0; n < work->blocks; ++n, node += 8 * LANES, edge += 21 * LANES) {
         const int lanes = n + 1 < work->blocks ? LANES : (int)work->lanes_of_last;
         vec E[8][3], e[8][3], force[8][3] = {}, total = all(0.0);
         At law = {material, WHOLE, work->c};
-        coefficients(shape, work->u, node, e);
+        coefficients(work->u, node, e);
         __builtin_memcpy(E[1], edge, 21 * sizeof(vec));
         for (int m = 1; m < 8 && !energy; ++m)
             for (int i = 0; i < 3; ++i)
                 e[m][i] += E[m][i];
 #pragma GCC unroll 1
-        for (int point = 0; point < points; ++point) {
+        for (int point = 0; point < 8 + reduced; ++point) {
             vec G[3][3], g[3][3];
             double x[3];
             law.part = !reduced ? WHOLE : point < 8 ? DISTORTION : VOLUME;
-            law.weight = place_of(shape, point, x);
+            law.weight = place_of(point, x);
             columns(E, x, G);
             columns(e, x, g);
             if (energy) {
@@ -287,7 +269,7 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
             }
         }
         if (!energy)
-            scatter(shape, node, lanes, force, work->forces);
+            scatter(node, lanes, force, work->forces);
         for (int l = 0; energy && l < lanes; ++l)
             sum += total[l];
     }
@@ -296,15 +278,15 @@ INLINE int over_cells(enum material material, enum shape shape, int reduced, int
     return any(at.bad);
 }
 
-/* Forces, which are added to `result`, and energy, which is put there; kind: 0 hexahedra, 1 hexahedra
- * with the volumetric part at the centre, 2 tetrahedra. */
+/* Forces, which are added to `result`, and energy, which is put there; kind: 1 with the volumetric part
+ * at the centre. */
 #define CELLS                                                                                      \
     int material, int kind, const double *c, int64_t blocks, int lanes_of_last,                    \
         const int32_t *node, const double *edge, const double *u
 #define WORK                                                                                       \
     .c = c, .blocks = blocks, .lanes_of_last = lanes_of_last, .node = node, .edge = edge, .u = u
 #define LOOP(energy)                                                                               \
-    return over_cells(material, kind == 2 ? TETRAHEDRON : HEXAHEDRON, kind == 1, energy, &work)
+    return over_cells(material, kind == 1, energy, &work)
 
 EXPORT int tribox_space_forces(CELLS, double *result)
 {

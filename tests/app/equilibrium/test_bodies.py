@@ -5,13 +5,16 @@ import pytest
 from petsc4py import PETSc
 
 from tests.conftest import Pair
+from tests.forms.bodies.in_forms import KINDS, InForms, carried_tangent, forms_of
 from tests.laws import coulomb
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.constraints import Platen
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP
+from tribox.forms.bodies.compiled_cells import CompiledCells, OwnCells
 from tribox.forms.bodies.materials import Hencky, MooneyRivlin, NeoHookean
 from tribox.forms.contact.penalty import ContactTerm
+from tribox.geometry.compat import add_matrix
 from tribox.geometry.generators.two_blocks import Block, TwoBlocks
 from tribox.geometry.meshes.mesh import generate
 
@@ -20,8 +23,29 @@ STEEL = Hencky(300.0, 700.0)  # far stiffer than the other body
 TRIALS = {"pressed": (0.0, -0.06), "slid": (1.5, -0.06)}
 
 
-class Own(NeoHookean):
-    """An energy of one's own, as far as the program knows."""
+Own = KINDS[NeoHookean]  # an energy of one's own, as far as the program knows
+
+
+class ByForms(Bodies):
+    """The same by what DOLFINx assembles."""
+
+    def __init__(self, problem):
+        super().__init__(problem.u, problem.solids)
+        self._constraints = problem.constraints
+
+    def add_forces(self, out):
+        for solid in self.solids:
+            InForms(solid).add_forces(out)
+        return bool(np.isfinite(out.sum()))
+
+    def strain_energies(self):
+        return [InForms(solid).strain_energy() for solid in self.solids]
+
+    def add_tangent(self, A, index, pattern, carried):
+        solid = self.solids[index]
+        forms = [part.tangent for part in forms_of(solid)]
+        for form in [*forms, carried_tangent(solid)] if carried and solid.reduced else forms:
+            add_matrix(A, form, unrolled=bool(self._constraints.aligned))
 
 
 class Scene:
@@ -49,19 +73,20 @@ class Scene:
 
     def apart(self, x, before=None):
         """Largest differences of residual, energy and tangent, over the largest of each."""
-        bodies, found = self.problem.bodies, []
-        cells = bodies.cells
-        for bodies.cells in (cells, [None] * len(cells)):
+        problem, found = self.problem, []
+        by_loops = problem.bodies
+        for bodies in (by_loops, ByForms(problem)):
+            problem.bodies = problem.tangent.bodies = bodies
             f = self.problem.new_vector()
             self.problem.residual(None, x, f)
             energy = self.problem.strain_energy()
             self.problem.assemble_tangent(x, self.A, DEFAULT_STEP, before)
             found.append((f, energy, self.A.copy()))
+        problem.bodies = problem.tangent.bodies = by_loops
         if before is not None:  # or it would make no difference whether pressures are carried
             self.problem.assemble_tangent(x, self.A)
             self.A.axpy(-1.0, found[0][2], PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             assert self.A.norm() > 1e-8 * found[0][2].norm()
-        bodies.cells = cells
         (f, energy, A), (g, other, B) = found
         largest = g.norm(PETSc.NormType.INFINITY), B.norm(PETSc.NormType.INFINITY)
         f.axpy(-1.0, g)
@@ -112,10 +137,9 @@ def test_loops_give_what_forms_give(ranks, on_ranks):
 def test_who_is_covered(pair):
     blocks = pair()
     upper, lower = blocks.solids(Own(1.0, 5.0), NeoHookean(3.0, 8.0))
-    covered, loops = Bodies(blocks.u, [upper, lower]).cells
-    assert covered is None
-    assert loops is not None and len(loops.loops[0].nodes) == len(lower.cells)
-    assert Bodies(blocks.u, [upper, lower], compiled=False).cells == [None, None]
+    own, loops = Bodies(blocks.u, [upper, lower]).cells
+    assert type(own) is OwnCells and type(loops) is CompiledCells
+    assert len(loops.loops[0].nodes) == len(lower.cells)
 
 
 def test_the_residual_of_an_inverted_cell_is_no_number(pair):

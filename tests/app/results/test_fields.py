@@ -10,6 +10,7 @@ import pytest
 from tests.app.checkpoint.going_on import case_of, run
 from tests.contact_boxes import Scene
 from tests.flowing import soft_block
+from tests.forms.bodies.in_forms import forms_of
 from tests.grid import grid
 from tribox.app.figures.body_shapes import read_bodies
 from tribox.app.results.fields import ContactPressureField, StressField
@@ -123,7 +124,7 @@ def test_mean_stress_is_the_moment_of_the_forces(pressed):
     problem = simulation.model.problem
     [solid] = [solid for solid in problem.solids if solid.flows]
     x = problem.space.tabulate_dof_coordinates()[:, :2] + problem.u.x.array.reshape(-1, 2)
-    force = sum(dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms)
+    force = sum(dolfinx.fem.assemble_vector(part.residual).array for part in forms_of(solid))
     solid.add_point_forces(force)
     moment = 1e-3 * force.reshape(-1, 2).T @ x
     row = [r for r in table(directory / "body_probes.csv") if r["probe"] == "lower"][-1]

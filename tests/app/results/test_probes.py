@@ -13,6 +13,7 @@ from scipy.optimize import fsolve
 
 from tests.app.conftest import BLOCK, BOXES, SLID
 from tests.app.read_log import read_log
+from tests.forms.bodies.in_forms import forms_of
 from tests.solved import built
 from tribox.app.build.model import build_model
 from tribox.app.case.case import Case
@@ -268,7 +269,7 @@ def test_mean_stress_is_the_moment_of_the_forces(slid):
     x = problem.space.tabulate_dof_coordinates()[:, :2]
     x = x + problem.u.x.array.reshape(-1, 2)
     for solid, probe in zip(problem.solids, ("upper", "lower"), strict=True):
-        force = sum(dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms)
+        force = sum(dolfinx.fem.assemble_vector(part.residual).array for part in forms_of(solid))
         moment = 1e-3 * force.reshape(-1, 2).T @ x
         [found] = columns(
             tables["body_probes"], "volume", "cauchy_xx", "cauchy_yy", "cauchy_xy", probe=probe

@@ -4,7 +4,7 @@ import dolfinx
 import numpy as np
 import pytest
 
-from tribox.app.equilibrium.bodies import Bodies
+from tests.forms.bodies.in_forms import InForms, carried_tangent, forms_of
 from tribox.forms.bodies.compiled_cells import CompiledCells, compiled_cells
 from tribox.forms.bodies.point_cells import add_tangent
 
@@ -39,10 +39,10 @@ def compare(u, solid, forces=1e-12, energies=1e-12, tangents=1e-14):
 
     Returns the largest force over the largest stiffness.
     """
-    cells, slow = cells_of(u, solid), Bodies(u, [solid], compiled=False)
+    cells, slow = cells_of(u, solid), InForms(solid)
     mine, theirs = np.ones_like(u.x.array), np.ones_like(u.x.array)
     assert cells.add(u.x.array, mine) and slow.add_forces(theirs)
-    stiffness = dense([part.tangent for part in solid.forms])
+    stiffness = dense([part.tangent for part in forms_of(solid)])
     # What rounds F is an error of the stress of the modulus times 1e-16.
     rounding = 2e-15 * np.abs(stiffness).max()  # the body is 1 m long
     largest = np.abs(theirs - 1.0).max()
@@ -59,7 +59,7 @@ def same_carried_pressures(u, solid, tolerance):
     """Compare the tangents of pressures that are carried from another displacement."""
     before = u.x.array + 0.01 * np.random.default_rng(8).uniform(-1, 1, len(u.x.array))
     solid.carried.carry(before)
-    wanted = dense([*(part.tangent for part in solid.forms), solid.carried.tangent])
+    wanted = dense([*(part.tangent for part in forms_of(solid)), carried_tangent(solid)])
     found = summed(u, cells_of(u, solid).loops, solid.carried.excess())
     np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
     plain = summed(u, cells_of(u, solid).loops)
@@ -77,11 +77,11 @@ def no_number_in_an_inverted_cell(u, solid, corner):
     cells, mine, theirs = cells_of(u, solid), np.zeros_like(u.x.array), np.zeros_like(u.x.array)
     assert not cells.add(u.x.array, mine)
     assert cells.energy(u.x.array) == np.inf
-    for part in solid.forms:
+    for part in forms_of(solid):
         dolfinx.fem.assemble_vector(theirs, part.residual)
     largest = np.nanmax(np.abs(theirs))
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13 * largest, equal_nan=True)
-    finite = np.isfinite(dense([part.tangent for part in solid.forms])).all()
+    finite = np.isfinite(dense([part.tangent for part in forms_of(solid)])).all()
     assert np.isfinite(summed(u, cells.loops)).all() == finite
     u.x.array[last] = np.nan
     assert not cells.add(u.x.array, mine)

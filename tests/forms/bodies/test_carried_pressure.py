@@ -4,6 +4,7 @@ import dolfinx
 import numpy as np
 import pytest
 
+from tests.forms.bodies.element_matrices import cells_of, summed
 from tests.grid import grid
 from tribox.app.equilibrium.constraints import Prescribed
 from tribox.app.equilibrium.equilibrium import Equilibrium
@@ -42,7 +43,8 @@ def test_the_pressure_is_that_of_the_linearised_volume(cell, name):
 
     u.x.array[:] = field(now)
     solid.carried.carry(field(before))
-    A = dolfinx.fem.assemble_matrix(solid.carried.tangent).to_dense()
+    loops = cells_of(u, solid).loops
+    A = summed(u, loops, solid.carried.excess()) - summed(u, loops)
 
     def volume(*parts):
         return np.linalg.det(np.eye(dim) + sum(parts))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from tests.forms.bodies.in_forms import forms_of
 from tests.grid import grid
 from tribox.forms.bodies.materials import MooneyRivlin
 from tribox.forms.bodies.solid import Solid
@@ -43,7 +44,7 @@ def body(cell, section, formulation, counts, inner, bend=0.0):
 
 def highest(space, solid):
     """Largest eigenvalue of the assembled stiffness over the lumped masses."""
-    matrices = [dolfinx.fem.assemble_matrix(part.tangent) for part in solid.forms]
+    matrices = [dolfinx.fem.assemble_matrix(part.tangent) for part in forms_of(solid)]
     stiffness = sum(matrix.to_scipy().toarray() for matrix in matrices)
     return scipy.linalg.eigh(stiffness, np.diag(lumped_mass(space, [solid])), eigvals_only=True)[-1]
 

@@ -10,12 +10,13 @@ import pytest
 import ufl
 
 from tests.forms.bodies.element_matrices import summed
+from tests.forms.bodies.in_forms import forms_of, radius
 from tests.grid import grid
 from tribox.app.equilibrium.bodies import Bodies
 from tribox.app.equilibrium.pattern import cell_matrix
 from tribox.forms.bodies.elastoplastic import ElastoPlastic
 from tribox.forms.bodies.hardening import Backstress, Linear, Voce
-from tribox.forms.bodies.kinematics import circumference, radius
+from tribox.forms.bodies.kinematics import circumference
 from tribox.forms.bodies.materials import Hencky, NeoHookean
 from tribox.forms.bodies.memory_solid import MemorySolid, make_solid
 from tribox.forms.bodies.softening import Mullins
@@ -60,15 +61,21 @@ def bend(u, size=0.1, seed=0):
 
 def forces(solid):
     out = sum(
-        (dolfinx.fem.assemble_vector(part.residual).array for part in solid.forms),
+        (dolfinx.fem.assemble_vector(part.residual).array for part in forms_of(solid)),
         np.zeros_like(solid.displacement.x.array),
     )
     solid.add_point_forces(out)
     return out
 
 
+def energy(solid):
+    return Bodies(solid.displacement, [solid]).strain_energy()
+
+
 def stiffness(solid):
-    out = sum((dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in solid.forms), 0.0)
+    out = sum(
+        (dolfinx.fem.assemble_matrix(part.tangent).to_dense() for part in forms_of(solid)), 0.0
+    )
     return out + summed(solid.displacement, [solid.point_cells]) if solid.remembers else out
 
 
@@ -80,7 +87,7 @@ def test_below_the_yield_stress_it_is_the_elastic_body(cell, section, formulatio
         assert isinstance(solid, MemorySolid) == (material is NEVER)
         bend(u)
         assert solid.evaluate(1.0, tangent=True)
-        found.append((np.array(solid.strain_energy()), forces(solid), stiffness(solid)))
+        found.append((np.array(energy(solid)), forces(solid), stiffness(solid)))
     for elastic, plastic in zip(*found, strict=True):
         assert np.abs(elastic - plastic).max() <= 1e-12 * np.abs(elastic).max()
     assert (solid.plastic_strain() == 0.0).all() and (solid.dissipated == 0.0).all()
@@ -118,7 +125,7 @@ def by_forms(u, solid, dt):
     forward = ufl.dot(moduli, gradient(trial))
     force = dolfinx.fem.form(weight * ufl.inner(stress, gradient(test)) * dx)
     tangent = dolfinx.fem.form(weight * ufl.inner(forward, gradient(test)) * dx)
-    parts = [(force, tangent), *((part.residual, part.tangent) for part in solid.forms)]
+    parts = [(force, tangent), *((part.residual, part.tangent) for part in forms_of(solid))]
     vectors = [dolfinx.fem.assemble_vector(one).array for one, _ in parts]
     return sum(vectors), sum(dolfinx.fem.assemble_matrix(one).to_dense() for _, one in parts)
 
@@ -136,7 +143,7 @@ def test_the_loop_over_cells_gives_what_forms_do(kind):
         bodies, out = Bodies(u, [solid]), np.zeros_like(u.x.array)
         matrix = cell_matrix(u.function_space)
         bodies.add_forces(out)
-        bodies.add_tangent(matrix, 0, 1, False, False)
+        bodies.add_tangent(matrix, 0, 1, False)
         matrix.assemble()
         wanted, stiff = by_forms(u, solid, 0.3)
         assert np.abs(out - wanted).max() <= 1e-12 * np.abs(wanted).max()
@@ -190,7 +197,7 @@ def test_where_a_cell_is_inverted_the_force_is_no_number():
     u.x.array[:] = -1.5 * u.function_space.tabulate_dof_coordinates()[:, :2].reshape(-1)
     u.x.array[1::2] = 0.0
     assert not solid.evaluate(1.0)
-    assert np.isnan(forces(solid)).any() and np.isnan(solid.strain_energy())
+    assert np.isnan(forces(solid)).any() and not np.isfinite(energy(solid))
     u.x.array[:] = 0.0
     assert solid.evaluate(1.0)
     assert (forces(solid) == 0.0).all()
@@ -211,7 +218,7 @@ def test_a_history_brings_back_the_state():
     new.repeat_step()
     assert np.array_equal(new.points.committed, solid.points.committed)
     assert np.array_equal(new.dissipated, solid.dissipated)
-    assert new.strain_energy() == solid.strain_energy()
+    assert energy(new) == energy(solid)
 
 
 def test_points_that_do_not_flow_on_are_elastic_about_the_committed_state():
@@ -298,7 +305,7 @@ def test_a_rank_without_cells_of_the_body_takes_part():
     assert none.evaluate(1.0, tangent=True) and none.evaluate_elastic()
     assert (forces(none) == 0.0).all() and (stiffness(none) == 0.0).all()
     none.commit()
-    assert none.strain_energy() == 0.0 and (none.dissipated == 0.0).all()
+    assert energy(none) == 0.0 and (none.dissipated == 0.0).all()
     assert none.largest_flow() == (0.0, 0.0)
     assert none.point_rows(none.cell_rows(none.history().origin.values)).shape == (0, 5)
     F = np.empty((0, 3, 3))

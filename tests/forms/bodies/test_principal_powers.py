@@ -1,9 +1,10 @@
-"""Sums of powers of principal stretches against eigenvalues, at equal stretches too."""
+"""Sums of powers of principal stretches in space against eigenvalues, at equal stretches too."""
 
 import numpy as np
 import pytest
 
-from tribox.forms.bodies.principal_powers import space_power_sum
+from tribox.forms.bodies.materials import Ogden
+from tribox.forms.bodies.point_stress import DISTORTION, energy_at_points
 
 # Isochoric stretches: none, all equal but for little, two equal but for little, three apart.
 STATES = {
@@ -16,33 +17,28 @@ STATES = {
 }
 
 
-def excess(stretches):
-    squares = np.asarray(stretches) ** 2
-    return squares.sum() - 3.0, (1.0 / squares).sum() - 3.0
+def at(stretches, alpha, tangent=False):
+    """Energy, stress and moduli of one term with mu = alpha."""
+    energy = energy_at_points(Ogden((alpha,), (alpha,), 1.0), DISTORTION, True)
+    return energy(np.stack([np.diag(row).reshape(9) for row in stretches]), tangent)
 
 
 @pytest.mark.parametrize("alpha", [0.5, 1.3, -2.0, 5.0, -7.3, 10.0])
 @pytest.mark.parametrize("state", STATES)
 def test_values(state, alpha):
-    for stretch in (1.05, 1.5, 2.0, 4.0):
-        stretches = np.array(STATES[state](stretch))
-        found = space_power_sum(*excess(stretches), [(1.0, alpha)]).value
-        assert found == pytest.approx(
-            np.sum(stretches**alpha) - 3.0, rel=1e-9, abs=1e-14 * alpha**2
-        )
+    stretches = np.array([STATES[state](stretch) for stretch in (1.05, 1.5, 2.0, 4.0)])
+    expected = np.sum(stretches**alpha, axis=1) - 3.0
+    found = at(stretches, alpha)[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-14 * alpha**2)
 
 
 @pytest.mark.parametrize("alpha", [1.3, -0.7, 3.5])
-def test_second_derivatives_of_odd_powers(alpha):
-    """They are those of the first ones, also across the state of equal stretches."""
-    h = 1e-4
+def test_moduli_of_odd_powers(alpha):
+    """They are the derivatives of the stresses, also across the state of equal stretches."""
+    h, along = 1e-4, np.random.default_rng(1).normal(size=(3,))
     for state in STATES:
-        x, y = excess(STATES[state](1.7))
-        x, y = x + 2e-3, y + 2e-3  # inside of what tensors can have, for both differences
-        second = space_power_sum(x, y, [(1.0, alpha)]).second
-        right, left = (space_power_sum(x + s * h, y, [(1.0, alpha)]).first for s in (1, -1))
-        up, down = (space_power_sum(x, y + s * h, [(1.0, alpha)]).first for s in (1, -1))
-        differences = [(right[0] - left[0]), (right[1] - left[1]), (up[1] - down[1])]
-        np.testing.assert_allclose(
-            second, np.array(differences) / (2.0 * h), rtol=0, atol=1e-7 * max(np.abs(second))
-        )
+        one = np.array(STATES[state](1.7))
+        sides = at([one + h * along, one - h * along], alpha)[1]
+        slope = (sides[0] - sides[1])[[0, 4, 8]] / (2.0 * h)
+        A = at([one], alpha, True)[2][0][[0, 4, 8]][:, [0, 4, 8]]
+        np.testing.assert_allclose(A @ along, slope, rtol=0, atol=1e-6 * np.abs(A).max())

@@ -122,7 +122,7 @@ def test_the_same_contact_along_a_path(pair, name, kind, compiled):
         names = ("position", "area_ratio", "pressure", "film", "traction")
         compare(trial, expected, names, step, 1e-11)
         if kind == "averaged":
-            reference.cover(expected)  # found where it is asked for
+            reference.cover(expected), own.cover(trial)  # found where it is asked for
             compare(trial.normal_contact, expected.normal_contact, NORMAL, step, 1e-13)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
         seen |= {("lost", bool(kind == "averaged" and expected.faded.lost.any()))}
