@@ -117,6 +117,16 @@ class Patience:
     eager: bool = False
 
 
+@dataclass(slots=True)
+class Turns:
+    """What turns as a whole."""
+
+    # lets bodies that float turn by a step, the second, that is to be taken off the first
+    turn: Callable[[PETSc.Vec, PETSc.Vec], bool] = lambda x, y: False
+    # tools that have turned too far for their slip to be known
+    spun: Callable[[PETSc.Vec], tuple[str, ...]] = lambda x: ()
+
+
 class Newton(Remembers):
     """Solves for the unknowns at given loads, from the start that ``trial`` holds.
 
@@ -128,8 +138,7 @@ class Newton(Remembers):
         largest_force: N (N/m), largest reference force of a solution that was committed.
         on_path: whether the start continues the path of the last steps.
         inside: what is known of steps that were found from inside.
-        turn: lets bodies that float turn by a step.
-        spun: which tools have turned too far for their slip to be known.
+        turns: what floats and what turns freely.
         snes: PETSc's solver.
     """
 
@@ -151,8 +160,7 @@ class Newton(Remembers):
         self._before = problem.new_vector()  # where the tangent was taken last
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
-        self.turn: Callable[[PETSc.Vec, PETSc.Vec], bool] = lambda x, y: False
-        self.spun: Callable[[PETSc.Vec], tuple[str, ...]] = lambda x: ()
+        self.turns = Turns()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
         self._patience = Patience()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
@@ -293,7 +301,7 @@ class Newton(Remembers):
 
     def _turned(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Let bodies that float turn by a step ``y`` that is to be taken off ``x``; collective."""
-        return self._phase is TURNED_STEPS and self.turn(x, y)
+        return self._phase is TURNED_STEPS and self.turns.turn(x, y)
 
     def _carried_by_films(self) -> bool:
         """Whether films carry enough, now or at the last step, for their kinks to count most."""
@@ -386,7 +394,7 @@ class Newton(Remembers):
         x.copy(self._before)
         self.solver.solve(f, increment)
         if step.holding is not None and step.holding.weak:
-            self.turn(start, increment)
+            self.turns.turn(start, increment)
         return start, increment
 
     def is_near(self, relative: float = STALLED) -> bool:
@@ -454,7 +462,7 @@ class Newton(Remembers):
         # matrix. SNES sees a norm that is none: the line search cuts, or the step fails.
         strays = not self.problem.rounding.is_within_reach(x)
         self.strayed |= strays
-        if strays or self.spun(x):
+        if strays or self.turns.spun(x):
             f.set(np.nan)
         else:
             self.problem.residual(snes, x, f, self._step)

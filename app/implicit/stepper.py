@@ -109,7 +109,7 @@ class ImplicitStepper:
         self.solver = LinearSolver(problem, self.x)
         self.newton = Newton(problem, self.solver, self.trial, self.options)
         self.predictor = Predictor(problem, self.solver)
-        self.newton.spun = self._spun
+        self.newton.turns.spun = self._spun
         self._find_loose_bodies()
         self._carried = 0.0  # N (N/m), of weak springs that alone pressed in the last solution
         self._relaxed = False  # whether springs that give way found the last solution
@@ -135,7 +135,7 @@ class ImplicitStepper:
     def _find_loose_bodies(self) -> None:
         problem = self.problem
         self._bodies, self._weak = LooseBodies(problem), WeakHold(problem)
-        self._held, self.newton.turn = supports_at_hand(problem), self._weak.turn
+        self._held, self.newton.turns.turn = supports_at_hand(problem), self._weak.turn
         problem.rounding.let_go = {n for body in self._weak.bodies for n in body.joined.names}
 
     def attempt(self, dt: float) -> StepResult:
