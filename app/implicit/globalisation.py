@@ -294,7 +294,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
 
     Where pressed elastic bodies rub, a shorter step is better if the iteration came near, and
     softer contacts are tried first; so they are where they found the last such step. Where a
-    shorter step of metal, or of what rubs, has failed as the longer one did, it is relaxed.
+    shorter step of metal, or of what presses, has failed as the longer one did, it is relaxed.
     """
     if attempt.newton.is_bounded:
         flows = any(mode.rate_dependent for mode in attempt.step.modes)
@@ -305,13 +305,14 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
     if attempt.step.holding is not None:
         return (FromInside("last"), FirmSprings())
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()
-    relaxed = (Relaxation(),) if (flows or rubs) and attempt.failures in FIRST_CUTS else ()
+    may_snap = flows or attempt.pressed
+    relaxed = (Relaxation(),) if may_snap and attempt.failures in FIRST_CUTS else ()
     if near:
         return relaxed if rubs else (inside, *relaxed)
     if rubs and is_moved(attempt):
         return (SoftContact(), inside, *relaxed)
     if attempt.pressed and attempt.newton.inside.softly and not flows:
-        return (SoftContact(), inside)
+        return (SoftContact(), inside, *relaxed)
     return (inside, SoftContact(), *relaxed)
 
 

@@ -68,7 +68,7 @@ class StepResult:
             (:class:`tribox.forms.friction.law.FrictionResponse`) while the bodies are driven.
         unbalanced: contacts whose film had no solution at the state evaluated last.
         effort: of linear solves by iterations so far.
-        relaxed: whether metal was relaxed (:mod:`tribox.app.implicit.relaxation`).
+        relaxed: whether bodies were relaxed (:mod:`tribox.app.implicit.relaxation`).
         spun: tools that went round by more than slip is told apart by, and that nothing turns so.
         adrift: whether a load moves the floating bodies away, as it would in a shorter step.
     """

@@ -183,7 +183,7 @@ class FloatingWatch(Remembers):
 
 
 class RelaxationWatch(Remembers):
-    """Keeps in which steps metal was relaxed."""
+    """Keeps in which steps bodies were relaxed."""
 
     _steps: Kept[int]
     _when: Kept[str]
@@ -201,7 +201,7 @@ class RelaxationWatch(Remembers):
         """A line if there was such a step."""
         if self._steps:
             yield (
-                f"metal was relaxed by springs in {self._steps} steps (first at {self._when}): no "
+                f"bodies were relaxed by springs in {self._steps} steps (first at {self._when}): no "
                 "path of equilibria was found there, as where it snaps; there may be others than "
                 "the one that was found: compare with shorter steps, or a stage of dynamics"
             )
