@@ -251,15 +251,19 @@ class Position:
         return True
 
     def begin_step(self, time: float, driven: float) -> None:
-        """Begin an implicit step here, unless a part of it is made or has been tried.
-
-        After one that was cut it is made in pieces as long: what failed there mostly fails again.
-        """
+        """Begin an implicit step here, unless a part of it is made or has been tried."""
         if self.done == 0.0 and not self.failures:
-            self.step_time, self.step_driven, self.calm = time, driven, self.calm + 1
-            if self.calm > CALM:
-                self.piece, self.calm = 2.0 * self.piece, 0
-            self.piece = min(self.piece, 1.0)
+            self.step_time, self.step_driven = time, driven
+
+    def end_step(self) -> None:
+        """Count an implicit step.
+
+        After one that was cut the next begins in pieces as long: what failed mostly fails again.
+        """
+        self.count, self.done, self.calm = self.count + 1, 0.0, self.calm + 1
+        if self.calm >= CALM:
+            self.piece, self.calm = 2.0 * self.piece, 0
+        self.piece = min(self.piece, 1.0)
 
     def try_again(self) -> None:
         """Forget the attempts at the rest of the present implicit step, which was given up."""

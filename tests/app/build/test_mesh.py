@@ -136,7 +136,7 @@ def test_steps_beyond_the_mesh_and_coefficients_that_nothing_has_are_told(tmp_pa
     one = {"velocity": "1 m/s", "duration": "8 ms"}
     assert told(0.3, **one, steps=1)[0].startswith("stage.0.velocity: driven boundaries move 0.008")
     assert told(0.3, **one, steps=3) == []
-    [mu] = told([["0 s", 1], ["1 s", 15]], **one, steps=3)
+    [mu] = told([["0 s", 1], ["8 ms", 15]], **one, steps=3)
     assert mu.startswith("contact.0.friction.mu = 15: rubber")
 
 

@@ -100,12 +100,10 @@ def test_steps_after_one_that_was_cut_begin_in_its_pieces_and_become_longer_agai
     at, tried = Position(), []
     at.begin(0.0, 0.0, 0)
     at.piece, at.calm = 0.25, 0  # what a cut of a cut leaves
-    for _ in range(2 * CALM + 2):
-        at.begin_step(0.0, 0.0)
+    for _ in range(2 * CALM + 1):
+        at.end_step()
         tried.append(at.piece)
-    assert tried == CALM * [0.25] + (CALM + 1) * [0.5] + [1.0]
-    at.begun = False
+    assert tried == (CALM - 1) * [0.25] + CALM * [0.5] + 2 * [1.0]
+    at.piece, at.begun = 0.25, False
     at.begin(1.0, 0.0, 9)  # another stage
-    at.piece = 2.0 * at.piece
-    at.begin_step(1.0, 0.0)
     assert at.piece == 1.0
