@@ -66,7 +66,7 @@ def test_the_same_contact_along_a_path(shape, law, kind):
         compare(trial, expected, ("position", "area_ratio", "pressure", "film", "traction"), step)
         if kind == "averaged":
             normals = trial.normal_contact, expected.normal_contact
-            reference.cover(expected)  # found where it is asked for
+            reference.cover(expected), contact.term.cover(trial)  # found where it is asked for
             compare(*normals, NORMAL, step)
             compare(trial.faded, expected.faded, ("share", "sunk", "lost"), step)
             seen["lost"] |= bool(expected.faded.lost.any())
