@@ -464,8 +464,8 @@ def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
     """Whether a load drives a body along its contacts, and all of their friction is used up."""
     friction = np.linalg.norm(hold.friction)
     along = abs(float(hold.friction[one.component]))
-    pushed = along > abs(float(hold.pressure[one.component])) and along > ALONG * friction
-    pushed |= one.turns
+    across = abs(float(hold.pressure[one.component]))
+    pushed = one.turns or (along > across and along > ALONG * friction)
     used = max(float(friction), abs(load))
     return bool(pushed and load != 0.0 and hold.limit > 0.0 and used > AT_LIMIT * hold.limit)
 
