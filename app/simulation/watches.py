@@ -201,9 +201,9 @@ class RelaxationWatch(Remembers):
         """A line if there was such a step."""
         if self._steps:
             yield (
-                f"bodies were relaxed by springs in {self._steps} steps (first at {self._when}): no "
-                "path of equilibria was found there, as where it snaps; there may be others than "
-                "the one that was found: compare with shorter steps, or a stage of dynamics"
+                f"bodies were relaxed by springs in {self._steps} steps (first at {self._when}): "
+                "no path of equilibria was found there, as where it snaps; there may be others "
+                "than the one that was found: compare with shorter steps, or a stage of dynamics"
             )
 
 
