@@ -217,5 +217,5 @@ _FUNCTIONS: dict[str, Any] = {
     **{"GT": np.greater, "LT": np.less, "GE": np.greater_equal, "LE": np.less_equal},
     **{"EQ": np.equal, "NE": np.not_equal, "AndCondition": np.logical_and},
     **{"OrCondition": np.logical_or, "NotCondition": np.logical_not, "Conditional": np.where},
-    **{"Label": lambda: None, "Variable": lambda value, label: value},
+    **{"Label": lambda: None, "Variable": lambda value, label: value, "Real": operator.pos},
 }

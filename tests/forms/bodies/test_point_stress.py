@@ -190,6 +190,7 @@ def test_functions_of_an_energy_have_their_values():
         ufl.conditional(ufl.And(ufl.gt(x, 0.5), ufl.lt(x, 1.0)), x, 0.0): [0.0, 0.7, 0.0],
         ufl.conditional(ufl.Not(ufl.Or(ufl.ge(x, 1.0), ufl.le(x, 0.5))), x, 0.0): [0.0, 0.7, 0.0],
         ufl.conditional(ufl.eq(x, x), ufl.tanh(x), ufl.atan(x)): np.tanh(at),
+        ufl.sign(x - 0.5): [-1.0, 1.0, 1.0],
     }  # fmt: skip
     found = values_of(list(parts), {constant: at})
     for values, expected in zip(found, parts.values(), strict=True):
