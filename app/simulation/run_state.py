@@ -219,6 +219,7 @@ class RunState(Remembers):
 
 
 CALM = 3  # steps in shorter pieces after which longer ones are tried, easy or not
+ROOM = 3  # times at least that the first piece of a step may be cut
 
 
 @dataclass(slots=True)
@@ -255,14 +256,20 @@ class Position:
         if self.done == 0.0 and not self.failures:
             self.step_time, self.step_driven = time, driven
 
-    def end_step(self) -> None:
+    def end_step(self, least: float) -> None:
         """Count an implicit step.
 
         After one that was cut the next begins in pieces as long: what failed mostly fails again.
+        They may be cut so often that all ways to a solution are tried.
+
+        Args:
+            least: share of a step below which nothing is cut.
         """
         self.count, self.done, self.calm = self.count + 1, 0.0, self.calm + 1
         if self.calm >= CALM:
             self.piece, self.calm = 2.0 * self.piece, 0
+        while self.piece < min(2.0**ROOM * least, 1.0):
+            self.piece *= 2.0
         self.piece = min(self.piece, 1.0)
 
     def try_again(self) -> None:

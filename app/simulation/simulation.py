@@ -113,7 +113,7 @@ class ImplicitStage:
             at.done, at.failures, at.wasted = end, 0, 0
             if easy:
                 at.piece = 2.0 * at.piece
-        at.end_step()
+        at.end_step(self.model.case.solver.min_step_fraction)
 
     def _is_hopeless(self, result: StepResult) -> bool:
         """Whether shorter pieces would fail like those that have failed in a row; collective."""

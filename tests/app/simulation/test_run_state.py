@@ -101,9 +101,12 @@ def test_steps_after_one_that_was_cut_begin_in_its_pieces_and_become_longer_agai
     at.begin(0.0, 0.0, 0)
     at.piece, at.calm = 0.25, 0  # what a cut of a cut leaves
     for _ in range(2 * CALM + 1):
-        at.end_step()
+        at.end_step(0.01)
         tried.append(at.piece)
     assert tried == (CALM - 1) * [0.25] + CALM * [0.5] + 2 * [1.0]
+    at.piece = 0.0625
+    at.end_step(0.05)
+    assert at.piece == 0.5  # from which a step may be cut three times
     at.piece, at.begun = 0.25, False
     at.begin(1.0, 0.0, 9)  # another stage
     assert at.piece == 1.0
