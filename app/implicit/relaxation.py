@@ -40,6 +40,7 @@ class Relaxation(Phase):
     def run(self, attempt: Attempt) -> tuple[int, int]:
         newton, trial = attempt.newton, attempt.trial
         failed = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
+        left, strayed = trial.array_r.copy(), newton.strayed
         attempt.return_to_start()
         if not np.isfinite(newton.residual_of(attempt.step)):
             trial.array[:] = newton.problem.constrained_values(attempt.x)
@@ -70,6 +71,8 @@ class Relaxation(Phase):
                 return iterations, reason
             pace.failures += 1
             near = NEARER * carried
+        trial.array[:] = left  # what failed before springs held it says more of why
+        newton.residuals, newton.strayed = [newton.residual_of(attempt.step)], strayed
         return iterations, failed
 
 
