@@ -55,22 +55,29 @@ def environment() -> dict[str, str]:
 
 
 class OnRanks:
-    """Calls functions on ranks; each number of ranks is started once in a run of the tests."""
+    """Calls functions on ranks; each number of ranks is started once in a run of the tests.
+
+    What only long tests ask for has a start of its own: no test may wait for all of it.
+    """
 
     def __init__(self, session: pytest.Session) -> None:
         self.directory = _shared_directory(session.config)
         self._alone: dict[str, Any] = {}
-        self._asked = dict.fromkeys(key for item in session.items for key in _asked(item))
+        self._tiers: dict[tuple[str, int], str] = {}
+        for item in session.items:
+            tier = "long" if item.get_closest_marker("long") else "guard"
+            for key in _asked(item):
+                self._tiers[key] = min(tier, self._tiers.get(key, tier))
 
     def starts(self, item: pytest.Item) -> bool:
         """Whether a test will start ranks: its own, or the first of those that tests share."""
         if any(not mark.args for mark in item.iter_markers("mpi")):
             return True
-        counts = [count for _, count in _asked(item) if count > 1]
-        return not all(self._directory(count).exists() for count in counts)
+        shared = [key for key in _asked(item) if key[1] > 1]
+        return not all(self._directory(key).exists() for key in shared)
 
-    def _directory(self, count: int) -> Path:
-        return self.directory / f"{count}"
+    def _directory(self, key: tuple[str, int]) -> Path:
+        return self.directory / f"{key[1]}-{self._tiers[key]}"
 
     def __call__(self, scene: Scene, count: int) -> Any:
         """What a function returns on the first of a number of ranks."""
@@ -80,19 +87,19 @@ class OnRanks:
                 own = f"1-{os.environ.get('PYTEST_XDIST_WORKER', 'only')}"
                 self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / own)
             return self._alone[name]
-        assert (name, count) in self._asked, f"@pytest.mark.mpi({scene.__name__}, {count})"
-        directory = self._directory(count)
+        assert (name, count) in self._tiers, f"@pytest.mark.mpi({scene.__name__}, {count})"
+        directory = self._directory((name, count))
         if not directory.exists():
-            self._start(count, directory)
+            self._start(self._tiers[name, count], count, directory)
         found = directory / f"{name}.json"
         said = (directory / "said.txt").read_text(encoding="utf-8")
         assert found.exists(), f"{name} did not end within {LIMIT:g} s, or failed:\n{said}"
         return json.loads(found.read_text(encoding="utf-8"))
 
-    def _start(self, count: int, directory: Path) -> None:
+    def _start(self, tier: str, count: int, directory: Path) -> None:
         # Tests that start ranks are alone (see conftest.py): no other process does so now.
         directory.mkdir(parents=True)
-        names = [name for name, ranks in self._asked if ranks == count]
+        names = [name for (name, ranks), of in self._tiers.items() if (of, ranks) == (tier, count)]
         with (directory / "said.txt").open("w", encoding="utf-8") as output:
             while names:  # after one that fails, and ends all ranks, the others have a new start
                 _run(count, directory, names, output)
