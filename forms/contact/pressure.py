@@ -33,7 +33,7 @@ from tribox.geometry.surfaces.surface import ContactSurface
 PressureKind = Literal["averaged", "pointwise"]
 
 _NO_AREA = np.finfo(float).tiny  # instead of none at all
-TOUCHING = 1e-9  # gap, relative to a facet's size, up to which a point or a vertex touches
+TOUCHING = 1e-11  # gap, relative to a facet's size, up to which a point or a vertex touches
 ROUNDOFF_DEPTH = 1e-12  # penetration over a facet's length that may be round-off alone
 
 
@@ -52,7 +52,7 @@ class NormalRule(Protocol):
         Args:
             at: projections of all points.
             mode: penalty scale and adhesive gap.
-            least_depth: depth over facet length up to which there is no pressure.
+            least_depth: depth over facet length from which on there is pressure.
         """
         ...
 
@@ -130,10 +130,11 @@ class AveragedPressure(NormalRule):
             gaps: (v,) Σ_q w N_A g_q over the points that have a master below them, of all ranks.
             covered: (v,) Σ_q w N_A over the same points.
             mode: penalty scale and adhesive gap.
-            least_depth: depth over facet length up to which there is no pressure.
+            least_depth: depth over facet length from which on there is pressure.
         """
         # Depths below round-off of the mean gap are no contact: which vertices press would be
-        # chance.
+        # chance. Pressure begins from nothing there: with a jump a vertex that has to carry less
+        # than it, as between sheets that bend together, would find no equilibrium.
         length = self.vertices.length
         gap: Floats = gaps / self.area(covered)
         active: Bools = (covered > 0.0) & (gap <= _reach(length, mode))
@@ -238,7 +239,9 @@ def _law(
     elif mode.adhesive_gap > 0.0:
         pressure = -stiffness * gap
     else:
-        pressure = np.where(-gap > least, -stiffness * gap, 0.0)
+        begins = 2.0 * (-gap - least)  # to be the penalty's again at twice the depth
+        pressure = stiffness * np.maximum(np.minimum(begins, -gap), 0.0)
+        stiffness = np.where((begins > 0.0) & (begins < -gap), 2.0, 1.0) * stiffness
     stiff = closed & (pressure != 0.0) if mode.only_pressed else closed
     return np.where(closed, pressure, 0.0), np.where(stiff, stiffness, 0.0)
 

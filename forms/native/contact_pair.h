@@ -233,8 +233,9 @@ static void press(Pair *p, int64_t q)
         for (int b = 0; b < ALONG; ++b)
             size = fmax(size, norm(at(p->tangent, ALONG * q + b)));
         p->closed[q] = p->on_surface[q] && gap <= p->touching * size;
-        if (p->closed[q] && -gap > p->roundoff * size)
-            pressure = -p->penalty[q] * gap + p->damping[q];
+        double begins = 2.0 * (-gap - p->roundoff * size);
+        if (p->closed[q] && begins > 0.0)
+            pressure = p->penalty[q] * fmin(begins, -gap) + p->damping[q];
     }
     p->pressure[q] = pressure;
     /* What is given up at the end of the master, see forms/contact/pressure.py. */

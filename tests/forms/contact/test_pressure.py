@@ -88,7 +88,7 @@ def test_what_only_touches_is_stiff_unless_only_what_presses_is(rule):
     """It keeps a body from being loose; the derivative of its pressure is none."""
     made, at = touching("Q4", rule)
     x, least = made.surface.slave.position[:, 0], 1e-12
-    gap = np.where(x < np.median(x), -DEPTH, 1e-11)
+    gap = np.where(x < np.median(x), -DEPTH, 1e-13)
     normal = made.evaluate(replace(at, gap=gap), AS_IS, least)
     assert np.all(normal.stiffness == made.penalty)
     exact = made.evaluate(replace(at, gap=gap), ContactMode(only_pressed=True), least)
@@ -97,6 +97,24 @@ def test_what_only_touches_is_stiff_unless_only_what_presses_is(rule):
     np.testing.assert_array_equal(exact.stiffness, np.where(springs > 0.0, made.penalty, 0.0))
     for name in ("closed", "spring", "pressure"):
         np.testing.assert_array_equal(getattr(exact, name), getattr(normal, name))
+
+
+@pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
+def test_pressure_does_not_jump_where_rounding_ends(rule):
+    """It is none up to there, grows from nothing, and is the penalty's from twice that on."""
+    made, at = touching("Q4", rule)
+    least, averaged = 1e-3, rule is AveragedPressure
+    lengths = made.surface.vertices.length if averaged else np.linalg.norm(at.tangents, axis=-1)
+    depths = np.array([0.0, 0.9, 1.0, 1.1, 1.5, 1.999, 2.0, 2.001, 3.0]) * least * lengths.max()
+    found = [made.evaluate(replace(at, gap=np.full_like(at.gap, -d)), AS_IS, least) for d in depths]
+    springs = [one.nodal_pressure if averaged else one.pressure for one in found]
+    pressure, stiffness = (
+        [one[lengths.argmax()] for one in of] for of in (springs, [one.stiffness for one in found])
+    )
+    assert not any(pressure[:3])
+    np.testing.assert_allclose(pressure[6:], PENALTY * depths[6:], rtol=1e-10)
+    assert np.all(np.abs(np.diff(pressure)) <= 2.001 * PENALTY * np.diff(depths))
+    assert (stiffness[4], stiffness[8]) == (2.0 * PENALTY, PENALTY)
 
 
 @pytest.mark.parametrize("rule", [AveragedPressure, PointwisePressure])
