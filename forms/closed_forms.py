@@ -72,7 +72,9 @@ def steady_traction(
     p = np.asarray(pressure, dtype=np.float64)
     rate = np.where(wet, V / np.where(wet, D, 1.0), 0.0)
     viscosity = parameters.viscosity(rate, np.broadcast_to(p, rate.shape)).value
-    return np.asarray(omega * np.asarray(mu) * p + alpha * viscosity * rate)
+    dry: Floats = omega * np.asarray(mu) * p
+    sheared: Floats = alpha * viscosity * rate
+    return np.asarray(dry + sheared)
 
 
 def effective_viscosity(

@@ -31,7 +31,9 @@ def told(*command: str) -> str:
 @pytest.mark.long
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy is not installed")
 def test_types_are_right():
-    assert told(sys.executable, "-m", "mypy", "--cache-dir", os.devnull) == ""
+    # It never frees what it reads: looking for what to free takes a seventh of its time.
+    check = "import gc; gc.disable(); from mypy.__main__ import console_entry; console_entry()"
+    assert told(sys.executable, "-c", check, "--cache-dir", os.devnull) == ""
 
 
 @pytest.mark.long

@@ -179,7 +179,8 @@ class Loads:
                 and not any(one.source.values)
                 and all(map(one.given, self._stages))
             ]
-            local = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *parts]))
+            joined: Ints = np.concatenate([np.empty(0, dtype=np.int32), *parts])
+            local = np.unique(joined)
             local = (local // space.dofmap.index_map_bs).astype(np.int32)
             mine = space.dofmap.index_map.local_to_global(local)
             out.append(np.unique(np.concatenate(space.mesh.comm.allgather(mine))))

@@ -115,7 +115,8 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
         )
     film = np.array(contact.given_film.thicknesses)
     # Between the rows of a table over the pressure the film takes every thickness.
-    taken = np.concatenate([film, 0.5 * (film[1:] + film[:-1])])
+    middle: Floats = 0.5 * (film[1:] + film[:-1])
+    taken = np.concatenate([film, middle])
     assert isinstance(contact.friction, LawTable)
     yield from notes_on_choices(contact.friction, taken)
     pressure = highest_pressure(case)

@@ -56,7 +56,8 @@ class AddedContact:
         self._matrix: PETSc.Mat | None = None
         self._timer = Stopwatch()
         none = np.empty(0, dtype=np.int32)
-        fixed = np.unique(np.concatenate([none, *(bc.dof_indices()[0] for bc in bcs)]))
+        given: Ints = np.concatenate([none, *(bc.dof_indices()[0] for bc in bcs)])
+        fixed = np.unique(given)
         self._fixed: Ints = fixed[fixed < self._unknowns.owned]
 
     def evaluate(self, x: PETSc.Vec, dt: float) -> list[ContactTrial]:

@@ -103,7 +103,8 @@ def node_groups(platens: Sequence[SlantedPlaten], held: Ints, dim: int) -> list[
     Raises:
         ValueError: at a node there is nothing left that a platen could move.
     """
-    nodes = np.unique(np.concatenate([platen.dofs[::dim] // dim for platen in platens]))
+    moved = [platen.dofs[::dim] // dim for platen in platens]
+    nodes = np.unique(np.concatenate(moved))
     if not len(nodes):
         return []
     # On which platens a node is, and which of its components are free: nodes with the same answers

@@ -410,7 +410,8 @@ def coupled_nodes(term: ContactTerm, window: ContactWindow) -> Longs:
     others = _movers(surface)
     of_blocks = _beside(term, first)
     mine = np.concatenate([mine, of_blocks], axis=1)
-    nodes = np.unique(np.concatenate([mine.reshape(-1), others.reshape(-1)]))
+    every: Longs = np.concatenate([mine.reshape(-1), others.reshape(-1)])
+    nodes = np.unique(every)
     active = np.diff(window.touching.indptr) > 0
     slaves = _incidence(np.searchsorted(nodes, mine), len(nodes))
     slaves = scipy.sparse.diags(active.astype(np.int32), dtype=np.int32) @ slaves
@@ -450,7 +451,8 @@ def _beside(term: ContactTerm, first: Longs) -> Longs:
 def _distinct(pairs: Longs) -> Longs:
     """Distinct pairs (p, 2), in order."""
     width = np.int64(pairs.max(initial=0) + 1)
-    keys = np.unique(pairs[:, 0] * width + pairs[:, 1])
+    keys: Longs = pairs[:, 0] * width + pairs[:, 1]
+    keys = np.unique(keys)
     return np.stack(np.divmod(keys, width), axis=1)
 
 

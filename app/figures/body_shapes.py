@@ -272,7 +272,8 @@ def _outer_sides(kinds: Sequence[str], cells: Sequence[Ints]) -> tuple[Ints, Int
     rows = np.array_split(np.sort(found, axis=1), 2, axis=1)
     # Two numbers of each side to sort by: its nodes, two by two, as digits to the base of all.
     base = int(found.max(initial=0)) + 1
-    keys = np.stack([nodes @ base ** np.arange(nodes.shape[1]) for nodes in rows])
+    digits = [base ** np.arange(nodes.shape[1]) for nodes in rows]
+    keys = np.stack([nodes @ digit for nodes, digit in zip(rows, digits, strict=True)])
     order = np.lexsort(keys)
     other = (np.diff(keys[:, order]) != 0).any(axis=0)  # than the one before
     new = np.concatenate([[True], other, [True]])

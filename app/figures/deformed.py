@@ -409,7 +409,8 @@ def draw_friction(axes: Axes, nodes: meshio.Mesh, plan: Plan, unit: Unit) -> Non
     shown = np.flatnonzero((np.linalg.norm(traction, axis=1) > 0.02 * largest) & (pressure > 0.0))
     if not largest > 0.0 or not len(shown):
         return
-    shown = shown[:: max(1, len(shown) // ARROWS)]
+    every = max(1, len(shown) // ARROWS)
+    shown = shown[::every]
     place = plan.across[own[shown]] * unit.factor
     along = traction[shown] @ plan.axes.T
     stress = style.fitting([largest], "Pa")

@@ -162,7 +162,8 @@ def _spans(
         slope = np.divide(side[:, 0], side[:, 1], out=np.zeros(len(side)), where=~level)
         where = here[triangle, 0] + slope[triangle] * (row + 0.5 - here[triangle, 1])
         # The triangle lies to the right of a side that its third corner lies to the right of.
-        beyond = other[:, 0] - here[:, 0] - slope * (other[:, 1] - here[:, 1])
+        third: Floats = other - here
+        beyond: Floats = third[:, 0] - slope * third[:, 1]
         begins, ends = (beyond > 0.0) & ~level, (beyond < 0.0) & ~level
         left = np.where(begins[triangle], np.maximum(left, where), left)
         right = np.where(ends[triangle], np.minimum(right, where), right)

@@ -175,7 +175,8 @@ def compared(results: Results, swept: SweptValues) -> list[Compared]:
         lines = {}
         for name, own in rows.parts("name"):
             values = np.stack([own[part] for part in there], axis=1)
-            size = values[:, 0] if len(names) == 1 else np.sqrt(np.nansum(values**2, axis=1))
+            squares: Floats = np.nansum(values**2, axis=1)
+            size: Floats = values[:, 0] if len(names) == 1 else np.sqrt(squares)
             size = np.degrees(size) if quantity.unit == "°" else size
             order = sorted(dict.fromkeys(own["label"]), key=lambda label: swept.places[label])
             runs = [size[own["label"] == label] for label in order]

@@ -130,7 +130,8 @@ def facets_of(mesh: meshio.Mesh, pair: int) -> Ints:
     """Facets (f, a) of a pair in a contact file, in all its blocks."""
     of = np.rint(np.asarray(mesh.point_data["pair"], dtype=np.float64)).astype(np.int64)
     blocks = [np.asarray(block.data, dtype=np.int64) for block in mesh.cells]
-    return np.concatenate([block[of[block[:, 0]] == pair] for block in blocks])
+    own = [of[block[:, 0]] == pair for block in blocks]
+    return np.concatenate([block[one] for block, one in zip(blocks, own, strict=True)])
 
 
 def pairs_shown(nodes: meshio.Mesh, count: int, most: int) -> list[int]:

@@ -221,7 +221,7 @@ def _hardening(axes: Axes, fit: MetalFit) -> None:
     axes.plot(alpha, metal.hardening.stress(alpha) / 1e6, color=BLUE, label="yield stress σ_Y")
     total: Floats = np.zeros(FINE)
     for c, b in metal.kinematic:
-        total = np.asarray(total - c / b * np.expm1(-b * alpha))
+        total -= c / b * np.expm1(-b * alpha)
     if metal.kinematic:
         axes.plot(alpha, total / 1e6, color=RED, ls="--", label="back stress X of one pull")
         both = metal.hardening.stress(alpha) + total

@@ -181,14 +181,16 @@ class PronyProblem:
         """Weighted differences, (m,): of logarithms, or over the root mean square stress."""
         value, _ = self.computed(x)
         if self.relative:
-            return np.asarray(self._root * np.log(value / self.measured))
+            ratio = np.log(value / self.measured)
+            return np.asarray(self._root * ratio)
         return np.asarray(self._root * (value - self.measured) / self.scale)
 
     def jacobian(self, x: Floats) -> Floats:
         """(m, c), of the residual."""
         value, slope = self.computed(x)
         over = value if self.relative else np.full(len(value), self.scale)
-        return np.asarray(slope * (self._root / over)[:, None])
+        factor: Floats = self._root / over
+        return slope * factor[:, None]
 
     def bounds(self, n: int) -> tuple[Floats, Floats]:
         """Of the search with n branches."""
@@ -398,8 +400,12 @@ def _vibration(omega: Floats, tau: Floats) -> tuple[Floats, Floats]:
     """G' = w² t²/(1 + w² t²), G'' = w t/(1 + w² t²); ``tau`` (k,) or (k, n)."""
     x = omega * (tau[:, None] if tau.ndim == 1 else tau)
     below = 1.0 / (1.0 + x**2)
-    value = np.concatenate([x**2 * below, x * below], axis=1)
-    slope = np.concatenate([2.0 * (x * below) ** 2, x * (1.0 - x**2) * below**2], axis=1)
+    loss: Floats = x * below
+    storage: Floats = x**2 * below
+    by_storage: Floats = 2.0 * loss**2
+    by_loss: Floats = loss * (1.0 - x**2) * below
+    value = np.concatenate([storage, loss], axis=1)
+    slope = np.concatenate([by_storage, by_loss], axis=1)
     return value, slope
 
 

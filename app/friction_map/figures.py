@@ -208,7 +208,7 @@ def _weakening(setup: MapSetup, track: Track) -> Figure:
     path = np.asarray(np.linspace(0.0, end, 2000), dtype=np.float64)
     mu = p.friction.coefficient(path)
     # Slip is permanent slip and the elastic deformation of the asperities, mu p/K_T.
-    slip = np.concatenate([[0.0], path + mu * setup.pressure / p.K_T])
+    slip = np.append(0.0, path + mu * setup.pressure / p.K_T)
     axes.plot(
         slip * 1e6, np.concatenate([[0.0], mu]), color=style.COLOURS[0], lw=1, label="closed form"
     )

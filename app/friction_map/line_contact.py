@@ -188,7 +188,8 @@ class LineContact:
         # The flow by pressure shears this wall by −(h/2) ∂p/∂x.
         faces = wedge_film(np.stack([film[1:], film[:-1]], axis=1))[0]
         gradient = 0.5 * faces @ np.diff(wet)
-        return float(area @ (self.mu * dry + filled * eta * rate) - gradient)
+        sheared: Floats = self.mu * dry + filled * eta * rate
+        return float(area @ sheared - gradient)
 
 
 def graded(low: float, high: float, edge: float, least: float) -> Floats:

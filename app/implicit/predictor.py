@@ -523,7 +523,8 @@ class Predictor:
 def lagrange_weights(nodes: Floats, at: float) -> Floats:
     """Weights (n,) of the values at distinct ``nodes`` (n,) in their polynomial's value ``at``."""
     own = np.eye(len(nodes), dtype=bool)
-    factors = (at - nodes[None, :]) / np.where(own, 1.0, nodes[:, None] - nodes[None, :])
+    apart: Floats = nodes[:, None] - nodes[None, :]
+    factors: Floats = (at - nodes[None, :]) / np.where(own, 1.0, apart)
     return np.prod(np.where(own, 1.0, factors), axis=1)
 
 

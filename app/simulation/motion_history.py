@@ -236,7 +236,8 @@ class MotionHistory:
         largest = np.abs(forces).max(initial=max(largest, self._largest_on_surfaces(stages)))
         if largest == 0.0 or largest <= noise:
             return None
-        resultant = (forces[:, :dim] + forces[:, dim:]).reshape(-1, len(self._bodies), dim)
+        resultant: Floats = forces[:, :dim] + forces[:, dim:]
+        resultant = resultant.reshape(-1, len(self._bodies), dim)
         of_groups = np.stack([resultant[:, group].sum(axis=1) for group in self._groups])
         most = float(np.abs(of_groups).max())
         return 0.0 if most <= noise else most / largest

@@ -291,7 +291,8 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
         dry = _dry_share(term, response.state)
         limits = [load @ (dry * term.law.coefficient(response.state)), load @ (1.0 - dry)]
         normal = trial.kinematics.normal
-        parts += np.concatenate([friction, sign * (load @ normal), load @ normal**2, limits])
+        pressed: Floats = sign * (load @ normal)
+        parts += np.concatenate([friction, pressed, load @ normal**2, limits])
     total: Floats = problem.comm.allreduce(parts)
     friction, pressure, across = total[:-2].reshape(3, -1)
     wet = bool(total[-1] > 0.0)

@@ -130,7 +130,8 @@ class SmoothEnds:
         """
         surface, comm, pressure = self._surface, self._surface.space.mesh.comm, trial.pressure
         weight, vertices = surface.slave.weight, surface.vertices
-        force, area = comm.allreduce(np.array([weight @ pressure, weight @ (pressure > 0.0)]))
+        own = [float(weight @ pressure), float(weight @ (pressure > 0.0))]
+        force, area = comm.allreduce(np.array(own))
         if force <= 0.0:
             return PressedEnd(), PressedEnd()
         shown, mean = nodal_pressure(surface, pressure), float(force / area)

@@ -107,7 +107,8 @@ class Voce(Hardening):
         """σ_Y(α), Pa."""
         gain = self.saturation_stress - self.yield_stress
         linear = self.yield_stress + self.modulus * np.asarray(alpha, dtype=np.float64)
-        return np.asarray(linear - gain * np.expm1(-self.exponent * alpha))
+        risen: Floats = gain * np.expm1(-self.exponent * alpha)
+        return np.asarray(linear - risen)
 
     def slope(self, alpha: Floats) -> Floats:
         """dσ_Y/dα, Pa."""
@@ -222,7 +223,8 @@ class JohnsonCook(RateFactor):
 
     def factor(self, rate: Floats) -> Floats:
         """R at a rate, 1/s."""
-        return np.asarray(1.0 + self.C * np.log(np.maximum(rate / self.reference_rate, 1.0)))
+        faster: Floats = np.maximum(rate / self.reference_rate, 1.0)
+        return np.asarray(1.0 + self.C * np.log(faster))
 
 
 @dataclass(frozen=True, slots=True)

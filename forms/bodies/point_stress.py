@@ -175,8 +175,12 @@ def von_mises(stress: Floats) -> Floats:
     √(½ Σ (σ_ii − σ_jj)² + 3 Σ σ_ij²), both sums over the three pairs of axes.
     """
     pairs = ((0, 1), (1, 2), (2, 0))
-    normal = sum((stress[:, i, i] - stress[:, j, j]) ** 2 for i, j in pairs)
-    shear = sum(stress[:, i, j] ** 2 for i, j in pairs)
+    normal = np.zeros(len(stress))
+    shear = np.zeros(len(stress))
+    for i, j in pairs:
+        apart: Floats = stress[:, i, i] - stress[:, j, j]
+        normal += apart**2
+        shear += stress[:, i, j] ** 2
     return np.asarray(np.sqrt(0.5 * normal + 3.0 * shear))
 
 

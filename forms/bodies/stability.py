@@ -62,7 +62,9 @@ def _least_stiffness(material: Material, first: Floats, second: Floats) -> Float
     _, P, A = energy_at_points(material, DISTORTION, space=False)(F, True)
     assert A is not None
     # By three logarithms λ_a λ_b A_ab + δ_ab λ_a P_a, and then with ε₃ = −ε₁ − ε₂.
-    H = stretches[:, :, None] * stretches[:, None, :] * A[:, [0, 3, 4]][:, :, [0, 3, 4]]
-    H += (stretches * P[:, [0, 3, 4]])[:, :, None] * np.eye(3)
+    H: Floats = A[:, [0, 3, 4]][:, :, [0, 3, 4]]
+    H *= stretches[:, :, None] * stretches[:, None, :]
+    pull: Floats = stretches * P[:, [0, 3, 4]]
+    H += pull[:, :, None] * np.eye(3)
     K = H[:, :2, :2] - H[:, :2, 2:] - H[:, 2:, :2] + H[:, 2:, 2:]
     return np.asarray(np.linalg.eigvalsh(K)[:, 0])

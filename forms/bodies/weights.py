@@ -99,7 +99,8 @@ def lumped_mass(
         if scale is not None:
             shares *= scale[solid.cells, None]
         mass = mass + _nodal_sums(space, solid.cells, shares)
-    nodes = np.unique(space.dofmap.list[np.concatenate([solid.cells for solid in solids])])
+    cells = np.concatenate([solid.cells for solid in solids])
+    nodes = np.unique(space.dofmap.list[cells])
     lightest = float(mass[nodes].min(initial=np.inf))
     if space.mesh.comm.allreduce(not lightest > 0.0, op=MPI.LOR):
         raise ValueError("the element's lumped masses are not positive: use first-order elements")

@@ -184,7 +184,8 @@ def dual(shape: Floats, weight: Floats, facet: Longs, bent: bool = False) -> Flo
     span = np.column_stack([shape, shape.prod(axis=1)]) if bent else shape
     size = span.shape[1]
     mass, area = np.zeros((count, size, size)), np.zeros((count, k))
-    np.add.at(mass, facet, (weight[:, None] * span)[:, :, None] * span[:, None, :])
+    weighted: Floats = weight[:, None] * span
+    np.add.at(mass, facet, weighted[:, :, None] * span[:, None, :])
     np.add.at(area, facet, weight[:, None] * shape)
     per_facet = area[:, :, None] * np.linalg.pinv(mass, hermitian=True)[:, :k]
     return np.einsum("qkl,ql->qk", per_facet[facet], span)

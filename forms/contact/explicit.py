@@ -368,7 +368,8 @@ class ExplicitContact:
             give = rule.vertices.sums(slave.weight * give) / rule.vertices.area
         # Of the two bodies together, by action and reaction: 1/m = Σ over both surfaces.
         mass = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0.0)
-        ratio = DAMPING * np.maximum(1.0 - 2.0 * modulus / (rule.penalty * length), 0.0)
+        left: Floats = 1.0 - 2.0 * modulus / (rule.penalty * length)
+        ratio: Floats = DAMPING * np.maximum(left, 0.0)
         self.dashpots = 2.0 * ratio * np.sqrt(rule.penalty * mass), mass
 
     def dashpot_arrays(self) -> dict[str, Floats]:

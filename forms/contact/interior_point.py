@@ -200,7 +200,8 @@ class InteriorPoint:
         """Pressure, Pa, at gaps, m, and −∂p/∂g, Pa/m; all of the shape of ``pressure``."""
         below = self.slack + self.pressure / penalty
         stiffness: Floats = self.pressure / below
-        out = self.pressure + self.barrier / below - stiffness * (gap + self.pressure / penalty)
+        closed: Floats = gap + self.pressure / penalty
+        out: Floats = self.pressure + self.barrier / below - stiffness * closed
         return out, stiffness
 
     def central(self) -> CentralPoint:
@@ -284,7 +285,8 @@ class CentralPoint(InteriorPoint):
 
     def law(self, gap: Floats, penalty: Floats) -> tuple[Floats, Floats]:
         root = np.sqrt(gap**2 + 4.0 * self.barrier / penalty)
-        apart = 2.0 * self.barrier / np.maximum(root + np.abs(gap), TINY)  # without cancellation
+        below = np.maximum(root + np.abs(gap), TINY)
+        apart = 2.0 * self.barrier / below  # without cancellation
         pressure = np.where(gap > 0.0, apart, 0.5 * penalty * (root - gap))
         return pressure, pressure / np.maximum(root, TINY)
 

@@ -419,9 +419,10 @@ class LubricatedTerm(ContactTerm):
         here = film.members & np.isfinite(change)
         carried = film.asperity + film.pressure
         loaded = here & (carried > 0.01 * np.max(carried, initial=0.0))
-        closing = np.where(here, -change / np.maximum(0.7 * film.film, rough), 0.0)
-        sunk = np.maximum(-trial.nodal_gap, 0.0)
-        opening = np.where(loaded, change / (np.maximum(2.0 * film.film, rough) + sunk), 0.0)
+        closed: Floats = change / np.maximum(0.7 * film.film, rough)
+        closing = np.where(here, -closed, 0.0)
+        opened: Floats = np.maximum(2.0 * film.film, rough) + np.maximum(-trial.nodal_gap, 0.0)
+        opening = np.where(loaded, change / opened, 0.0)
         return float(1.0 / max(1.0, np.max(closing, initial=0.0), np.max(opening, initial=0.0)))
 
     # -- friction -----------------------------------------------------------------------------

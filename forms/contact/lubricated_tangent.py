@@ -130,7 +130,8 @@ class LubricatedTangent(PairTangent):
         by_asperity = carried + shape * trial.response.d_traction_d_pressure[take][:, None, :]
         own = (film.ratio * film.d_asperity)[at][:, :, None] * by_asperity
         own += film.d_film[at][:, :, None] * shape * film.by_film[take][:, None, :]
-        pressed = ratio * carried + shape * film.by_pressure[take][:, None, :]
+        pressed: Floats = ratio * carried
+        pressed += shape * film.by_pressure[take][:, None, :]
         return own, pressed, shape * film.by_filled[take][:, None, :]
 
     def _pull_rows(

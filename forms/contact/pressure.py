@@ -421,7 +421,9 @@ def _cubic(a: Floats, b: Floats, size: Floats) -> Floats:
     """The root x > 0 of a x³ + b x = size, with a, b ≥ 0 and not both zero (p,)."""
     tiny = np.finfo(float).tiny
     # Each term alone gives an upper bound; from there Newton's method falls to the root.
-    x = np.minimum(np.cbrt(size / np.maximum(a, tiny)), size / np.maximum(b, tiny))
+    first: Floats = size / np.maximum(a, tiny)
+    second: Floats = size / np.maximum(b, tiny)
+    x: Floats = np.minimum(np.cbrt(first), second)
     for _ in range(_NEWTON):
         step = (a * x**3 + b * x - size) / (3.0 * a * x**2 + b)
         x = x - step

@@ -193,7 +193,8 @@ class FilmPart:
             _, own, other = _vertex_slopes(secant, length, self.beside, self.turned)
             by_own = length[:, None] * up + np.einsum("fes,fe->fs", bent, own)
             # At a place inside a facet: by the secants of its own and of those beside.
-            by = np.concatenate([by_own[:, :, None], (bent * other[:, :, None]).mT], axis=2)
+            of_others: Floats = bent * other[:, :, None]
+            by = np.concatenate([by_own[:, :, None], of_others.mT], axis=2)
             beside = np.column_stack([np.arange(len(length)), self.beside])
             by = by / length[beside][:, None]
             start = np.ones_like(by_own)[:, :, None]
@@ -416,7 +417,9 @@ class FilmPlaces:
         at = np.arange(k + 1) / k
         width = ends[:, :1] * (1.0 - at) + ends[:, 1:] * at
         low, high, size = width[:, :-1], width[:, 1:], length[:, None] / k
-        shares = np.stack([size * (low / 3 + high / 6), size * (low / 6 + high / 3)], axis=2)
+        one: Floats = size * (low / 3 + high / 6)
+        two: Floats = size * (low / 6 + high / 3)
+        shares = np.stack([one, two], axis=2)
         if counted is not None:
             shares = shares * counted[:, None, None]
         summed = np.bincount(self._ends.reshape(-1), shares.reshape(-1), self.count)

@@ -282,7 +282,8 @@ class ReynoldsFilm:
         # At a reservoir the balance reads w = held, and held follows the films of the faces beside
         # it.
         held = np.where(step.fixed, -given.d_held, 0.0)[cells.band.row[: 4 * len(cells.ends)]]
-        data[: len(held)] += held * np.tile(given.d_film.reshape(-1), 2).reshape(-1)
+        by_both: Floats = np.tile(given.d_film.reshape(-1), 2)
+        data[: len(held)] += held * by_both
         by_film = cells.band.matrix(data)
         by_speed = np.stack([of_speed, -of_speed], axis=1) * free[cells.ends]
         d_p, d_theta = loops.arrays["d_pressure"], loops.arrays["d_filled"]

@@ -325,5 +325,7 @@ def _exponent(value: float | Table, film: Floats) -> tuple[Floats, Floats]:
 
 def _slope(x: Floats, rows: Floats) -> Floats:
     """Slope of the piecewise linear curve through rows (r, 2), constant outside, right-sided."""
-    slopes = np.concatenate([[0.0], np.diff(rows[:, 1]) / np.diff(rows[:, 0]), [0.0]])
+    rise: Floats = np.diff(rows, axis=0)
+    slopes: Floats = np.zeros(len(rows) + 1)
+    slopes[1:-1] = rise[:, 1] / rise[:, 0]
     return slopes[np.searchsorted(rows[:, 0], x, side="right")]

@@ -220,7 +220,8 @@ class SlipWeakening:
         e = trial + slip_path - self.A_d - self.mu_d * per_mu
         delta = (self.mu_s - self.mu_d) * per_mu
         b = 1.0 - e * self.B
-        root = np.sqrt(np.maximum((1.0 + e * self.B) ** 2 - 4.0 * self.B * delta, 0.0))
+        square: Floats = (1.0 + e * self.B) ** 2 - 4.0 * self.B * delta
+        root: Floats = np.sqrt(np.maximum(square, 0.0))
         # Each form of the root where it adds numbers of one sign (root >= 0).
         forward = b > 0.0
         past = np.where(

@@ -211,7 +211,8 @@ def _taken(
         """Slip and its derivative, for x = kappa + K_T y_n."""
         first = np.divide(alone, x, out=np.zeros_like(x), where=alone > 0.0)
         log, last = np.log1p(rise / x) / rise, below / (x + rise)
-        slope = first / x + through / (x * (x + rise)) + last / (x + rise)
+        past: Floats = x + rise
+        slope: Floats = first / x + through / (x * past) + last / past
         return first + through * log + last, -slope
 
     x = _solved(slip, alone + through + below, length)

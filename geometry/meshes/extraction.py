@@ -87,7 +87,8 @@ def _groups(
 ) -> dict[str, npt.NDArray[np.int64]]:
     """Nodes of the named points and edges, those that are of the bodies."""
     # Points that only helped to draw, such as centres of arcs, are of no cell.
-    used = np.unique(np.concatenate([part.nodes.reshape(-1) for part in bodies.values()]))
+    nodes = [part.nodes.reshape(-1) for part in bodies.values()]
+    used = np.unique(np.concatenate(nodes))
     found = {
         name: _nodes_of(gmsh, name, dim, entities, source)
         for name, (dim, entities) in groups.groups.items()

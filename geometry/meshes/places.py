@@ -92,7 +92,8 @@ def nearest_place(mesh: dolfinx.mesh.Mesh, cells: Ints, point: Floats) -> tuple[
     X = nodes_of(mesh, cells)
     low, high = _boxes(X, cell_order(mesh))
     # Distance from a cell's box: once it exceeds the best, no later cell is nearer.
-    bound = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
+    outside: Floats = np.maximum(low - point, point - high)
+    bound = np.linalg.norm(np.maximum(outside, 0.0), axis=1)
     # DOLFINx's distance of hulls knows space only.
     here = np.zeros((1, 3))
     here[0, : len(point)] = point

@@ -236,8 +236,11 @@ def solve_small(matrix: Floats, right: Floats) -> Floats:
         return right / matrix[..., 0]
     a, b, c, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 0], matrix[:, 1, 1]
     over = 1.0 / _determinant(matrix)
-    first = (d * right[:, 0] - b * right[:, 1]) * over
-    return np.stack([first, (a * right[:, 1] - c * right[:, 0]) * over], axis=1)
+    x, y = right[:, 0], right[:, 1]
+    out = np.empty_like(right)
+    out[:, 0] = (d * x - b * y) * over
+    out[:, 1] = (a * y - c * x) * over
+    return out
 
 
 def _determinant(matrix: Floats) -> Floats:

@@ -335,7 +335,8 @@ class MasterSource:
             upper[:] = np.linalg.norm(far, axis=2).min(axis=1, initial=np.inf)
             # Distance of a sphere from a box, 0 where its centre is inside, less the radius: a
             # lower bound.
-            near = np.maximum(np.maximum(low - centre, centre - high), 0.0)
+            outside: Floats = np.maximum(low - centre, centre - high)
+            near: Floats = np.maximum(outside, 0.0)
             least.append(np.linalg.norm(near, axis=2) - radius)
         every = np.concatenate(most)
         self.comm.Allreduce(MPI.IN_PLACE, every, op=MPI.MIN)

@@ -432,7 +432,7 @@ def _facets_across(shape: FacetShape, corners: Ints) -> tuple[Ints, Ints]:
     """Facet (f, side) across each edge, −1 at the end of the surface, and which of its sides."""
     ends = np.stack([corners[:, side.nodes[:2]] for side in shape.sides], axis=1).reshape(-1, 2)
     largest = int(corners.max(initial=0)) + 1
-    key = ends[:, 0].astype(np.int64) * largest + ends[:, 1]
+    key: Longs = ends[:, 0].astype(np.int64) * largest + ends[:, 1]
     # With outward normals on one side the neighbour runs along the common edge the other way.
     back = ends[:, 1].astype(np.int64) * largest + ends[:, 0]
     order = np.argsort(key)

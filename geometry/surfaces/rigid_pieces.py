@@ -231,6 +231,7 @@ def turned(vectors: Floats, angle: Floats) -> Floats:
     """Vectors (p, i) turned left by angles (p,), rad."""
     cosine, sine = np.cos(angle), np.sin(angle)
     out = np.empty_like(vectors)
-    out[:, 0] = cosine * vectors[:, 0] - sine * vectors[:, 1]
-    out[:, 1] = cosine * vectors[:, 1] + sine * vectors[:, 0]
+    x, y = vectors[:, 0], vectors[:, 1]
+    out[:, 0] = cosine * x - sine * y
+    out[:, 1] = cosine * y + sine * x
     return out

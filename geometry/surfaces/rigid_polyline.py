@@ -285,7 +285,8 @@ def _require_simple(points: Floats, after: Floats, closed: bool) -> None:
 def _sides(a: Floats, b: Floats, c: Floats) -> Floats:
     """Twice the areas (p,) of triangles; positive where c is on the left of a to b."""
     u, v = b - a, c - a
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    left: Floats = u[:, 0] * v[:, 1]
+    return left - u[:, 1] * v[:, 0]
 
 
 def _turns(ahead: Floats, closed: bool) -> Floats:

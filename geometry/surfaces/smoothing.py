@@ -232,7 +232,8 @@ def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
     """
     sides = [side.nodes for side in shape.sides]
     normal = _side_normals(shape, nodes[facets])
-    ends = np.sort(np.concatenate([facets[:, list(side)] for side in sides]), axis=1)
+    ends: Ints = np.concatenate([facets[:, list(side)] for side in sides])
+    ends.sort(axis=1)
     owner = np.tile(np.arange(len(facets)), len(sides))
     order = np.lexsort(ends.T)
     same = np.all(ends[order[1:]] == ends[order[:-1]], axis=1)
