@@ -102,8 +102,8 @@ def test_friction_of_an_oiled_strip_falls_with_the_oil_and_the_speed(tmp_path):
         done = reduced(
             "strip-draw-oil",
             tmp_path / str(number),
-            geometry__blocks__strip__x='["-4 mm", "1.5 mm"]',
-            geometry__blocks__strip__elements="[110, 2]",
+            geometry__blocks__strip__x='["-3 mm", "1.5 mm"]',
+            geometry__blocks__strip__elements="[90, 2]",
             contact__0__film__oil=f'"{oil}"',
             stage__2__duration='"0.02 s"',
             stage__2__steps="8",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.mesh_file import write_mesh
 from tribox.app.case.case import Case
 
 WIDTH, HEIGHT = 4e-3, 1e-3  # m
@@ -41,21 +42,9 @@ def block_mesh(
     ]
     sides = SIDES | ({"right top": 6} if halves else {})
     names = [f'1 {tag} "{name}"' for name, tag in sides.items()] + ['2 5 "block"']
-    rows = [f"{k} 1 2 {tag} {tag} {a} {b}" for k, (tag, a, b) in enumerate(lines, 1)]
-    first = len(rows) + 1
-    rows += [f"{k} 3 2 5 5 {' '.join(map(str, c))}" for k, c in enumerate(cells, first)]
-    parts = {
-        "MeshFormat": ["2.2 0 8"],
-        "PhysicalNames": [str(len(names)), *names],
-        "Nodes": [
-            str(len(nodes)),
-            *(f"{k} {float(a)!r} {float(b)!r} 0" for k, (a, b) in enumerate(nodes, 1)),
-        ],
-        "Elements": [str(len(rows)), *rows],
-    }
-    text = "\n".join("\n".join([f"${k}", *v, f"$End{k}"]) for k, v in parts.items())
-    path.write_text(text + "\n")
-    return path
+    rows = [f"1 2 {tag} {tag} {a} {b}" for tag, a, b in lines]
+    rows += [f"3 2 5 5 {' '.join(map(str, cell))}" for cell in cells]
+    return write_mesh(path, names, nodes, rows)
 
 
 def block_case(mesh: Path, **tables: Any) -> dict[str, Any]:

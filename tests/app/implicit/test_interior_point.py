@@ -116,7 +116,7 @@ def bending(stroke):
 @pytest.mark.parametrize("metal", [ELASTIC, {"material": "AA1050-O"}])
 def test_what_touches_nothing_stays_where_it_is(metal):
     """A plate 0.5 mm above the strip, held by nothing: pressures from inside threw it 100 mm up."""
-    data = strip([40, 2], 0.06, bending(1.5e-4), 2, metal=metal)
+    data = strip([40, 2], 0.06, bending(1.5e-4), 3, metal=metal)
     plate = {"x": [0.03, 0.05], "y": [1.5e-3, 2.5e-3], "elements": [10, 1]}
     data["geometry"]["blocks"]["plate"], data["bodies"]["plate"] = plate, ELASTIC
     above = {"slave": "plate_bottom", "master": "strip_top", "friction": FRICTIONLESS}

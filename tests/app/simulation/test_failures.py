@@ -408,43 +408,36 @@ def test_bodies_that_never_press_are_warned_of(block, tmp_path):
     assert line.startswith("contact.0: ") and "point into the body" in line
 
 
-def test_a_force_along_what_it_presses_on_is_not_said_to_move_it_away(tmp_path):
-    """Four times the friction, from the first step on."""
+def under_a_lid(at, friction, **motion):
+    """A square block of 1 m under a plane that moves."""
+    lid = {"shape": "plane", "point": [0, at], "normal": [0, -1]} | motion
+    block = {"a": {"x": [0, 1], "y": [0, 1], "elements": [2, 2]}}
     data = {
-        "geometry": {
-            "kind": "blocks",
-            "section": "plane-strain",
-            "blocks": {"a": {"x": [0, 1], "y": [0, 1], "elements": [2, 2]}},
-        },
+        "geometry": {"kind": "blocks", "section": "plane-strain", "blocks": block},
         "bodies": {"a": {"material": "neo-hookean", "E": 5e6, "nu": 0.3}},
-        "tools": {"lid": {"shape": "plane", "point": [0, 1], "normal": [0, -1]}},
-        "contact": [{"slave": "a_top", "master": "lid", "friction": {"law": "coulomb", "mu": 0.3}}],
+        "tools": {"lid": lid},
+        "contact": [{"slave": "a_top", "master": "lid", "friction": friction}],
         "boundary": [{"surface": "a_bottom", "displacement": {"x": 0, "y": 0}}],
         "stage": [{"name": "press", "duration": 1, "steps": 2}],
     }
-    data["tools"]["lid"]["force"] = {"x": [[0, 0], [1, 60e3]], "y": [[0, 0], [1, -50e3]]}
+    return Case.model_validate(data)
+
+
+def test_a_force_along_what_it_presses_on_is_not_said_to_move_it_away(tmp_path):
+    """Four times the friction, from the first step on."""
+    force = {"x": [[0, 0], [1, 60e3]], "y": [[0, 0], [1, -50e3]]}
+    case = under_a_lid(1, {"law": "coulomb", "mu": 0.3}, force=force)
     with pytest.raises(SolutionError) as error:
-        run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+        run_case(case, tmp_path / "out", quiet=True)
     said = str(error.value)
     assert "N in x drives it along what it is pressed on" in said and "moves it away" not in said
     assert said.count("a prescribed displacement in x") == 1
 
 
 def test_a_tool_that_stops_short_is_told_by_how_much(tmp_path):
-    data = {
-        "geometry": {
-            "kind": "blocks",
-            "section": "plane-strain",
-            "blocks": {"a": {"x": [0, 1], "y": [0, 1], "elements": [2, 2]}},
-        },
-        "bodies": {"a": {"material": "neo-hookean", "E": 5e6, "nu": 0.3}},
-        "tools": {"lid": {"shape": "plane", "point": [0, 1.5], "normal": [0, -1]}},
-        "contact": [{"slave": "a_top", "master": "lid", "friction": {"law": "frictionless"}}],
-        "boundary": [{"surface": "a_bottom", "displacement": {"x": 0, "y": 0}}],
-        "stage": [{"name": "press", "duration": 1, "steps": 2}],
-    }
-    data["tools"]["lid"]["displacement"] = {"y": [[0, 0], [0.5, -0.25], [1, 0]]}
-    run_case(Case.model_validate(data), tmp_path / "out", quiet=True, comm=MPI.COMM_SELF)
+    way = {"y": [[0, 0], [0.5, -0.25], [1, 0]]}
+    case = under_a_lid(1.5, {"law": "frictionless"}, displacement=way)
+    run_case(case, tmp_path / "out", quiet=True)
     warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
     [line] = [w for w in warnings if "never pressed on each other" in w]
     assert "came no nearer than 0.25 m (time 0.5 s, stage press)" in line

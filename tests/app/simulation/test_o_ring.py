@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from tests.mesh_file import write_mesh
 from tests.solved import solved as run
 
 CORD, E = 5e-3, 5e6  # m, diameter; Pa
@@ -40,14 +41,7 @@ def half_disc(path, cells, centre):
         for j in range(cells)
         for i in range(2 * cells)
     ]
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
-    text += ['1 1 "outside"', '1 2 "mid"', '2 3 "ring"', "$EndPhysicalNames"]
-    text += ["$Nodes", str(len(nodes))]
-    text += [f"{k} {x:.17g} {y:.17g} 0" for k, (x, y) in enumerate(nodes, 1)]
-    text += ["$EndNodes", "$Elements", str(len(rows))]
-    text += [f"{k} {row}" for k, row in enumerate(rows, 1)] + ["$EndElements", ""]
-    path.write_text("\n".join(text), encoding="utf-8")
-    return str(path)
+    return str(write_mesh(path, ['1 1 "outside"', '1 2 "mid"', '2 3 "ring"'], nodes, rows))
 
 
 def squeezed(mesh, squeeze, steps, friction="frictionless", **geometry):

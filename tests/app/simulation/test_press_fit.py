@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from tests.app.checkpoint.going_on import as_killed, case_of, numbers, unlike
 from tests.app.checkpoint.going_on import run as run_into
+from tests.mesh_file import write_mesh
 from tests.solved import built
 from tests.solved import solved as run_in_memory
 from tribox.app.case.case import Case
@@ -152,13 +153,7 @@ def ring_mesh(path, around=144, layers=3, square=False):
         for i in range(around)
     ]
     names = ['1 1 "bore"', '1 2 "outside"', '2 3 "ring"']
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3", *names]
-    text += ["$EndPhysicalNames", "$Nodes", str(len(nodes))]
-    text += [f"{k} {x:.17g} {y:.17g} 0" for k, (x, y) in enumerate(nodes, 1)]
-    text += ["$EndNodes", "$Elements", str(len(rows))]
-    text += [f"{k} {row}" for k, row in enumerate(rows, 1)] + ["$EndElements", ""]
-    path.write_text("\n".join(text), encoding="utf-8")
-    return path
+    return write_mesh(path, names, nodes, rows)
 
 
 def test_a_rigid_shaft_carries_the_torque_of_its_friction(tmp_path):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.mesh_file import write_mesh
 from tests.solved import Cuts, solved
 
 MM = 1e-3
@@ -21,13 +22,7 @@ def stopper(path, across=10, along=24):
     for j in range(along):
         for i in range(across):
             rows.append(f"3 2 3 3 {at(i, j)} {at(i + 1, j)} {at(i + 1, j + 1)} {at(i, j + 1)}")
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
-    text += ['1 1 "top"', '1 2 "side"', '2 3 "rubber"', "$EndPhysicalNames"]
-    text += ["$Nodes", str(len(nodes))]
-    text += [f"{k} {x:.17g} {y:.17g} 0" for k, (x, y) in enumerate(nodes, 1)]
-    text += ["$EndNodes", "$Elements", str(len(rows))]
-    text += [f"{k} {row}" for k, row in enumerate(rows, 1)] + ["$EndElements", ""]
-    path.write_text("\n".join(text), encoding="utf-8")
+    write_mesh(path, ['1 1 "top"', '1 2 "side"', '2 3 "rubber"'], nodes, rows)
     return {"mesh": str(path), "scale": "mm", "section": "axisymmetric"}
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.mesh_file import write_mesh
 from tests.solved import solved
 from tribox.app.errors import InputError
 
@@ -34,12 +35,7 @@ def clip(path, halves, shared=False):
             rows.append(f"3 2 {tag} {tag} {' '.join(map(str, cell))}")
     names = ['1 1 "floor"', '1 2 "back"', '1 3 "lower"', '1 4 "upper"', '2 5 "clip"']
     names += ['2 6 "leg"'] if halves else []
-    text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names]
-    text += ["$EndPhysicalNames", "$Nodes", str(len(nodes))]
-    text += [f"{k} {x:.17g} {y:.17g} 0" for k, (x, y) in enumerate(nodes, 1)]
-    text += ["$EndNodes", "$Elements", str(len(rows))]
-    text += [f"{k} {row}" for k, row in enumerate(rows, 1)] + ["$EndElements", ""]
-    path.write_text("\n".join(text), encoding="utf-8")
+    write_mesh(path, names, nodes, rows)
     return {"mesh": str(path), "scale": "mm"}
 
 
