@@ -24,6 +24,7 @@ from tribox.app.equilibrium.supports import (
 )
 from tribox.app.equilibrium.unknowns import box_of
 from tribox.forms.contact.state import ContactTrial
+from tribox.forms.friction.coulomb import FrictionlessLaw
 from tribox.geometry.surfaces.facets import Bools, Floats
 
 
@@ -128,6 +129,7 @@ class WeakHold:
     shares: Floats = field(init=False)  # (m,) of the owned nodes in the volume of their bodies
     unsupported: list[FreeBody] = field(init=False)  # those that no support holds at all
     firm: Floats = field(init=False)  # (b,), N, to compare with before anything has pressed
+    slick: Bools = field(init=False)  # (b,) those that nothing rubs on
 
     def __post_init__(self) -> None:
         """Find the bodies; collective."""
@@ -135,6 +137,8 @@ class WeakHold:
         self.pairs = [self._pairs_on(body) for body in self.bodies]
         self.shares = nodal_shares(self.problem) if self.bodies else np.empty(0)
         self.firm = self._firm_forces()
+        rubs = [not isinstance(term.law, FrictionlessLaw) for term in self.problem.contacts]
+        self.slick = np.array([on != [] and not any(rubs[i] for i in on) for on in self.pairs])
         self.unsupported = [body for body in self.bodies if self._is_unsupported(body)]
 
     def _is_unsupported(self, body: FreeBody) -> bool:

@@ -213,11 +213,17 @@ class ImplicitStepper:
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
         self._carried = 0.0
+        if weak.slick.any() and weak.is_loaded(largest):
+            iterations, reason, share = self._kept_aside(step)
+            if reason > 0 and share <= SHARE:
+                return iterations, reason, share
         if weak.firm.any() and largest <= problem.roundoff:  # of what is at rest, that is none
-            return self._unpressed(step)
+            more, reason, share = self._unpressed(step)
+            return iterations + more, reason, share
         may_float = self._may_float(largest)
         if may_float and weak.is_let_go(largest):
-            iterations, reason, share = self._sprung(step, largest, trials)
+            more, reason, share = self._sprung(step, largest, trials)
+            iterations += more
             if reason > 0 and self._trial_floating:
                 return iterations, reason, share
         # Where nothing presses and a load acts, contact is sought as at first touch.
@@ -236,6 +242,20 @@ class ImplicitStepper:
                 return iterations, reason, 0.0
         more, reason, share = self._sprung(step, largest, trials, found=reason > 0)
         return iterations + more, reason, share
+
+    def _kept_aside(self, step: StepMode) -> tuple[int, int, float]:
+        """Solve a step with weak springs on loaded bodies that nothing rubs on; collective.
+
+        What lies flush on a flat has no stiffness along it, and goes where rounding sends it.
+        """
+        problem, weak, newton = self.problem, self._weak, self.newton
+        largest = max(newton.largest_force, float(np.linalg.norm(weak.loads(), axis=1).max()))
+        held = step.held(weak.springs(self.x.array_r, largest * weak.slick))
+        attempt = self._attempt(held, self._pressed)
+        attempt.shortly = True
+        iterations, reason = self._run(attempt)
+        newton.evaluate(held)
+        return iterations, reason, problem.held_weakly() / largest
 
     def _unpressed(self, step: StepMode) -> tuple[int, int, float]:
         """Solve a step of a run in which nothing has pressed yet, see :meth:`_solve`; collective.

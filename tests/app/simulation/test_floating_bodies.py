@@ -333,6 +333,32 @@ def test_a_platen_holds_the_force_on_its_own_body_while_a_tool_carries_another()
     assert solved(data).rows[-1].time == 0.5
 
 
+def test_boxes_without_friction_lie_on_each_other_under_their_weight():
+    """Nothing holds them aside, and rounding sent them off without end."""
+    data = {
+        "geometry": {"kind": "blocks", "blocks": {}},
+        "bodies": {},
+        "contact": [],
+        "tools": {"floor": {"shape": "plane", "point": [0, 0, 0], "normal": "y"}},
+        "gravity": {"y": [["0 s", 0.0], ["1 s", -9.81]]},
+        "stage": [{"name": "rest", "duration": "1 s", "steps": 2}],
+    }
+    for number, below in enumerate(("floor", "box0_top")):
+        name, wide, low = f"box{number}", 5e-3 - number * 1e-3, number * 4e-3
+        sides = {"x": [-wide, wide], "y": [low, low + 4e-3], "z": [-wide, wide]}
+        elements = {"elements": [4 + number, 2, 5 + number]}
+        data["geometry"]["blocks"][name] = sides | elements
+        rubber = {"material": "neo-hookean", "E": "5 MPa", "nu": 0.4, "density": 1100}
+        data["bodies"][name] = rubber
+        pair = {"slave": f"{name}_bottom", "master": below, "friction": {"law": "frictionless"}}
+        data["contact"].append(pair)
+    seen = Floats()
+    forces = [one.normal_force for one in solved(data, observer=seen).state.resultants]
+    weights = 1100 * 9.81 * 4e-3 * np.array([1e-2**2 + 8e-3**2, 8e-3**2])
+    assert forces == pytest.approx(weights, rel=1e-6)
+    assert seen.count == 0 and seen.iterations <= 12 and seen.floating == [[], []]
+
+
 def test_a_ring_that_nothing_touches_bears_its_pressure():
     """Radial loads move no body of revolution: weak springs hold it, and Lame's ring widens."""
     data = closed_by(1e-4)
