@@ -31,7 +31,7 @@ from tribox.app.simulation.simulation import Simulation
 # Each is written under a temporary name, synced to the disk and renamed; its manifest holds the
 # size and the SHA-256 sum of its files, and its own. They are numbered from 1; the last few stay.
 
-FORMAT = 11
+FORMAT = 12
 INSTEAD = "; the one before it is taken"  # of one that is damaged
 # What reading something else than was written may end in.
 DAMAGE = (

@@ -177,6 +177,7 @@ class _Limits:
 
 FIRST, AGAIN = 40, 12  # most Lanczos iterations of the first estimate, and of later ones
 NUDGE = 1e-5  # of the smallest cell: how far nodes are moved for differences of forces
+LOOK, STRAINED = 25, 0.03  # steps between two looks at the cells; what one may strain by
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +218,30 @@ class Stiffness:
         cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         smallest = float(mesh.h(mesh.topology.dim, cells).min(initial=np.inf))
         self.smallest = float(dynamics.comm.allreduce(smallest, op=MPI.MIN))
+        self._cells = np.asarray(space.dofmap.list)[cells]
+        self._reference = space.tabulate_dof_coordinates()[:, : dynamics.dim]
         self._reach = NUDGE * self.smallest
+
+    def place(self) -> Floats:
+        """The present displacements (n,), m, of the owned unknowns."""
+        return self._u.owned.copy()
+
+    def strain_since(self, place: Floats) -> float:
+        """Largest strain between two nodes of a cell since ``place`` (n,); collective.
+
+        Thinner cells oscillate faster, and stretched rubber gets stiffer.
+        """
+        self._moved.owned[:] = place
+        self._moved.update_ghosts()
+        before, now = self._distances(self._moved.array), self._distances(self._u.array)
+        most = float(np.max(np.abs(now / before - 1.0), initial=0.0))
+        return float(self.dynamics.comm.allreduce(most, op=MPI.MAX))
+
+    def _distances(self, u: Floats) -> Floats:
+        """Of any two nodes of each cell (c, b), m, for displacements u of the local unknowns."""
+        x = (self._reference + u.reshape(self._reference.shape))[self._cells]
+        one, other = np.triu_indices(x.shape[1], 1)
+        return np.asarray(np.linalg.norm(x[:, one] - x[:, other], axis=2))
 
     def bodies(self, w: Floats) -> Floats:
         """K w of the bodies (n,), w a direction (n,); collective."""
@@ -291,11 +315,13 @@ class StableSteps:
         self._bodies: Mode | None = None
         self._whole: Mode | None = None
         self._contact: Mode | None = None
+        self._place = stiffness.place()
         self._noise = self._seed()
 
     def estimate(self) -> StableStep:
         """The stable step of the present configuration; collective."""
         s = self._stiffness
+        self._place = s.place()
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
         penalty = elements
@@ -315,16 +341,22 @@ class StableSteps:
         place = place_of_largest(s.dynamics.mass * mode.vector**2, self._space)
         return StableStep(limit, elements, penalty, closing, reason, place)
 
+    def outdated(self) -> bool:
+        """Whether a cell has strained by more than a little since the last estimate; collective."""
+        return not self._stiffness.strain_since(self._place) <= STRAINED
+
     def snapshot(self) -> Snapshot:
-        """The oscillations that the next estimate starts from."""
+        """The oscillations that the next estimate starts from, and the place of the last."""
         modes = {"bodies": self._bodies, "whole": self._whole, "contact": self._contact}
-        return {
+        return {"place": Nodal(self._place)} | {
             name: None if mode is None else {"value": mode.value, "vector": Nodal(mode.vector)}
             for name, mode in modes.items()
         }
 
     def restore(self, kept: Snapshot) -> None:
         """Go on from what :meth:`snapshot` has seen."""
+        kept = dict(kept)
+        self._place = kept.pop("place")
         modes = {name: None if mode is None else Mode(**mode) for name, mode in kept.items()}
         self._bodies, self._whole, self._contact = (
             modes[name] for name in ("bodies", "whole", "contact")
@@ -349,20 +381,24 @@ class StableSteps:
 
 
 class StepEstimate(Remembers):
-    """The stable step, estimated again after a number of steps."""
+    """The stable step, estimated again after a number of steps, and where cells strain."""
 
     _made_at: Kept[int]
+    _looked_at: Kept[int]
     _last: Kept[StableStep | None]
     _stable_steps: Kept[StableSteps]
 
     def __init__(self, stable_steps: StableSteps, every: int) -> None:
         self._stable_steps, self._every = stable_steps, every
-        self._made_at = 0
+        self._made_at = self._looked_at = 0
         self._last = None
 
     def at(self, steps: int) -> StableStep:
         """What the stable step is made of after so many steps; collective when it is due."""
-        if self._last is None or steps - self._made_at >= self._every:
+        due = self._last is None or steps - self._made_at >= self._every
+        if not due and steps - self._looked_at >= LOOK:
+            due, self._looked_at = self._stable_steps.outdated(), steps
+        if due or self._last is None:
             self._last, self._made_at = self._stable_steps.estimate(), steps
         return self._last
 

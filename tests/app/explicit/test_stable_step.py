@@ -6,7 +6,7 @@ import pytest
 from tests.laws import coulomb, viscous_map
 from tribox.app.equilibrium.step_mode import StepMode
 from tribox.app.explicit.energies import ExplicitError
-from tribox.app.explicit.stable_step import ExplicitOptions
+from tribox.app.explicit.stable_step import LOOK, ExplicitOptions
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper
@@ -185,13 +185,25 @@ def test_energy_from_nowhere_ends_the_run(pair):
 def test_the_estimate_follows_the_deformation(pair):
     """Compressed to a half, cells pass a wave in less time; the estimate is renewed when due."""
     problem, x = pressed(pair, FrictionlessLaw(), 20.0)
-    one = stepper(problem, x, size=0.0, reestimate_every=5)
+    one = stepper(problem, x, size=0.0, reestimate_every=NEVER)
     before = one.estimate()
+    one.state.steps += LOOK
+    assert one.estimate() is before
     where = problem.space.tabulate_dof_coordinates()[: problem.owned // 2, :2]
     one.problem.u.x.array.reshape(-1, 2)[:, 1] -= 0.4 * where[:, 1]
+    one.state.steps += LOOK - 1
     assert one.estimate() is before
-    one.state.steps += 5
+    one.state.steps += 1
     assert one.estimate().elements < 0.8 * before.elements
+
+
+def test_the_estimate_is_renewed_after_a_number_of_steps(pair):
+    one = stepper(*pressed(pair, FrictionlessLaw(), 20.0), size=0.0, reestimate_every=5)
+    before = one.estimate()
+    one.state.steps += 4
+    assert one.estimate() is before
+    one.state.steps += 1
+    assert one.estimate() is not before
 
 
 # -- mass scaling ---------------------------------------------------------------------------------
