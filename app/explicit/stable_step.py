@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import basix
 import dolfinx
 import numpy as np
 from mpi4py import MPI
@@ -218,7 +219,9 @@ class Stiffness:
         cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         smallest = float(mesh.h(mesh.topology.dim, cells).min(initial=np.inf))
         self.smallest = float(dynamics.comm.allreduce(smallest, op=MPI.MIN))
-        self._cells = np.asarray(space.dofmap.list)[cells]
+        ends = np.array(basix.topology(mesh.basix_cell())[1])
+        corners = np.asarray(space.dofmap.list)[cells]  # they come first
+        self._edges = [corners[:, end] for end in ends.T]
         self._reference = space.tabulate_dof_coordinates()[:, : dynamics.dim]
         self._reach = NUDGE * self.smallest
 
@@ -226,22 +229,25 @@ class Stiffness:
         """The present displacements (n,), m, of the owned unknowns."""
         return self._u.owned.copy()
 
-    def strain_since(self, place: Floats) -> float:
-        """Largest strain between two nodes of a cell since ``place`` (n,); collective.
+    def edges_at(self, place: Floats) -> Floats:
+        """Lengths (c, e), m, of the edges of the cells at the displacements ``place``; collective."""
+        self._moved.owned[:] = place
+        self._moved.update_ghosts()
+        return self._lengths(self._moved.array)
+
+    def strain_since(self, edges: Floats) -> float:
+        """Largest strain of an edge of a cell that had the lengths (c, e); collective.
 
         Thinner cells oscillate faster, and stretched rubber gets stiffer.
         """
-        self._moved.owned[:] = place
-        self._moved.update_ghosts()
-        before, now = self._distances(self._moved.array), self._distances(self._u.array)
-        most = float(np.max(np.abs(now / before - 1.0), initial=0.0))
+        most = float(np.max(np.abs(self._lengths(self._u.array) / edges - 1.0), initial=0.0))
         return float(self.dynamics.comm.allreduce(most, op=MPI.MAX))
 
-    def _distances(self, u: Floats) -> Floats:
-        """Of any two nodes of each cell (c, b), m, for displacements u of the local unknowns."""
-        x = (self._reference + u.reshape(self._reference.shape))[self._cells]
-        one, other = np.triu_indices(x.shape[1], 1)
-        return np.asarray(np.linalg.norm(x[:, one] - x[:, other], axis=2))
+    def _lengths(self, u: Floats) -> Floats:
+        """Of the cells' edges (c, e), m, for displacements u of the local unknowns."""
+        x = self._reference + u.reshape(self._reference.shape)
+        along = x[self._edges[0]] - x[self._edges[1]]
+        return np.asarray(np.sqrt(np.einsum("cei,cei->ce", along, along)))
 
     def bodies(self, w: Floats) -> Floats:
         """K w of the bodies (n,), w a direction (n,); collective."""
@@ -316,12 +322,14 @@ class StableSteps:
         self._whole: Mode | None = None
         self._contact: Mode | None = None
         self._place = stiffness.place()
+        self._edges = stiffness.edges_at(self._place)
         self._noise = self._seed()
 
     def estimate(self) -> StableStep:
         """The stable step of the present configuration; collective."""
         s = self._stiffness
         self._place = s.place()
+        self._edges = s.edges_at(self._place)
         self._bodies = self._largest(s.bodies, self._bodies)
         elements, mode = _step_of(self._bodies.value), self._bodies
         penalty = elements
@@ -343,7 +351,7 @@ class StableSteps:
 
     def outdated(self) -> bool:
         """Whether a cell has strained by more than a little since the last estimate; collective."""
-        return not self._stiffness.strain_since(self._place) <= STRAINED
+        return not self._stiffness.strain_since(self._edges) <= STRAINED
 
     def snapshot(self) -> Snapshot:
         """The oscillations that the next estimate starts from, and the place of the last."""
@@ -357,6 +365,7 @@ class StableSteps:
         """Go on from what :meth:`snapshot` has seen."""
         kept = dict(kept)
         self._place = kept.pop("place")
+        self._edges = self._stiffness.edges_at(self._place)
         modes = {name: None if mode is None else Mode(**mode) for name, mode in kept.items()}
         self._bodies, self._whole, self._contact = (
             modes[name] for name in ("bodies", "whole", "contact")
