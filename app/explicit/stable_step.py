@@ -230,7 +230,7 @@ class Stiffness:
         return self._u.owned.copy()
 
     def edges_at(self, place: Floats) -> Floats:
-        """Lengths (c, e), m, of the edges of the cells at the displacements ``place``; collective."""
+        """Lengths (c, e), m, of the cells' edges at the displacements ``place``; collective."""
         self._moved.owned[:] = place
         self._moved.update_ghosts()
         return self._lengths(self._moved.array)

@@ -250,7 +250,8 @@ class ImplicitStepper:
         """
         problem, weak, newton = self.problem, self._weak, self.newton
         largest = max(newton.largest_force, float(np.linalg.norm(weak.loads(), axis=1).max()))
-        held = step.held(weak.springs(self.x.array_r, largest * weak.slick))
+        firm: Floats = np.where(weak.slick, largest, 0.0)
+        held = step.held(weak.springs(self.x.array_r, firm))
         attempt = self._attempt(held, self._pressed)
         attempt.shortly = True
         iterations, reason = self._run(attempt)
