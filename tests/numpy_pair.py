@@ -23,10 +23,11 @@ def relate(points, projection, anchor, closed):
         closed: (q,) points in contact.
     """
     n = projection.normal
-    slip = np.where(closed[:, None], in_plane(n, _apart(points, projection, anchor)), 0.0)
-    slip *= _stretch(slip, points, projection, anchor)[:, None]
+    way = in_plane(n, _apart(points, projection, anchor))
+    way *= _stretch(way, points, projection, anchor)[:, None]
+    slip = np.where(closed[:, None], way, 0.0)
     elastic = _rescaled(in_plane(n, anchor.slip_image), anchor)
-    return ContactKinematics(n, projection.gap, closed, slip, elastic)
+    return ContactKinematics(n, projection.gap, closed, slip, way, elastic)
 
 
 def _stretch(slip, points, at, anchor):

@@ -27,6 +27,7 @@ from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
 from tribox.app.simulation.contact_resultants import (
     ContactResultants,
     fading_loss,
+    lost_by_rule,
     resultants,
     vector_integrals,
 )
@@ -361,9 +362,8 @@ class _Tally:
         self.time += dt
         for name, vector in vector_integrals(term, trial).items():
             self.vectors[name] = dt * vector + self.vectors.get(name, 0.0)
-        change = trial.response.traction - before
         self.dissipated += float(weight @ lost) + fading_loss(term, trial)
-        self.numerical += 0.5 * float(weight @ np.einsum("qi,qi->q", change, trial.kinematics.slip))
+        self.numerical += lost_by_rule(term, trial, before)
         lost -= parts.numerical
         at = int(np.argmin(lost)) if len(lost) else -1
         if at >= 0 and lost[at] < self.least:

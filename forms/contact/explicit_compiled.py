@@ -196,7 +196,8 @@ class CompiledContact(ExplicitContact):
         )
         if self.term.active:
             return normal
-        pressure[:], arrays["closed"][:], arrays["slip"][:] = 0.0, False, 0.0
+        pressure[:], arrays["closed"][:] = 0.0, False
+        arrays["slip"][:] = arrays["way"][:] = 0.0
         return normal.opened()
 
     @property
@@ -351,10 +352,10 @@ BEFORE = {
     "share_before": "present",
     "sunk_before": "sunk",
 }
-_VECTORS = ("position", "foot", "normal", "slip", "elastic", "traction", "friction")
+_VECTORS = ("position", "foot", "normal", "slip", "way", "elastic", "traction", "friction")
 _RESULTS = (
     *("current", "position", "area_ratio", "xi", "foot", "normal", "tangent", "gap", "slip"),
-    *("elastic", "pressure", "traction", "component", "length", "gap_after", "friction"),
+    *("way", "elastic", "pressure", "traction", "component", "length", "gap_after", "friction"),
     *("viscous", "work", "share", "present", "sunk", "lost"),
     *("facet", "clamped", "on_surface", "closed"),
 )
@@ -416,7 +417,7 @@ class PairArrays:
 
     def kinematics(self) -> ContactKinematics:
         """The arrays as kinematics without variations."""
-        names = ("normal", "gap", "closed", "slip", "elastic")
+        names = ("normal", "gap", "closed", "slip", "way", "elastic")
         return ContactKinematics(*(self.arrays[name] for name in names))
 
     def fading(self) -> Fading | None:

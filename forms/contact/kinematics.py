@@ -52,6 +52,9 @@ class ContactKinematics:
     gap: Floats  # (q,), m
     closed: Bools  # (q,) whether the point carries pressure, or touches
     slip: Floats  # (q, i), m: Δg_T, 0 of open points
+    way: (
+        Floats  # (q, i), m: the same of all; friction at the start worked along that of opened ones
+    )
     elastic_slip: Floats  # (q, i), m: g_e in the current tangent plane
 
 

@@ -150,7 +150,7 @@ class PairTangent:
         self._see_state(state)
         self._see_points(points, at, closed)
         self._pair.set(components=components, slip_length=length)
-        anchor, image, slips, elastic = out = [np.empty_like(points) for _ in range(4)]
+        anchor, image, way, elastic = out = [np.empty_like(points) for _ in range(4)]
         given = None
         if self._given:
             images = self.surface.images
@@ -163,7 +163,8 @@ class PairTangent:
         arrays = (None if array is None else start_of(array) for array in (given, more))
         self._run("tribox_pair_relate", len(points), *arrays, *map(start_of, out))
         moved = Anchor(anchor, components, image, length)
-        return moved, ContactKinematics(at.normal, at.gap, closed, slips, elastic)
+        slip: Floats = np.where(closed[:, None], way, 0.0)
+        return moved, ContactKinematics(at.normal, at.gap, closed, slip, way, elastic)
 
     # -- forces ---------------------------------------------------------------------------------
 

@@ -368,7 +368,7 @@ class TieTerm(ContactTerm):
             position=points,
             area_ratio=surface.slave_area_ratio(surface.slave_tangents(slave), points),
             projection=at,
-            kinematics=ContactKinematics(at.normal, at.gap, at.on_surface, slip, slip.copy()),
+            kinematics=ContactKinematics(at.normal, at.gap, at.on_surface, slip, slip, slip.copy()),
             normal_contact=self._normal_contact(at, traction, jump),
             film=none,
             traction=traction,

@@ -56,7 +56,7 @@ typedef struct {
     const int32_t *facet_before;
     const double *xi_before, *component_before, *length_before, *share_before, *sunk_before;
     /* Results: current nodes (n, i), then per point. */
-    double *current, *position, *area_ratio, *xi, *foot, *normal, *tangent, *gap, *slip, *elastic;
+    double *current, *position, *area_ratio, *xi, *foot, *normal, *tangent, *gap, *slip, *way, *elastic;
     double *pressure, *traction, *component, *length, *gap_after, *friction, *viscous, *work;
     double *share, *present, *sunk, *lost;
     int32_t *facet;
@@ -262,13 +262,15 @@ static Vector slip_of(const Pair *p, int64_t q, Vector anchor)
     return times(sqrt(1.0 + 4.0 / 3.0 * (sunk / length) * (sunk / length)), image);
 }
 
-/* Slip, of closed points, and elastic slip. */
+/* Slip, of closed points and of all, and elastic slip. */
 static void relate(Pair *p, int64_t q)
 {
     Vector n = at(p->normal, q), tangents[ALONG], image = {{0.0}};
     p->gap_after[q] = p->on_surface[q] ? p->gap[q] : INFINITY;
     Vector anchor = place_on(p, p->facet_before[q], p->xi_before + ALONG * q, tangents);
-    put(p->slip, q, times(p->closed[q] ? 1.0 : 0.0, slip_of(p, q, anchor)));
+    Vector way = slip_of(p, q, anchor);
+    put(p->way, q, way);
+    put(p->slip, q, times(p->closed[q] ? 1.0 : 0.0, way));
     for (int b = 0; b < ALONG; ++b)
         image = plus(image, p->component_before[ALONG * q + b], tangents[b]);
     image = in_plane(n, image);

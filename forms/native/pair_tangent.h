@@ -213,9 +213,10 @@ INLINE double stretch_of(double slope)
 
 /* Where the places of the last step are now, on a master with the nodes x (n, i), and the elastic
  * slip carried along with the components, beside what came over from other masters, `more` (q, i) or
- * none: found already where there is no x. Slip and elastic slip, which keeps its length. */
+ * none: found already where there is no x. The slip that points have if they are closed, and elastic
+ * slip, which keeps its length. */
 void tribox_pair_relate(const Pair *p, int64_t points, const double *x, const double *more,
-                        double *anchor, double *image, double *slip, double *elastic)
+                        double *anchor, double *image, double *way, double *elastic)
 {
     for (int64_t q = 0; q < points; ++q) {
         const double *n = p->normal + DIM * q;
@@ -241,7 +242,7 @@ void tribox_pair_relate(const Pair *p, int64_t points, const double *x, const do
         const double stretch = is_bent(p, q, length, sunk) ? stretch_of(sunk / length) : 1.0;
         const double scale = size > 0.0 && p->slip_length[q] > 0.0 ? p->slip_length[q] / size : 0.0;
         for (int i = 0; i < DIM; ++i) {
-            slip[DIM * q + i] = p->closed[q] ? stretch * s[i] : 0.0;
+            way[DIM * q + i] = stretch * s[i];
             elastic[DIM * q + i] = scale * e[i];
         }
     }
