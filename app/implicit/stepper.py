@@ -203,6 +203,22 @@ class ImplicitStepper:
         return bool(much.any()) and self.predictor.is_driven(self.x)
 
     def _solve(self, step: StepMode) -> tuple[int, int, float]:
+        """Solve a step, and what it does not find with loaded bodies kept aside; collective.
+
+        Returns iterations, PETSc's converged reason, force of the springs over the largest.
+        """
+        weak, newton = self._weak, self.newton
+        iterations, reason, share = self._held_where_it_floats(step)
+        if reason > 0 or not (weak.slick.any() and weak.is_loaded(newton.largest_force)):
+            return iterations, reason, share
+        trial, said = newton.trial.array_r.copy(), (newton.residuals, newton.strayed)
+        more, found, sideways = self._kept_aside(step)
+        if found > 0 and sideways <= SHARE:
+            return iterations + more, found, sideways
+        newton.trial.array[:], (newton.residuals, newton.strayed) = trial, said
+        return iterations + more, reason, share
+
+    def _held_where_it_floats(self, step: StepMode) -> tuple[int, int, float]:
         """Solve a step, with weak springs if a body floats; collective.
 
         An attempt that fails while contacts press on all bodies fails for another reason, which no
@@ -213,17 +229,11 @@ class ImplicitStepper:
         largest, self._trial_floating = newton.largest_force, ()
         weak, trials = self._weak, problem.committed
         self._carried = 0.0
-        if weak.slick.any() and weak.is_loaded(largest):
-            iterations, reason, share = self._kept_aside(step)
-            if reason > 0 and share <= SHARE:
-                return iterations, reason, share
         if weak.firm.any() and largest <= problem.roundoff:  # of what is at rest, that is none
-            more, reason, share = self._unpressed(step)
-            return iterations + more, reason, share
+            return self._unpressed(step)
         may_float = self._may_float(largest)
         if may_float and weak.is_let_go(largest):
-            more, reason, share = self._sprung(step, largest, trials)
-            iterations += more
+            iterations, reason, share = self._sprung(step, largest, trials)
             if reason > 0 and self._trial_floating:
                 return iterations, reason, share
         # Where nothing presses and a load acts, contact is sought as at first touch.

@@ -163,8 +163,8 @@ class PairTangent:
         arrays = (None if array is None else start_of(array) for array in (given, more))
         self._run("tribox_pair_relate", len(points), *arrays, *map(start_of, out))
         moved = Anchor(anchor, components, image, length)
-        slip: Floats = np.where(closed[:, None], way, 0.0)
-        return moved, ContactKinematics(at.normal, at.gap, closed, slip, way, elastic)
+        slips: Floats = np.where(closed[:, None], way, 0.0)
+        return moved, ContactKinematics(at.normal, at.gap, closed, slips, way, elastic)
 
     # -- forces ---------------------------------------------------------------------------------
 

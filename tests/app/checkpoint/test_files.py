@@ -78,11 +78,11 @@ DAMAGES = {
     "manifest cut off": ("manifest.json", _shorten),
     "manifest a list": ("manifest.json", lambda path: path.write_text("[]")),
     "manifest empty": ("manifest.json", lambda path: path.write_text("{}")),
-    "manifest of a format": ("manifest.json", lambda path: path.write_text('{"format": 11}')),
+    "manifest of a format": ("manifest.json", lambda path: path.write_text('{"format": 12}')),
     "manifest binary": ("manifest.json", lambda path: path.write_bytes(b"\xff\x00")),
     "manifest deep": ("manifest.json", lambda path: path.write_text("[" * 100_000)),
     "manifest of another": ("manifest.json", _other),
-    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 11, "files": []}')),
+    "files a list": ("manifest.json", lambda path: path.write_text('{"format": 12, "files": []}')),
 }  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def test_another_format_is_refused_with_the_version_that_wrote_it(tmp_path):
     path = write_checkpoint(tmp_path, Checkpoint(about, made.tree, made.arrays), 2)
     manifest = json.loads((path / "manifest.json").read_text())
     (path / "manifest.json").write_text(json.dumps(manifest | {"format": 99}))
-    said = r"of format 99, this version of tribox reads 11; .* \(9\.9"
+    said = r"of format 99, this version of tribox reads 12; .* \(9\.9"
     with pytest.raises(InputError, match=said):
         latest(tmp_path)
 

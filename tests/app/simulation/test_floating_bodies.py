@@ -356,7 +356,7 @@ def test_boxes_without_friction_lie_on_each_other_under_their_weight():
     forces = [one.normal_force for one in solved(data, observer=seen).state.resultants]
     weights = 1100 * 9.81 * 4e-3 * np.array([1e-2**2 + 8e-3**2, 8e-3**2])
     assert forces == pytest.approx(weights, rel=1e-6)
-    assert seen.count == 0 and seen.iterations <= 12 and seen.floating == [[], []]
+    assert seen.count == 0 and seen.iterations <= 40 and seen.floating == [[], []]
 
 
 def test_a_ring_that_nothing_touches_bears_its_pressure():
