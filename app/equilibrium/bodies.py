@@ -172,11 +172,11 @@ class Bodies:
     """All bodies at the present displacement.
 
     Attributes:
-        solids: the bodies; cells: the compiled loop of the strain energy of each, None without.
+        solids: the bodies; cells: the loop over the cells of each.
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
-        """Choose the compiled loop or the forms for each body; ``u``: displacement, m."""
+        """Set up the loop over the cells of each body; ``u``: displacement, m."""
         self.solids = list(solids)
         self._u, self._dim = u, u.function_space.dofmap.index_map_bs
         self.cells = [compiled_cells(u.function_space, solid) for solid in solids]

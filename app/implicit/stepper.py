@@ -69,7 +69,7 @@ class StepResult:
         unbalanced: contacts whose film had no solution at the state evaluated last.
         effort: of linear solves by iterations so far.
         relaxed: whether bodies were relaxed (:mod:`tribox.app.implicit.relaxation`).
-        spun: tools that went round by more than slip is told apart by, and that nothing turns so.
+        spun: freely turning tools that turned by more than slip is known up to.
         adrift: whether a load moves the floating bodies away, as it would in a shorter step.
     """
 

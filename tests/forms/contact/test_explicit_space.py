@@ -62,7 +62,9 @@ def test_the_same_contact_along_a_path(shape, law, kind):
         contact.add_forces(out)
         at = expected.projection
         compare(trial.projection, at, PROJECTION, step)
-        compare(trial.kinematics, expected.kinematics, ("closed", "slip", "elastic_slip"), step)
+        compare(
+            trial.kinematics, expected.kinematics, ("closed", "slip", "way", "elastic_slip"), step
+        )
         compare(trial, expected, ("position", "area_ratio", "pressure", "film", "traction"), step)
         if kind == "averaged":
             normals = trial.normal_contact, expected.normal_contact
