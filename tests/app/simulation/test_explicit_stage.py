@@ -247,6 +247,7 @@ def test_a_block_stays_on_the_plane_that_it_is_drawn_over(share, monkeypatch):
     half = rows[len(rows) // 2 :]
     area = np.mean([row.contact_area for row in half]) / first.contact_area
     friction = np.mean([row.tangential_force for row in half]) / first.normal_force
+    assert max(abs(row.energy_error) for row in rows) < 1e-3 * rows[-1].external_work
     if share is None:
         assert told.said == () and area > 0.9
         assert friction == pytest.approx(0.1 + 0.4 * area, rel=0.05)  # viscous: 2 m/s 1e4 Pa s/m
