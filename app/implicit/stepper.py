@@ -211,11 +211,13 @@ class ImplicitStepper:
         iterations, reason, share = self._held_where_it_floats(step)
         if reason > 0 or not (weak.slick.any() and weak.is_loaded(newton.largest_force)):
             return iterations, reason, share
-        trial, said = newton.trial.array_r.copy(), (newton.residuals, newton.strayed)
+        trial = newton.trial.array_r.copy()
+        said = newton.residuals, newton.strayed, self._relaxed, self._adrift
         more, found, sideways = self._kept_aside(step)
         if found > 0 and sideways <= SHARE:
             return iterations + more, found, sideways
-        newton.trial.array[:], (newton.residuals, newton.strayed) = trial, said
+        newton.trial.array[:] = trial  # why that failed is told
+        newton.residuals, newton.strayed, self._relaxed, self._adrift = said
         return iterations + more, reason, share
 
     def _held_where_it_floats(self, step: StepMode) -> tuple[int, int, float]:
