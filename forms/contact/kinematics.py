@@ -52,9 +52,7 @@ class ContactKinematics:
     gap: Floats  # (q,), m
     closed: Bools  # (q,) whether the point carries pressure, or touches
     slip: Floats  # (q, i), m: Δg_T, 0 of open points
-    way: (
-        Floats  # (q, i), m: the same of all; friction at the start worked along that of opened ones
-    )
+    way: Floats  # (q, i), m: the same of all points, also of those that have opened in the step
     elastic_slip: Floats  # (q, i), m: g_e in the current tangent plane
 
 
