@@ -125,6 +125,13 @@ class Constraints:
             else:
                 values[platen.dofs] = at[platen.dofs] - platen.displacement
 
+    def constrain_change(self, change: Floats) -> None:
+        """The same of a change (n,), N, of out-of-balance forces at the same place; collective."""
+        at, none = np.zeros_like(change), np.zeros_like(change)
+        self.constrain_residual(none, at)
+        self.constrain_residual(change, at)
+        change -= none
+
     def reference_force(self, unbalanced: Floats, loads: Floats, contact_squared: float) -> float:
         """Force that the convergence test compares with: the largest of contact, reactions, loads.
 

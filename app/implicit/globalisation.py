@@ -31,8 +31,8 @@ from tribox.geometry.surfaces.facets import Floats
 class PredictedStart(Phase):
     """Newton's method from the predicted start."""
 
-    # whether it is tried only where the prediction leaves little, or, where bodies flow and rub,
-    # not much, as long as each iteration gains
+    # whether it is tried only where the prediction leaves little, or, where contacts rub, not too
+    # much, as long as each iteration gains
     if_near: bool = False
 
     def run(self, attempt: Attempt) -> tuple[int, int]:
@@ -52,8 +52,7 @@ class PredictedStart(Phase):
         if self.if_near:
             left = newton.residual_of(attempt.step)
             eager = left > FAR
-            sliding = newton.problem.flows and attempt.predictor.rubbing()
-            if left > (NEARLY if sliding else FAR):
+            if left > (NEARLY if attempt.predictor.rubbing() else FAR):
                 return started, failed
         if attempt.step.holding is not None:
             more, reason = newton.place(attempt.step)
@@ -284,7 +283,8 @@ HOLDS, FEWER = 3, 0.95  # such iterations at most, and open ones left over those
 RIM = 0.05  # relative residual of a prediction up to which it errs only at the rim of a contact
 SOLVED = 1e-3  # the same from which on so much is opened that holding saves iterations
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
-NEARLY = 0.3  # the same of bodies that flow and rub, where a few iterations show whether it is
+NEARLY = 2.0  # the same of contacts that rub, where a few iterations show whether it is
+EASILY = 3  # iterations of a step from the prediction, after which the next begins there too
 STANDS = 1e-9  # way of a support, in lengths of a slave facet, that is rounding
 FIRST_CUTS = (1, 2)  # failures from a state after which shorter steps may fail alike
 
@@ -359,7 +359,9 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         attempt.newton.begin(attempt.x)
         more, reason = phase.run(attempt)
         iterations += more
-        attempt.newton.inside.last = reason > 0 and isinstance(phase, FromInside)
+        inside = attempt.newton.inside
+        stays = inside.last and isinstance(phase, PredictedStart) and more > EASILY
+        inside.last = reason > 0 and (isinstance(phase, FromInside) or stays)
         if reason > 0 or attempt.adrift:
             break
     return iterations, reason

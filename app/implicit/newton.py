@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.equilibrium.step_mode import DEFAULT_STEP, StepMode
+from tribox.app.implicit.contact_path import follow
 from tribox.app.implicit.linear_solver import (
     Linear,
     LinearSolver,
@@ -162,7 +163,7 @@ class Newton(Remembers):
         self.on_path, self.inside = False, Inside()
         self.turns = Turns()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
-        self._patience = Patience()
+        self._patience, self._reused = Patience(), False
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -187,6 +188,7 @@ class Newton(Remembers):
         self._usual_search = str(options.getString("snes_linesearch_type"))
         snes.setFunction(self._function, self._residual)
         snes.setJacobian(self._jacobian, self.solver.matrix)
+        snes.setLineSearchPreCheck(self._lead)
         # A line search that fails on a tiny step must not pass for convergence.
         snes.setTolerances(stol=0.0, max_it=self.options.max_iterations)
         snes.setConvergenceTest(self._test)
@@ -299,9 +301,16 @@ class Newton(Remembers):
             share *= self._natural(x, y)
         return share < 1.0
 
-    def _turned(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Let bodies that float turn by a step ``y`` that is to be taken off ``x``; collective."""
-        return self._phase is TURNED_STEPS and self.turns.turn(x, y)
+    def _lead(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Change a step ``y`` that is to be taken off ``x`` as the phase wants it; collective."""
+        if self._phase is BOUNDED_STEPS:
+            return self._bound(x, y)
+        if self._phase is TURNED_STEPS:  # bodies that float turn by it
+            return self.turns.turn(x, y)
+        interior = any(mode.interior is not None for mode in self._step.modes)
+        if self._phase.line_search or interior or self._reused or not self.solver.direct:
+            return False
+        return follow(self.problem, self._step, x, y, self.solver.solve)
 
     def _carried_by_films(self) -> bool:
         """Whether films carry enough, now or at the last step, for their kinks to count most."""
@@ -427,10 +436,6 @@ class Newton(Remembers):
         if phase.line_search is None:
             return self._iterate()
         self._search(phase.line_search)
-        if phase is BOUNDED_STEPS:
-            self.snes.setLineSearchPreCheck(self._bound)
-        if phase is TURNED_STEPS:
-            self.snes.setLineSearchPreCheck(self._turned)
         result = self._iterate()
         self._search(self._usual_search)
         return result
@@ -468,7 +473,8 @@ class Newton(Remembers):
             self.problem.residual(snes, x, f, self._step)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        if not self._reuse():
+        self._reused = self._reuse()
+        if not self._reused:
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
         share = self._tolerance / max(self.residuals[-1], self._tolerance)

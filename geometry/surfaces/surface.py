@@ -303,10 +303,11 @@ class ContactSurface:
         Args:
             x: global vector of the displacement space, m.
         """
-        values = self._scattered(x)
-        return self._scattered(x) if self.follow(x, values) else values
+        values = self.at_nodes(x)
+        return self.at_nodes(x) if self.follow(x, values) else values
 
-    def _scattered(self, x: PETSc.Vec) -> Floats:
+    def at_nodes(self, x: PETSc.Vec) -> Floats:
+        """The same of any vector, of changes for example; where bodies are stays as it was."""
         if self._scatter is None:
             self._scatter, self._here = node_scatter(x, self.nodes, self.dim)
         self._scatter.scatter(x, self._here, addv=False, mode=False)
