@@ -40,6 +40,8 @@ Solve = Callable[[PETSc.Vec, PETSc.Vec], bool]
 
 NEAR = 1.0  # gap, in lengths of a slave facet, up to which a vertex may close in an iteration
 MOST = 40  # substitutions for one step
+STABLE = 1e-8  # least pivot, over that of the vertex alone, of bodies that resist
+CUTS = 10  # halvings within which the residual falls on the way to the end
 EVENTS = 3 * MOST  # vertices that open or close along it, those that do so again included
 
 
@@ -126,18 +128,28 @@ class Changed:
         pivot = matrix[-1, -1]
         if len(matrix) > 1:
             pivot -= matrix[-1, :-1] @ np.linalg.solve(matrix[:-1, :-1], matrix[:-1, -1])
-        return bool(pivot * self.signs[-1] > 0.0)
+        return bool(pivot * self.signs[-1] > STABLE)
 
 
-def follow(problem: Equilibrium, step: StepMode, x: PETSc.Vec, y: PETSc.Vec, solve: Solve) -> bool:
+def follow(
+    problem: Equilibrium,
+    step: StepMode,
+    x: PETSc.Vec,
+    y: PETSc.Vec,
+    solve: Solve,
+    residual: Callable[[PETSc.Vec], float],
+    most: float,
+) -> bool:
     """Make a Newton step ``y``, that is to be taken off ``x``, one along the path; collective.
 
     Pairs whose pressure is not averaged, that are tied, or have a film as an unknown, stay as they
-    are in the tangent; so do vertices whose change would leave bodies that do not resist.
+    are in the tangent; so do vertices whose change would leave bodies that do not resist. The step
+    remains what it was where the residual does not fall on the way to the end of the path.
 
     Args:
         problem: evaluated last at ``x`` in this ``step``, with the tangent there.
         solve: with the tangent's factors, from a residual into a vector.
+        residual: its norm at a state; most: that at ``x``.
 
     Returns:
         Whether ``y`` was changed.
@@ -148,7 +160,20 @@ def follow(problem: Equilibrium, step: StepMode, x: PETSc.Vec, y: PETSc.Vec, sol
         if term.active and not term.tied and isinstance(term.rule, AveragedPressure)
         if trial.normal_contact.lubrication is None
     ]
-    return bool(pairs) and _Path(problem, pairs, solve).follow(y)
+    if not pairs:
+        return False
+    found = _Path(problem, pairs, solve).to_its_end(y)
+    if found is None:
+        return False
+    there = x.copy()
+    for cut in range(CUTS):
+        there.waxpy(-(0.5**cut), found, x)
+        if residual(there) < most:
+            found.copy(y)
+            break
+    there.destroy()
+    found.destroy()
+    return True
 
 
 class _Path:
@@ -165,29 +190,28 @@ class _Path:
         self.changed = Changed()
         self.known: dict[int, tuple[PETSc.Vec, Floats]] = {}
 
-    def follow(self, y: PETSc.Vec) -> bool:
-        """Change the step; whether it was; collective."""
+    def to_its_end(self, y: PETSc.Vec) -> PETSc.Vec | None:
+        """Where it ends, to be destroyed; None where nothing opens or closes; collective."""
         at_start = self._rates(y)
         place, direction, rates = y.duplicate(), y.copy(), at_start
         gone, events = 0.0, 0
         while True:
             number, way = self._next(rates)
-            full = len(self.known) == MOST or events == EVENTS
-            way = 1.0 - gone if full else min(way, 1.0 - gone)
+            ends = way >= 1.0 - gone or len(self.known) == MOST or events == EVENTS
+            way = 1.0 - gone if ends else way
             place.axpy(way, direction)
-            self.gap = self.gap - way * rates
-            gone += way
-            if gone >= 1.0:
+            if ends:
                 break
-            events += 1
+            self.gap = self.gap - way * rates
+            gone, events = gone + way, events + 1
             self._flip(number)
             rates = self._turn(y, direction, at_start)
-        found = events > 0 and bool(np.isfinite(place.norm()))
-        if found:
-            place.copy(y)
-        for vector in (place, direction, *(answer for answer, _ in self.known.values())):
+        for vector in (direction, *(answer for answer, _ in self.known.values())):
             vector.destroy()
-        return found
+        if events and np.isfinite(place.norm()):
+            return place
+        place.destroy()
+        return None
 
     def _rates(self, change: PETSc.Vec) -> Floats:
         """Changes (v,), m, of all gaps with that of the unknowns; collective."""

@@ -359,6 +359,8 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         attempt.newton.begin(attempt.x)
         more, reason = phase.run(attempt)
         iterations += more
+        if reason > 0 and isinstance(phase, FromInside) and has_escaped(attempt):
+            reason = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
         inside = attempt.newton.inside
         stays = inside.last and isinstance(phase, PredictedStart) and more > EASILY
         inside.last = reason > 0 and (isinstance(phase, FromInside) or stays)
@@ -369,6 +371,7 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
 
 # -- Bodies that a load presses on each other before they touch ------------------------------------
 
+ESCAPES = 2  # failed attempts, after which a body that has lost all contact is believed to
 STRAYS = 1.0  # way of a body, in lengths of a slave facet, that a linear step is not believed
 SOFT = 0.03  # penalty scale of soft contacts
 
@@ -394,6 +397,18 @@ def strays(attempt: Attempt) -> bool:
         return False
     way = float(np.max(np.abs(bodies.moved(attempt.start - attempt.x.array_r))))
     return not way <= STRAYS * facet_length(problem)
+
+
+def has_escaped(attempt: Attempt) -> bool:
+    """Whether a body that contact alone holds, and that was pressed, touches nothing; collective.
+
+    It is in balance wherever it has no contact, also where a shorter step would not have taken it:
+    out of the gap of rolls that draw it in. Only what shorter steps find as well is believed.
+    """
+    bodies = attempt.bodies
+    if not attempt.pressed or not bodies.directions or attempt.failures >= ESCAPES:
+        return False
+    return bool(bodies.unpressed(np.ones(len(bodies.directions), dtype=bool)))
 
 
 def facet_length(problem: Equilibrium) -> float:

@@ -158,6 +158,7 @@ class Newton(Remembers):
         self.trial = trial
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
+        self._beside = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
@@ -310,7 +311,13 @@ class Newton(Remembers):
         interior = any(mode.interior is not None for mode in self._step.modes)
         if self._phase.line_search or interior or self._reused or not self.solver.direct:
             return False
-        return follow(self.problem, self._step, x, y, self.solver.solve)
+        solve, most = self.solver.solve, self._residual.norm()
+        return follow(self.problem, self._step, x, y, solve, self._norm_at, most)
+
+    def _norm_at(self, x: PETSc.Vec) -> float:
+        """Norm of the residual; collective."""
+        self._function(self.snes, x, self._beside)
+        return float(self._beside.norm())
 
     def _carried_by_films(self) -> bool:
         """Whether films carry enough, now or at the last step, for their kinks to count most."""
