@@ -52,11 +52,7 @@ def compile_forms(first: int = 0, every: int = 1) -> Iterator[str]:
 
 
 def main() -> None:
-    """Compile all on the processors there are; print a line on each.
-
-    Raises:
-        SystemExit: A process has failed; it has said why.
-    """
+    """Compile all on the processors there are, a line on each; SystemExit if one has failed."""
     count = min(len(os.sched_getaffinity(0)), len(GROUPS))
     fork = multiprocessing.get_context("fork")  # before MPI is started
     processes = [fork.Process(target=_print_share, args=(first, count)) for first in range(count)]

@@ -30,12 +30,7 @@ def threshold_speed(film: ArrayLike, parameters: FrictionMapParameters) -> Float
 
 
 def film_fraction(speed: ArrayLike, film: ArrayLike, parameters: FrictionMapParameters) -> Floats:
-    r"""Film fraction with a sharp switch: :math:`\alpha_0(D)` below V*, 1 from V* on.
-
-    Args:
-        speed: m/s, V >= 0.
-        film: m, film thickness D.
-    """
+    r"""Film fraction :math:`\alpha_0(D)` below V*, 1 from V* on; of V ≥ 0, m/s, and D, m."""
     V, D = np.broadcast_arrays(
         np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
     )

@@ -133,11 +133,7 @@ class Refused(ValueError):
 
 
 class Declared:
-    """A dataclass whose fields are parameters: it checks them when it is made.
-
-    Raises:
-        Refused: a value is not allowed.
-    """
+    """A dataclass of parameters that checks them when it is made; Refused if one is wrong."""
 
     __slots__ = ()
 

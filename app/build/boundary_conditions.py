@@ -89,12 +89,7 @@ class Loads:
         thickness: float,
         stages: Sequence[Stage] = (),
     ) -> None:
-        """Begin with none, but for the axis of symmetry, which stays where it is.
-
-        Args:
-            u: displacement, m.
-            thickness: m, of a plane-strain slab; 1 otherwise.
-        """
+        """None yet, but for the axis of symmetry; ``u``, ``thickness``: m, of a slab, or 1."""
         self.named, self.u, self.section, self.thickness = named, u, section, thickness
         self._stages = {stage.name: stage for stage in stages}
         self.prescribed: list[Prescribed] = []
@@ -129,11 +124,7 @@ class Loads:
     # -- stages -------------------------------------------------------------------------------
 
     def begin_stage(self, name: str, time: float, problem: Equilibrium) -> None:
-        """Let the loads be those of a stage from the next time they are set; collective.
-
-        Args:
-            time: s, at which it begins.
-        """
+        """Let loads be those of a stage beginning at ``time``, s, once they are set; collective."""
         if name == self.stage:
             return
         change = StageChange(self.stage, name, time, problem)
@@ -493,11 +484,7 @@ class Loads:
     # -- corners ------------------------------------------------------------------------------
 
     def check_corners(self) -> None:
-        """See that surfaces which share nodes do not prescribe different things there; collective.
-
-        Raises:
-            InputError: two boundaries disagree at a shared node.
-        """
+        """See that surfaces agree at shared nodes; InputError if two do not; collective."""
         mine = list(self._disagreements())
         mine += self._stuck()
         problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))

@@ -143,11 +143,7 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
 
 
 def notes_on_choices(friction: LawTable, film: Floats) -> Iterator[str]:
-    """Lines on what the law takes by itself where the case does not say it.
-
-    Args:
-        film: (q,), m, film thicknesses that it is used for.
-    """
+    """Lines on what the law takes by itself for films (q,), m, where the case does not say it."""
     parameters = friction.parameters()
     yield from notes_on_tabulation(parameters, film)
     if friction.preset is not None:
@@ -209,11 +205,7 @@ def _size(case: Case) -> float:
 
 
 def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator[str]:
-    """One line for each stage that has too little slip for some of its velocities.
-
-    Args:
-        pressure: Pa, on the contact; 0 if unknown.
-    """
+    """A line on stages with too little slip for a velocity; ``pressure``: Pa, 0 if unknown."""
     law, slid = contact.map, 0.0
     if law is None or contact.given_film is None:
         return

@@ -83,11 +83,7 @@ class ContactBuilder:
     loads: Loads | None = None  # what the boundaries hold
 
     def build(self, index: int) -> BuiltContact:
-        """The contact of this number in the case; collective.
-
-        Raises:
-            InputError: its surfaces, or its keys, do not fit.
-        """
+        """Contact number ``index``; collective; InputError if its surfaces or keys do not fit."""
         asked = self.case.contact[index]
         materials = self._materials(index, asked)
         degree = quadrature_degree(self.named.mesh.geometry.dim, *materials)
@@ -125,11 +121,7 @@ class ContactBuilder:
     def _start(
         self, index: int, asked: Contact, surface: ContactSurface
     ) -> tuple[PairAtStart, Callable[[float], Floats] | None]:
-        """The surfaces at time 0, and their fit; collective.
-
-        Raises:
-            InputError: they face the same way, or overlap.
-        """
+        """The surfaces at time 0, and their fit; InputError if they face one way, or overlap."""
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
@@ -408,10 +400,7 @@ def fit_program(case: Case, contact: Contact, at: Projection) -> Callable[[float
 def contact_program(
     table: Contact, term: ContactTerm, fit: Callable[[float], Floats] | None = None
 ) -> Callable[[float, float], None] | None:
-    """What gives a term its friction and fit at (time, driven displacement), s and m.
-
-    None where they stay the same.
-    """
+    """What renews a term's friction and fit at (time, driven), s and m; None where they stay."""
     friction, factor = table.friction, table.friction_factor
     if not friction.changes and not isinstance(factor, TimeTable) and fit is None:
         return None
@@ -433,12 +422,7 @@ def contact_program(
 def stiffer_slave(
     index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
 ) -> Iterator[str]:
-    """A line on a slave that is on the stiffer body.
-
-    Args:
-        body: name of the slave's body.
-        master: material of the other body; None: a tool.
-    """
+    """A line on a slave that is on the stiffer body, named ``body``; ``master`` None: a tool."""
     if master is None:
         return
     if contact_shear_modulus(slave) > STIFFER * contact_shear_modulus(master):

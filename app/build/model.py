@@ -89,10 +89,7 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let loads and contacts be those of a stage from the next :meth:`set_loads` on.
-
-        The problem must be as the last step left it; collective.
-        """
+        """Let a stage begin with the next :meth:`set_loads`, after the last step; collective."""
         if self.loads is not None and name != self.loads.stage:
             time, driven, _ = self.loaded
             self.onset = Onset(time, driven, list(balancing(self.problem)))
@@ -340,11 +337,7 @@ Bodies = Mapping[str, Body]
 
 
 def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
-    """The bodies, each with the formulation that suits the elements where none is given.
-
-    Raises:
-        InputError: a formulation does not go with the elements or with another body's.
-    """
+    """The bodies, with the formulation that suits the elements; InputError if one does not go."""
     cell = named.mesh.topology.cell_name()
     for name, reason in formulation_problems(bodies, cell):
         raise InputError(f"bodies.{name}.formulation: {reason}")
@@ -367,11 +360,7 @@ def displacement_on(
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
-    """The materials of all bodies; collective.
-
-    Raises:
-        InputError: an energy in Python cannot be used, on some rank.
-    """
+    """The materials of all bodies; collective; InputError if one in Python cannot be used."""
     made: dict[str, Material] = {}
     problem: str | None = None
     for name, body in bodies.items():

@@ -117,13 +117,7 @@ class PairAtStart:
         return graded * self.surface.facet_length, other / count_near
 
     def corners(self, distance: float) -> Corners:
-        """Corners of a faceted master where the slave is near.
-
-        Angles above `SHARP` are edges that are meant, and those below `STRAIGHT` none.
-
-        Args:
-            distance: m, of the surfaces.
-        """
+        """Corners between `STRAIGHT` and `SHARP` of a faceted master within ``distance``, m."""
         at, surface, master = self.at, self.surface, self.surface.master
         if isinstance(master, RigidMaster) or self.contact.smoothing_angle is not None:
             return Corners(0.0, 0.0, 0.0)
@@ -222,14 +216,7 @@ class PairAtStart:
             )
 
     def check_overlap(self, tool: Tool | None) -> None:
-        """Refuse surfaces that overlap before anything has moved.
-
-        Args:
-            tool: the master's table; None: a body's surface.
-
-        Raises:
-            InputError: saying how deep.
-        """
+        """InputError on overlap before anything has moved; ``tool``: the master's table, if one."""
         depth, contact = self.overlap, self.contact
         if depth <= OVERLAP * self.surface.facet_length:
             return

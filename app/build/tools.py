@@ -116,11 +116,7 @@ def _on_first(read: Callable[[], tuple[Floats, Ints]], comm: MPI.Comm) -> tuple[
 
 
 def facets_of(table: MeshTool, dim: int) -> tuple[Floats, Ints]:
-    """Nodes (n, i), m, and facets (f, a), in the order of a Lagrange element, of a mesh file.
-
-    Raises:
-        ValueError: the file cannot be read, or has no such surface in this space.
-    """
+    """Nodes (n, i), m, and facets (f, a) in a mesh file; ValueError if it has none."""
     import meshio
 
     where = f"file = {str(table.file)!r}"
@@ -244,11 +240,7 @@ GIVES_WAY = 1e-6  # how far a stop gives way under the largest force, over the s
 
 
 def _stop(table: Tool, dim: int, size: float) -> Stop | None:
-    """Blocks that stop a tool.
-
-    Args:
-        size: m, of the mesh, times the thickness that forces stand for.
-    """
+    """Blocks that stop a tool; ``size``: m, of the mesh, times the thickness of the forces."""
     if table.stop is None:
         return None
     low, high = np.full(dim + 1, -np.inf), np.full(dim + 1, np.inf)

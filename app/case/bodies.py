@@ -102,11 +102,7 @@ class _Body(Model):
         return iter(())
 
     def material_of(self, runs_code: bool = True) -> Material:
-        """The strain energy of the body, and what it remembers; one in Python is run.
-
-        Raises:
-            OwnCodeError: an energy in Python cannot be used.
-        """
+        """Strain energy and what it remembers; OwnCodeError if one in Python cannot be used."""
         raise NotImplementedError
 
     @property
@@ -115,11 +111,7 @@ class _Body(Model):
         return self.material
 
     def formulation_for(self, cell: str) -> Formulation:
-        """The formulation for elements of this shape, of this body by itself.
-
-        Raises:
-            ValueError: selective reduced integration was asked for on triangles or tetrahedra.
-        """
+        """The formulation for such elements; ValueError if "q1-sri" does not go with them."""
         simplex = {"triangle": "triangles", "tetrahedron": "tetrahedra"}.get(cell)
         if simplex is not None and self.formulation == "q1-sri":
             needs = '"q1-sri" needs quadrilaterals or hexahedra'
@@ -464,11 +456,7 @@ else:
 
 
 def formulations(bodies: Mapping[str, Body], cell: str) -> dict[str, Formulation]:
-    """The formulation of each body for elements of this shape; "q2" of one is that of all.
-
-    Raises:
-        ValueError: see `formulation_problems`.
-    """
+    """The formulation of each body; "q2" of one is of all; ValueError of `formulation_problems`."""
     for _, reason in formulation_problems(bodies, cell):
         raise ValueError(reason)
     if any(body.formulation == "q2" for body in bodies.values()):

@@ -140,10 +140,7 @@ class Case(Model):
         return self.model_copy(update={"geometry": geometry})
 
     def sweep_cases(self) -> list[tuple[str, Case]]:
-        """The cases of the sweep, each with a label such as "thickness=10nm".
-
-        Returns (label, case without sweep) for each value; empty without a sweep.
-        """
+        """(label such as "thickness=10nm", case) of each value; empty without a sweep."""
         if self.sweep is None:
             return []
         return [
@@ -152,11 +149,7 @@ class Case(Model):
         ]
 
     def swept_value(self, part: Case) -> float | str | None:
-        """What one of the sweep's cases has at the swept key.
-
-        Returns a number in SI, also of a program that does not change with time, or a text; None
-        where it is neither.
-        """
+        """One of the sweep's cases at the swept key: a number in SI, also of a program, or text."""
         assert self.sweep is not None
         value = value_at(part, self.sweep.key)
         if isinstance(value, TimeTable) and len(value.times) == 1:

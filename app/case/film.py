@@ -249,11 +249,7 @@ class Film(_Flow):
         return RoughGap(self.sigma, self.gamma or None)
 
     def asperity_law(self, modulus: float) -> Asperities:
-        """What asperities carry, with E*, Pa, of both bodies together.
-
-        Raises:
-            ValueError: the values do not fit together; the message says how.
-        """
+        """What asperities carry, with E*, Pa, of the pair; ValueError if values do not fit."""
         from tribox.forms.film.roughness import (
             AsperityTable,
             Exponential,

@@ -178,11 +178,7 @@ class _LineGeometry(PlaneGeometry):
         return max(_width(size) for _, size in self.sizes())
 
     def body(self, size: CylinderSize | FlatSize) -> HalfCylinder | FlatBlock:
-        """One body as the generator takes it.
-
-        Raises:
-            ValueError: it cannot be meshed so; the message says why.
-        """
+        """One body as the generator takes it; ValueError says why it cannot be meshed so."""
         from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
 
         zone = (size.contact_width or self.contact_width, size.contact_size or self.contact_size)
@@ -425,11 +421,7 @@ class PlacedBlockSize(Model):
         return [span for span in (self.x, self.y, self.z) if span is not None]
 
     def block(self, name: str) -> PlacedBlock:
-        """The block as the generator takes it.
-
-        Raises:
-            ValueError: it cannot be meshed so; the message says why.
-        """
+        """The block as the generator takes it; ValueError says why it cannot be meshed so."""
         from tribox.geometry.generators.blocks import PlacedBlock
 
         low, high = zip(*self.spans, strict=True)

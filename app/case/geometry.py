@@ -259,11 +259,7 @@ class MeshGeometry(Model):
         return self.section
 
     def section_in(self, dim: int) -> Section:
-        """What the mesh stands for, ``dim`` being its dimension.
-
-        Raises:
-            ValueError: a key does not go with it; the message names it.
-        """
+        """What a mesh of dimension ``dim`` stands for; ValueError names a key that does not go."""
         if dim == 3 and self.section is not None:
             raise ValueError(f'section = "{self.section}": the mesh is in 3D; leave it out')
         if dim == 3 and self.thickness is not None:
@@ -281,10 +277,7 @@ class MeshGeometry(Model):
     @field_validator("mesh", "meshed", mode="before")
     @classmethod
     def _find(cls, value: object, info: ValidationInfo) -> Path:
-        """Make the path absolute, seen from the case file, and see that it is there.
-
-        A run that is over (``past``) no longer needs it.
-        """
+        """See that the file is there, unless the run is over (``past``); its absolute path."""
         return found_file(value, info.context or {}, "a mesh file")
 
     @field_serializer("mesh", "meshed")

@@ -67,10 +67,7 @@ class NamesAClass(_NamesAClass):
         return Path(self.reference.rpartition(":")[0])
 
     def file_problems(self, place: Place) -> list[Problem]:
-        """Whether the file is there, `place` being this table's place in the case.
-
-        What is in it shows only when it is run.
-        """
+        """Whether the file is there, at `place`; what is in it shows only when it is run."""
         try:
             split_reference(self.reference)
         except OwnCodeError as error:
@@ -217,11 +214,7 @@ class OwnMaterial:
         return replace(self, shear_modulus=share * self.shear_modulus, share=share)
 
     def parameters(self) -> dict[str, float]:
-        """Values of the constants in the energy, by name.
-
-        Raises:
-            OwnCodeError: the class does not give them as numbers.
-        """
+        """Values of the constants in the energy, by name; OwnCodeError if they are no numbers."""
         found = self._asked(self.own.parameters)
         if not isinstance(found, Mapping):
             raise OwnCodeError(f"parameters() must return a dict, found {type(found).__name__}")
@@ -232,11 +225,7 @@ class OwnMaterial:
         return given if self.share == 1.0 else given | {SHARE: self.share}
 
     def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
-        """The distortional and the volumetric part, J/m³.
-
-        Raises:
-            OwnCodeError: the class does not give two scalars of UFL.
-        """
+        """Distortional and volumetric part, J/m³; OwnCodeError if they are no scalars of UFL."""
         import ufl
 
         found = self._asked(lambda: self.own.energy(k, c))

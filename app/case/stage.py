@@ -85,11 +85,7 @@ class Stage(Model):
         return bool(self.velocities) or self.velocity is not None
 
     def velocities_within(self, film_conductance: float) -> tuple[float, ...]:
-        """The velocities (m/s) that the limit on the film's stress leaves.
-
-        Args:
-            film_conductance: Pa s/m, largest eta_b/D of all contacts; 0 without a film.
-        """
+        """Velocities, m/s, below the film's stress limit; of the largest eta_b/D, Pa s/m."""
         if self.film_stress_limit is None:
             return self.velocities
         limit = self.film_stress_limit

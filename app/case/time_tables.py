@@ -153,11 +153,7 @@ class Program(Written):
     word: str | None = None  # a word the field accepts too, and keeps as text (such as "driven")
 
     def parse(self, value: object) -> TimeTable | str:
-        """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
+        """The table of a quantity or rows, or the word; PydanticCustomError with place."""
         if isinstance(value, TimeTable):
             return value
         if self.word is not None and value == self.word:

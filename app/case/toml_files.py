@@ -207,11 +207,7 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
 
 
 def value_at(model: Any, key: str) -> Any:
-    """What validated tables hold at a dotted key, such as a number in SI.
-
-    Raises:
-        KeyPathError: the key leads nowhere.
-    """
+    """What validated tables hold at a dotted key, in SI; KeyPathError if it leads nowhere."""
     here = model
     for name in _split(key):
         try:
@@ -244,11 +240,7 @@ def _split(key: str) -> list[str]:
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
-    """Set what one "dotted.key=value" text says.
-
-    Raises:
-        InputError: the text is no such thing, or its key leads nowhere.
-    """
+    """Set what one "dotted.key=value" says; InputError if it is none, or leads nowhere."""
     key, equals, text = override.partition("=")
     shown = override if len(override) <= _LONGEST else f"{override[:_LONGEST]}..."
     if not equals or not key.strip():
@@ -359,11 +351,7 @@ LARGEST = 4 * MEGABYTE  # bytes of a case file or of data
 
 
 def read_text(path: Path, largest: int = LARGEST) -> str:
-    """Text of a file, without the mark that some editors put before it.
-
-    Raises:
-        InputError: there is none, or it is no such file.
-    """
+    """Text of a file in UTF-8, without an editor's mark; InputError if it cannot be read."""
     try:
         if see_file(path).st_size > largest:
             raise _too_large(path, largest)

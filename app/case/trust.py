@@ -26,11 +26,7 @@ _OPEN = (
 
 
 def trusted_directories() -> list[Path]:
-    """The directories of ``TRIBOX_TRUST``, without symbolic links.
-
-    Raises:
-        InputError: one is relative, or is everything there is.
-    """
+    """The directories of ``TRIBOX_TRUST``, without links; InputError if one is relative, or all."""
     found = []
     for name in filter(None, os.environ.get(TRUSTED, "").split(os.pathsep)):
         try:
@@ -96,11 +92,7 @@ def require_trust(case: Case, case_file: Path, given: bool, python: bool = True)
 
 
 def require_drawing(drawing: Path) -> None:
-    """See that a drawing holds no code, or lies where the user trusts all.
-
-    Raises:
-        InputError: it does not.
-    """
+    """InputError if a drawing holds code, and lies where the user does not trust all."""
     if is_code(drawing):
         said = f"{drawing} is code, which gmsh would run: it can start programs and write files"
         require_trusted_file(drawing, said)

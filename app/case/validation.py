@@ -55,11 +55,7 @@ def _shown(value: object) -> str:
 
 
 def problems_of(error: ValidationError, model: type[Model], data: object) -> list[Problem]:
-    """The problems behind a validation error, unknown keys first.
-
-    Args:
-        data: what it was given; tells keys from the tags of unions in pydantic's locations.
-    """
+    """The problems behind an error in ``data``, its place without tags; unknown keys first."""
     details = error.errors(include_url=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     return [

@@ -51,13 +51,7 @@ class Checkpoint:
 
 
 def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path:
-    """Write a checkpoint of a results directory, and drop all but the last ``keep``.
-
-    Returns its directory.
-
-    Raises:
-        OSError: it cannot be written; those before it are untouched.
-    """
+    """Write a checkpoint, drop all but the last ``keep``; its directory; OSError if it cannot."""
     root = directory / CHECKPOINTS
     root.mkdir(exist_ok=True)
     numbers = checkpoint_numbers(directory)

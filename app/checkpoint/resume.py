@@ -50,11 +50,7 @@ class Found:
 
 
 def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
-    """The last whole checkpoint of a results directory, or None; collective.
-
-    Raises:
-        InputError: it is of another format, or there are some and all are damaged.
-    """
+    """The last whole checkpoint, or None; collective; InputError if all are damaged or foreign."""
     found, notes = on_first(comm, lambda: _latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
     return None if about is None else Found(about, comm.bcast(notes), found)
@@ -188,11 +184,7 @@ _COUNTS = tuple(f.name for f in fields(Row) if f.type in ("int", int))
 
 
 def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) -> None:
-    """Put the rows of the first ``step`` steps back; collective.
-
-    Raises:
-        InputError: a table has been changed.
-    """
+    """Put the rows of the first ``step`` steps back; collective; InputError if changed."""
     tables = tables_of(state)
 
     def read() -> list[list[dict[str, Any]]]:

@@ -38,11 +38,7 @@ EQUAL = 1e-12  # relative difference of step lengths that are one
 
 
 def is_whole(directory: Path, now: Case) -> bool:
-    """Whether a run that is done has come to the end of a case as it is now.
-
-    Raises:
-        InputError: the case or a file is not the one of the run, or the run's cannot be read.
-    """
+    """Whether a run that is done ended as the case does now; InputError if it is another."""
     began, given = load_past_case(directory / "case.toml"), given_keys_of(directory)
     given |= set(given_keys(now))
     refuse(changes(began, now, len(began.stage) - 1, given, end_of(directory)), directory)

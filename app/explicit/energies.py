@@ -202,10 +202,7 @@ class Energies:
         }
 
     def restore(self, kept: Snapshot) -> LoadForces:
-        """Go on from what :meth:`snapshot` has seen, at the state that there was.
-
-        Returns the forces from outside; those of loads are the present ones.
-        """
+        """Go on from :meth:`snapshot`, at its state; the forces from outside, loads as they are."""
         self.work, self.damped = map(float, kept["sums"])
         self._constrained_energy = self._of_constrained()
         self._forces = LoadForces(

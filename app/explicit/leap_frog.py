@@ -37,12 +37,7 @@ class ExplicitState:
         displacement: Floats | None = None,
         velocity: Floats | None = None,
     ) -> None:
-        """Take over a state; collective.
-
-        Args:
-            displacement: (n,), m, of the owned unknowns; None: what ``u`` holds.
-            velocity: (n,), m/s, of the owned unknowns; None: rest.
-        """
+        """Take over displacements (m) and velocities (m/s) (n,) of owned unknowns; collective."""
         space = u.function_space
         self.u = NodalVector(space, u.x)
         self.v, self.a = NodalVector(space), NodalVector(space)

@@ -399,11 +399,7 @@ class FilmCorrection:
         space: dolfinx.fem.FunctionSpace,
         damping: float,
     ) -> None:
-        """Find the unknowns that the films' forces can reach; collective.
-
-        Args:
-            damping: 1/s, c of the damping force c m v.
-        """
+        """Find the unknowns that films' forces reach, damped by ``damping``, 1/s; collective."""
         self.contacts = list(contacts)
         self._dynamics, self._damping = dynamics, damping
         self._scratch = NodalVector(space)
@@ -420,11 +416,7 @@ class FilmCorrection:
             contact.hold_film()
 
     def correct(self, state: ExplicitState, residual: NodalVector, dt: float) -> None:
-        """Correct the films' tractions for the velocities of the next half step; collective.
-
-        Args:
-            dt: s, length of the step.
-        """
+        """Correct the films' tractions for the next half step of ``dt``, s; collective."""
         if any(c.exchange is not e for c, e in zip(self.contacts, self._exchanges, strict=True)):
             self._touch()  # contacts know more of their masters now
         if state.steps % REFRESH == 0:

@@ -74,11 +74,7 @@ IN_ONE_COLUMN = 2
 
 
 def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
-    """Draw the last state, the end of each stage and the highest load.
-
-    Raises:
-        InputError: there is no such array.
-    """
+    """Draw the last state, each stage's end, the highest load; InputError without the array."""
     states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []

@@ -39,10 +39,7 @@ class Series:
 
 
 def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str = "") -> Series:
-    """The steady points of a run of the friction map.
-
-    ``load_steps``: the last rows of those that ran until steady.
-    """
+    """The steady points of a run of the friction map, by its last rows that ran until steady."""
     contact = case.contact[0]
     assert contact.map is not None and contact.given_film is not None
     speed, viscosity, friction, normal, area, mu, steady = style.columns(

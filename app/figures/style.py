@@ -56,10 +56,7 @@ CASE_STYLE = STYLE | {"text.parse_math": False}
 
 
 def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
-    """Write a PNG, complete or not at all.
-
-    ``tight``: the page is cut or widened to what is drawn and a margin.
-    """
+    """Write a PNG, complete or not at all; ``tight``: cut to what is drawn and a margin."""
     with written_whole(path, ".part.png") as part:
         _write(figure, part, tight)
 

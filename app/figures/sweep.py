@@ -159,10 +159,7 @@ _COMPARED = (
 
 
 def compared(results: Results, swept: SweptValues) -> list[Compared]:
-    """What pairs, tools and probes gave in each run of a sweep, beside each other.
-
-    Of what stands in its table: the ends of load steps.
-    """
+    """What pairs, tools and probes gave at the ends of load steps in each run of a sweep."""
     table = results.table("sweep_details")
     if not len(table):
         return []

@@ -68,13 +68,7 @@ class Calibration:
         coordinates: Sequence[Coordinate],
         starts: Mapping[str, float] | None = None,
     ) -> None:
-        """Set up the search.
-
-        ``starts``: values to start from, by key, SI.
-
-        Raises:
-            InputError: There are not more rows than parameters.
-        """
+        """Begin at ``starts`` (by key, SI); InputError if rows are not more than parameters."""
         self.data, self.base, self.coordinates = data, base, tuple(coordinates)
         self._starts = dict(starts or {})
         self._slip_start: Floats | None = None
@@ -327,11 +321,7 @@ class Calibration:
         return (float(below[-1]) if below.size else None, float(above[0]) if above.size else None)
 
     def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
-        """Edges of intervals of ln V* in which the same rows lie below, at and above it.
-
-        Returns:
-            The edges, and the intervals without any row in the transition, by number.
-        """
+        """Edges of intervals of ln V* with the same rows beside; numbers of the empty ones."""
         width = self._map.transition_width
         both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
         ends = np.unique(np.round(both, 9))

@@ -186,11 +186,7 @@ def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str
 def _with_points(
     path: Path, columns: Collection[int], rows: list[tuple[int, list[str]]]
 ) -> list[tuple[int, list[str]]]:
-    """The rows with decimals behind points in the columns that are read.
-
-    Raises:
-        InputError: some stand behind points and some behind commas, which may part thousands.
-    """
+    """Rows with decimals behind points in columns that are read; InputError if both are there."""
     points = commas = 0
     for number, row in rows:
         cells = [row[place] for place in columns if place < len(row)]

@@ -119,10 +119,7 @@ def with_turns(strain: Floats) -> tuple[Floats, Bools, list[float]]:
 
 
 def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floats, Floats]:
-    """True stress, Pa, and equivalent plastic strain of a path of logarithmic strain, each (n,).
-
-    ``strain``: (n,); ``along``: its :func:`paths`.
-    """
+    """True stress, Pa, and plastic strain (n,) along log strains (n,) and their :func:`paths`."""
     stress, alphas = np.empty(len(strain)), np.empty(len(strain))
     rows = np.array(metal.kinematic, dtype=np.float64).reshape(-1, 2)
     c, b = rows[:, :1], rows[:, 1:]

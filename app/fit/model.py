@@ -329,11 +329,7 @@ class Coordinate(Searched):
 def coordinates(names: Sequence[str], data: TribometerData, base: Parameters) -> tuple[
     Coordinate, ...
 ]:  # fmt: skip
-    """The coordinates of the parameters to fit; alpha has one for each film in between.
-
-    Raises:
-        InputError: There is no film, or are too many, to fit alpha to.
-    """
+    """Coordinates of the parameters, alpha's one for each film; InputError if there is none."""
     found: list[Coordinate] = []
     for name in names:
         if name != "alpha":

@@ -254,11 +254,7 @@ def write_fit(
     claim: Claim, found: Mapping[str, Any], table: Mapping[str, Floats | None],
     name: str, written: str,
 ) -> None:  # fmt: skip
-    """Put numbers, a table and a section of a case file in the place of older results.
-
-    Args:
-        table: Columns (n,); what is not known, or is no number, stays empty.
-    """
+    """Put numbers, a table of columns (n,), and a section of a case in place of older results."""
     claim.clear()
     write_json(claim.directory / "fit.json", found)
     count = max(len(column) for column in table.values() if column is not None)

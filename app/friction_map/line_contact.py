@@ -117,11 +117,7 @@ class LineContact:
         return start
 
     def at(self, load: float, speed: float, oil: float, start: Point) -> Point:
-        """The steady state of a load (N/m), a speed (m/s) and an oil (m, θh that is brought).
-
-        Raises:
-            FilmError: there is no convergence from ``start``.
-        """
+        """Steady state of a load (N/m), speed (m/s) and oil (θh, m); FilmError if there is none."""
         area, count = self._cells().area, len(self.place)
         shape = self.place**2 / (2.0 * self.radius)
         gap, w, d = start.gap, start.unknown, start.approach

@@ -201,11 +201,7 @@ def _built_in(overrides: Sequence[str]) -> Contact:
 
 
 def validated_contact(data: dict[str, Any]) -> Contact:
-    """A `[[contact]]` table on its own.
-
-    Raises:
-        InputError: It is wrong; the message is the first problem.
-    """
+    """A `[[contact]]` table on its own; InputError is the first problem."""
     try:
         contact = Contact.model_validate(data)
     except ValidationError as error:

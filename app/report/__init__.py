@@ -76,13 +76,7 @@ class Picture:
 
 
 def pictures_of(directory: Path, subject: str) -> list[Picture]:
-    """All figures of a results directory, those that tell most first.
-
-    ``subject``: title of the run, for the alternative texts.
-
-    Raises:
-        InputError: one is no picture.
-    """
+    """All figures of a results directory, those that tell most first; InputError if one is none."""
     from PIL import Image
 
     found = (p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS)
@@ -256,10 +250,7 @@ class InputTable:
 
 
 def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
-    """The tables of a case, in the order of a case file.
-
-    ``given``: dotted keys of what the case file gave; None: not known, all count as given.
-    """
+    """A case's tables, in its order; ``given``: dotted keys of the file, None: all count so."""
     data = case.model_dump(mode="json", exclude_none=True, exclude={"title"})
     tables: dict[str, list[Input]] = {}
     for title, place, key, value, meaning in _entries(case, data):

@@ -463,10 +463,7 @@ def origin(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def notes_and_warnings(summary: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-    """What was noted before the first step, and what was warned of in the run.
-
-    Results of before there was a number of notes have warnings only.
-    """
+    """Notes before the first step, and warnings of the run; of old results all are warnings."""
     once = SaidOnce()
     lines, notes = (
         [once(line) for line in summary.get("warnings", [])],

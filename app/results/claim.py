@@ -129,10 +129,7 @@ class Claim:
     """
 
     def __init__(self, directory: Path, force: bool) -> None:
-        """Nothing is done yet.
-
-        ``force``: results that are there may be cleared.
-        """
+        """Nothing is done yet; ``force``: results that are there may be cleared."""
         self.directory, self._force = directory, force
         self._path = directory / LOCK
         self._descriptor: int | None = None
@@ -224,11 +221,7 @@ class Claim:
 
 
 def check_not_in_use(directory: Path, by_this: bool = False) -> None:
-    """See that no process is writing into a directory, but perhaps this one.
-
-    Raises:
-        InputError: one is.
-    """
+    """See that no process, but perhaps this one, is writing into a directory; else InputError."""
     owner = None if by_this else owner_of(directory)
     if owner is not None:
         raise InputError(in_use(directory, owner))

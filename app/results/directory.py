@@ -52,11 +52,7 @@ TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe", "k
 
 
 def keep_inputs_apart(directory: Path, sources: Iterable[Path]) -> None:
-    """Refuse a results directory that holds what results are made from: it would be cleared.
-
-    Raises:
-        InputError: it does.
-    """
+    """InputError if a results directory, which is cleared, holds what results are made from."""
     for path in sources:
         if directory.resolve() in path.resolve().parents:
             raise InputError(
@@ -219,11 +215,7 @@ def unwritable(directory: Path, error: OSError) -> OutputError:
 
 
 def open_own(path: Path, flags: int, mode: int = 0o666) -> int:
-    """Open a file of a results directory: no link to another file, nor a pipe.
-
-    Raises:
-        OSError: it cannot be opened, or is none.
-    """
+    """Open a file of a results directory; OSError if it is a link, a pipe, or cannot be opened."""
     safe = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(path, flags | safe, mode)
@@ -242,11 +234,7 @@ _LINK = "is a link or no file, and is not followed"
 
 
 def check_no_links(directory: Path) -> None:
-    """See that nothing that a run goes on with is a link, which others may have put there.
-
-    Raises:
-        InputError: something is.
-    """
+    """InputError if anything that a run goes on with is a link, which others may have put there."""
     for path in directory.rglob("*") if directory.is_dir() else ():
         top = path.relative_to(directory).parts[0]
         known = (*OWN, *BELOW, LOCK, "inputs")
@@ -287,11 +275,7 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def json_of(text: str) -> Any:
-    """What a text in JSON holds.
-
-    Raises:
-        ValueError: it is no JSON, or holds half of a pair of surrogates, which no file takes.
-    """
+    """What JSON holds; ValueError if it is none, or has half a pair of surrogates."""
     try:
         found = json.loads(text)
         json.dumps(found, ensure_ascii=False).encode()

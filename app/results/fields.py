@@ -74,10 +74,7 @@ class GatheredMesh:
     """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Gather cells and reference places; collective.
-
-        The space is that of the displacement, blocked Lagrange of degree 1 or 2.
-        """
+        """Gather a blocked Lagrange space of degree 1 or 2: cells, reference places; collective."""
         mesh = space.mesh
         self._comm: MPI.Comm = mesh.comm
         owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -101,11 +98,7 @@ class GatheredMesh:
         self.reference = self.nodal(places)
 
     def nodal(self, values: Floats) -> Floats:
-        """Values (n, k) at the nodes of those (m, k) at all of this rank's own; collective.
-
-        Returns:
-            On the first rank; on the others no row.
-        """
+        """Values (n, k) at all nodes, from (m, k) at own ones; on the first rank; collective."""
         return gathered(self._comm, values).take(self.node_order, axis=0)
 
     def cellwise(self, values: NDArray[Number]) -> NDArray[Number]:
@@ -129,11 +122,7 @@ def gathered(comm: MPI.Comm, values: NDArray[Number]) -> NDArray[Number]:
 
 
 def _numbered(rows: Longs) -> tuple[Longs, Longs]:
-    """Nodes numbered as the cells name them.
-
-    Returns:
-        (c, a) the same cells in new numbers, and (n,) the old number of each node.
-    """
+    """Cells (c, a) with nodes numbered as they come, and (n,) the old number of each."""
     old, first, at = np.unique(rows.reshape(-1), return_index=True, return_inverse=True)
     # Unique numbers come sorted; where each first stands says in which order cells name them.
     order = np.argsort(first)

@@ -85,11 +85,7 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
 
 
 def kept_inputs(case: Case) -> KeptInputs:
-    """What :func:`keep_inputs` makes of a case; nothing is copied.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """What :func:`keep_inputs` makes of a case, not copied; InputError if a file is unreadable."""
     names = copy_names(case)
     return KeptInputs(names, {name: sha256_of(source) for source, name in names.items()})
 

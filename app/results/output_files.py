@@ -47,10 +47,7 @@ class Series:
     def __init__(
         self, directory: Path, name: str, times: Mapping[int, float] | None = None
     ) -> None:
-        """Nothing is written yet; the index comes with the first of the files.
-
-        ``times``: s, by step, of the files that are kept of a run that goes on; others are removed.
-        """
+        """No index yet; files of ``times`` (s, by step) are kept of a run that goes on."""
         self._directory, self._name = directory, name
         self._place = Place(directory)
         self._lines: list[str] = []
@@ -127,10 +124,7 @@ class ToolSeries:
     def __init__(
         self, model: Model, directory: Path, times: Mapping[int, float] | None = None
     ) -> None:
-        """Make the outlines; collective.
-
-        The model must have tools. ``times``: s, by step, of the files that are there and kept.
-        """
+        """Make the outlines of tools, kept files by ``times`` (s, by step); collective."""
         self._problem = model.problem
         box = extent(model.named)
         self._outlines = [tool.surface.outline(box) for tool in model.problem.tools]
@@ -221,10 +215,7 @@ class OutputFiles:
         saving: Saving,
         times: Mapping[int, float] | None = None,
     ) -> None:
-        """Open the files; collective.
-
-        ``times``: s, by step, of what a run that goes on has written and keeps.
-        """
+        """Open the files, or go on with those of ``times`` (s, by step); collective."""
         problem = model.problem
         surfaces = [term.surface for term in problem.contacts]
         self._model, self._saving = model, saving
@@ -303,10 +294,7 @@ class FieldSeries:
             self._body = pack(body, lasting=True)
 
     def write(self, step: int, time: float, pressures: Sequence[Floats] = ()) -> None:
-        """Write the present state.
-
-        ``pressures``: Pa, (v,) at the vertices of each slave surface.
-        """
+        """Write the present state, with pressures (v,), Pa, at each slave's vertices."""
         # Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes.
         out = np.zeros((self._owned, self._dim + 1))
         out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]

@@ -185,10 +185,7 @@ class ContactProbes:
     """The table of the contact lines: nodal values, linear between the vertices."""
 
     def __init__(self, model: Model, probes: Sequence[tuple[str, str, int | None]]) -> None:
-        """Find the points on the surfaces; collective.
-
-        ``probes``: name, contact pair, and number of points or None for the vertices.
-        """
+        """Find the points of ``probes``: name, pair, number or None for vertices; collective."""
         self._model = model
         labels = [contact.label for contact in model.case.contact]
         self._asked = [(name, labels.index(pair), points) for name, pair, points in probes]

@@ -57,10 +57,7 @@ class ProbeRecorder(Observer):
     def __init__(
         self, model: Model, directory: Path, saving: Saving | None = None, after: int | None = None
     ) -> None:
-        """Make the tables that the case has probes for; collective.
-
-        ``after``: step that a run goes on after; rows of later ones are dropped.
-        """
+        """Make the tables; those of a run that goes on end ``after`` a step; collective."""
         self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
@@ -93,11 +90,7 @@ class ProbeRecorder(Observer):
             file.sync()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Append the rows of a step; collective.
-
-        Raises:
-            InputError: a table that the run goes on with has other columns; nothing was appended.
-        """
+        """Append a step's rows; collective; InputError if the table has other columns."""
         if not self._tables:
             return
         with self._problem.timer("output"):
@@ -212,10 +205,7 @@ class BodyProbes:
     """
 
     def __init__(self, model: Model, probes: Sequence[tuple[str, str]]) -> None:
-        """Tabulate the shape functions at the quadrature points.
-
-        ``probes``: names of the probes, each with its body's.
-        """
+        """Tabulate at the quadrature points; ``probes``: their names, each with its body's."""
         solids = {solid.name: solid for solid in model.problem.solids}
         self._model = model
         self._components = components(model.problem.dim)
@@ -295,12 +285,7 @@ class _Body:
         self._reference = float(model.problem.comm.allreduce(local, op=MPI.SUM))
 
     def values(self, tensor: Sequence[tuple[str, int, int]], energy: float) -> Floats:
-        """The columns of numbers, on all ranks; collective.
-
-        Args:
-            tensor: :func:`components`.
-            energy: this rank's strain energy of the body, J per unit thickness.
-        """
+        """The columns, on all ranks, of components and this rank's energy, J/m; collective."""
         comm, dim = self._problem.comm, self._problem.dim
         u = self._problem.u.x.array.reshape(-1, dim)[self._nodes]
         F = self._points.deformation(u)

@@ -100,10 +100,7 @@ class Recorder(Observer):
         self._files = OutputFiles(model, directory, self.saving, times)
 
     def mark(self, status: str, failure: str | None = None) -> None:
-        """Write a summary of what is known without the other ranks, on the first; not collective.
-
-        ``status``: running, interrupted or failed, and why it failed.
-        """
+        """Write a summary, status and why it failed, as far as the first rank knows it."""
         path = self.directory / "summary.json"
         # From the handler of a signal this may come while such a summary is being written.
         if self.first and not path.with_name(path.name + ".part").exists():
@@ -234,10 +231,7 @@ class Recorder(Observer):
             self._tables.sync()
 
     def rescue(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
-        """Write the history after an error of this rank alone; not collective.
-
-        ``status``: interrupted or failed, and why it failed.
-        """
+        """Write the history after an error of this rank alone, its status and why."""
         with self.saving:
             self._write_tables(simulation.state)
             if self.first:
@@ -380,11 +374,7 @@ def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
 
 
 def force_balance(simulation: Simulation) -> float | None:
-    """Largest resultant force on a body in equilibrium over the largest force; collective.
-
-    Returns:
-        None where nothing but round-off acts.
-    """
+    """Largest resultant on a body in equilibrium over the largest force; None: rounding only."""
     case, problem = simulation.model.case, simulation.model.problem
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left

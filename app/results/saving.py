@@ -18,14 +18,7 @@ Result = TypeVar("Result")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
-    """Do something on the first rank; collective.
-
-    Returns:
-        What it gives; None on the other ranks.
-
-    Raises:
-        InputError, OutputError: as of the action, on all ranks.
-    """
+    """What an action on the first rank gives, None on others; collective, as its errors are."""
     result, problem = None, None
     if comm.rank == 0:
         try:
@@ -85,11 +78,7 @@ class Saving:
         return next(problem for problem in comm.allgather(self.problem) if problem is not None)
 
     def raise_together(self, comm: MPI.Comm) -> None:
-        """Raise on all ranks what a rank could not write; collective.
-
-        Raises:
-            OutputError: there was an error.
-        """
+        """OutputError on all ranks for what one of them could not write; collective."""
         problem = self.problem_of_all(comm)
         if problem is not None:
             raise OutputError(problem)

@@ -97,10 +97,7 @@ def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes
 
 
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
-    """Check a case file and print what is found.
-
-    Returns the exit code.
-    """
+    """Check a case file and print what is found; the exit code."""
     if problems := check_case(case_file, overrides):
         return _refused(problems)
     from tribox.app.run.building import notes_on_sweep

@@ -69,11 +69,7 @@ def write_case_mesh(
 
 
 def marks_of(case: Case, named: NamedMesh) -> Marks:
-    """What a picture of a case shows beside its mesh: tools, pairs, and what is done to surfaces.
-
-    Raises:
-        InputError: A tool has no shape.
-    """
+    """What a mesh picture shows of a case: tools, pairs, deeds; InputError of a tool's shape."""
     words: dict[str, list[str]] = {}
     arrows: dict[str, list[Arrow]] = {}
     for name, table in (*((b.surface, b) for b in case.boundary), *case.tools.items()):

@@ -212,10 +212,7 @@ def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
 
 
 def tell_exit_code(code: int) -> bool:
-    """Tell the process that waits for these ranks what to end with.
-
-    Returns whether there is one; the ranks themselves are then to end with 0.
-    """
+    """Tell who waits for these ranks what to end with; whether there is one: then end with 0."""
     if EXIT_CODE not in os.environ:
         return False
     try:

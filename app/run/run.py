@@ -117,12 +117,7 @@ class Interruption(Observer):
         give_back({number: self._before.pop(number) for number in chosen})
 
     def look(self) -> None:
-        """Stop here if any rank has been asked to, or could not write; collective.
-
-        Raises:
-            OutputError: a rank could not write.
-            Interrupted: a rank has been asked to stop.
-        """
+        """Interrupted, or OutputError, if any rank is to stop or cannot write; collective."""
         self._saving.raise_together(self._comm)
         if self._comm.allreduce(self.asked, op=MPI.LOR):
             self.asked = True

@@ -91,12 +91,7 @@ class ContactWarnings(Remembers):
     _nearest: Kept[list[tuple[float, str]]]  # smallest gap, m, and when
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
-        """Make ready; collective.
-
-        Args:
-            resumed: what :meth:`snapshot` has seen, of a run that goes on; None: nothing has
-                pressed yet.
-        """
+        """Make ready, or go on from what :meth:`snapshot` has seen; collective."""
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
         self._sunk_in = [SunkVertices.of(term) for term in problem.contacts]

@@ -83,10 +83,7 @@ def _given(problem: Equilibrium) -> Ints:
 
 
 def gaps_and_pressures(term: ContactTerm, trial: ContactTrial) -> tuple[Floats, Floats]:
-    """Gaps, m, and pressures, Pa, of a pair's vertices (v,), or point by point (q,).
-
-    Pressures are per area of the slave, whatever part of it other masters have.
-    """
+    """Gaps, m, and pressures, Pa of all masters, of vertices (v,) or points (q,) of a pair."""
     normal, at = trial.normal_contact, trial.projection
     if not _by_vertices(term):
         return np.where(at.on_surface, trial.kinematics.gap, 0.0), trial.pressure.copy()

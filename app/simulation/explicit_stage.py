@@ -208,11 +208,7 @@ class ExplicitStage:
         }
 
     def advance(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row; collective.
-
-        Raises:
-            SolutionError: an element is turned inside out, or the energy runs away.
-        """
+        """Steps up to the next row, and it; SolutionError if cells or the energy turn over."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
@@ -454,11 +450,7 @@ class IntervalAverages:
     def close(
         self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
     ) -> tuple[list[ContactResultants], float, float, OutsideForces]:
-        """End the interval; collective.
-
-        Returns the contacts with mean forces and with what they dissipated; work and damping, J/m;
-        mean forces of the surroundings.
-        """
+        """End it; resultants with means, work and damping (J/m), outside forces; collective."""
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
         means = [

@@ -185,12 +185,7 @@ class MotionHistory:
         outside: OutsideForces,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Add the rows of a step; collective.
-
-        Args:
-            key: number of the step, time in s, name of the stage.
-            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-        """
+        """Add a step's rows: ``key`` of number, time, stage; u, m, and velocities, m/s, (n,)."""
         here = self._means.of(*motion)
         there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
@@ -201,11 +196,7 @@ class MotionHistory:
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
     def fastest(self, velocity: Floats) -> float:
-        """Speed of the fastest node of supports and platens, not of tools, m/s; collective.
-
-        Args:
-            velocity: (n,), m/s, of the owned unknowns.
-        """
+        """Speed, m/s, of the fastest node of supports and platens, from (n,), m/s; collective."""
         held = self._on_bodies
         squares = np.bincount(held // self._dim, velocity[held] ** 2, minlength=1)
         fastest = float(np.sqrt(squares.max()))

@@ -323,12 +323,7 @@ class ToolHistory:
         outside: OutsideForces,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Add the rows of a step; collective.
-
-        Args:
-            key: number of the step, time in s, name of the stage.
-            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-        """
+        """Add a step's rows: ``key`` of number, time, stage; u, m, and velocities, m/s, (n,)."""
         if not self._tools:
             return
         contacts, t = self._model.case.contact, self._model.thickness

@@ -39,11 +39,7 @@ SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have i
 
 
 class ImplicitStage:
-    """Runs the implicit load steps of a simulation.
-
-    Attributes:
-        state: what the run has come to; stepper: solves the steps.
-    """
+    """Runs the implicit load steps; ``state``: what the run has come to, ``stepper``: solves."""
 
     def __init__(self, state: RunState) -> None:
         """Make ready to start; collective; InputError if PETSc refuses an option of the case."""
@@ -240,12 +236,7 @@ class Simulation:
         return self.state.stepper
 
     def run(self, observer: Observer) -> None:
-        """Run all stages, from where the run stands.
-
-        Raises:
-            SolutionError: a step failed however short it was made; the state is the last
-                converged one.
-        """
+        """Run all stages on; SolutionError, at the last converged state, if a step failed."""
         state, at = self.state, self.state.position
         for load_step in self.model.case.load_steps[at.load_step :]:
             released = begin_stage(self.model, load_step.stage.name, state.stepper.x)
@@ -304,10 +295,7 @@ class Simulation:
         }
 
     def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen; collective.
-
-        The rows must have been put back.
-        """
+        """Go on from what :meth:`snapshot` has seen, after the rows; collective."""
         self.model.restore(kept["model"])
         if kept["solver"] == "implicit":
             assert self.implicit is not None

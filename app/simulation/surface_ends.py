@@ -44,12 +44,7 @@ ON_END = 1e-6  # of a facet, within which a place is at its end
 
 
 def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
-    """Where the master ends that some points are past, undeformed; collective.
-
-    Args:
-        at: the slave's points on the master.
-        off: (q,) those of this rank that are past an end.
-    """
+    """Where the master of points ``at`` ends that are past it (``off``, (q,)); collective."""
     places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
     master = surface.master
     extent = master.extent if isinstance(master, MasterFacets) else _extent(master.position)
@@ -533,10 +528,7 @@ class FoldedSides(Remembers):
 
 
 def _all_beside(model: Model) -> dict[int, _Beside]:
-    """By pair: the nodes of its slave's body; collective.
-
-    Not of fits that overlap.
-    """
+    """By pair, but for fits that overlap, the nodes of its slave's body; collective."""
     problem, contacts, found = model.problem, model.case.contact, dict[int, _Beside]()
     space, comm = problem.space, problem.comm
     outer, own, topology = OuterFacets(space).nodes, space.dofmap.index_map, space.mesh.topology

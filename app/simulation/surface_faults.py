@@ -93,10 +93,7 @@ def _is_on(surface: ContactSurface, place: Floats) -> bool:
 
 
 def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
-    """Largest angle, rad, at which facets of a faceted master meet where it is pressed; collective.
-
-    0 of a smooth master.
-    """
+    """Largest angle, rad, between pressed facets of a master, 0 of a smooth one; collective."""
     surface = term.surface
     target, master = surface.target, surface.master
     smooth = not isinstance(target, FacetSurface) or target.extraction is not None
@@ -323,11 +320,7 @@ def off_curve(place: Floats, values: Floats, reach: float) -> tuple[Floats, Bool
 
 
 def waves_text(index: int, share: float, spacing: float) -> str:
-    """The warning of pressures that are off a smooth curve over corners of the master.
-
-    Args:
-        spacing: m, of the corners.
-    """
+    """The warning of pressures off a smooth curve over corners ``spacing`` (m) apart."""
     return (
         f"contact.{index}: combed pressures: from vertex to vertex they are off a smooth curve by "
         f"{100.0 * share:.2g} % of their mean, over corners between the master's facets, "

@@ -97,13 +97,7 @@ class CompiledCells:
     """Owned cells of one body by the compiled loops."""
 
     def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
-        """Take the cells, and choose the loop of their forces and energy.
-
-        Args:
-            space: of the displacement.
-            solid: the body.
-            material: whose energy it has.
-        """
+        """Take a body's cells in ``space``, with a loop for a material's forces and energy."""
         self._space, self._solid, self._material = space, solid, material
         # Beside points that give the distortional stress themselves, K/2 (ln J)² is left.
         self._centres_alone = isinstance(solid, MemorySolid) and not solid.law.added
@@ -219,10 +213,7 @@ def _pieces(F: Floats) -> list[Floats]:
 
 
 def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
-    """The loops for this rank's cells of a body, even if there are none; None: there is no energy.
-
-    All ranks get them, or none does.
-    """
+    """The loops for a body's cells, on all ranks or none; None: there is no such energy."""
     material = solid.elastic
     if material is None:
         return None
@@ -238,10 +229,7 @@ def _edges(x: Floats) -> Floats:
 
 
 def coefficients(x: Floats) -> Floats:
-    """Coefficients (c, 7, i) of ξ, η, ξη, ζ, ξζ, ηζ, ξηζ in the positions (c, a, i) of the nodes.
-
-    The parent cell is [−1, 1]³.
-    """
+    """Coefficients (c, 7, i) of ξ, η, ξη, ζ, ξζ, ηζ, ξηζ in positions (c, a, i), on [−1, 1]³."""
     # N_a = ⅛ Π (1 ± ξ_i): a monomial, whose bits m are its directions, has the coefficient ⅛ times
     # the signs of the node, whose bits a are the sides it is on. Σ_a of each is 0, so that the
     # first node may be taken off before the products, which keeps the digits of bodies far from the

@@ -37,11 +37,7 @@ def section_of(dim: int, section: Section | None) -> Section:
 
 
 def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
-    """Extent across the plane that a point of the section stands for; 1 without axial symmetry.
-
-    Returns:
-        2πx, or 2π(x + u_x), m.
-    """
+    """2πx, or 2π(x + u_x), m, that a point of the section stands for; 1 without axial symmetry."""
     if section != "axisymmetric":
         return 1.0
     x = ufl.SpatialCoordinate(mesh)[0]

@@ -248,10 +248,7 @@ def reference_area(
 
 
 def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> Floats:
-    """Mean (i,) of the outward normal over a surface's facets; collective.
-
-    Its length is one where the surface is flat, and less where it is curved.
-    """
+    """Mean (i,) of outward normals over facets, of length one where they are flat; collective."""
     ds = surface_measure(mesh, facets)
     unit = _vector(mesh, mesh.geometry.dim)
     form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)

@@ -298,11 +298,7 @@ class MemorySolid(Solid):
 
 
 def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:
-    """Shares (k, q) of a cell's quadrature points in the values at places of it.
-
-    Args:
-        xi: (k, α) reference coordinates.
-    """
+    """Shares (k, q) of a cell's quadrature points in values at ξ (k, α)."""
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
     centre = points.mean(axis=0)
 

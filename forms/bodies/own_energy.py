@@ -35,11 +35,7 @@ class InvariantEnergy:
     """
 
     def __init__(self, material: OwnEnergy, parts: slice, space: bool) -> None:
-        """Differentiate the sum of some ``parts`` of the energy.
-
-        Args:
-            space: 9 components of F instead of the plane's 5.
-        """
+        """Differentiate the sum of some ``parts``; ``space``: by 9 components of F, else by 5."""
         self._space = space
         self._constants, self._variables = free_variables(3)
         k = Kinematics(*self._variables)
@@ -63,11 +59,7 @@ class InvariantEnergy:
         return [expand_derivatives(e) for e in pairs]
 
     def __call__(self, F: Floats, tangent: bool = False) -> tuple[Floats, Floats, Floats | None]:
-        """Energy (n,), J/m³, P (n, p) and, if asked for, A (n, p, p), Pa; NaN where J ≤ 0.
-
-        Raises:
-            NotImplementedError: the energy has a function whose values are not known.
-        """
+        """Energy (n,), J/m³, P, A (n, p, p), Pa; NaN where J ≤ 0; or NotImplementedError."""
         with np.errstate(all="ignore"):
             return self._derivatives(F, tangent)
 

@@ -269,11 +269,7 @@ class PointCells:
         return F
 
     def dilatation(self, u: Floats) -> tuple[Floats, Floats]:
-        """The logarithm ln J (c,) at the centres of cells in space, and its slopes (c, a·i), 1/m.
-
-        Args:
-            u: (n,), m.
-        """
+        """ln J (c,) at centres of cells in space, and its slopes (c, a·i), 1/m, at u (n,), m."""
         cells, F = self.cells, self.deformation(u).reshape(-1, 3, 3)
         table = cells.table.transpose(0, 2, 1).reshape(-1, cells.table.shape[1])[: cells.count]
         # The gradients of the nodes' functions, carried over to the present place.

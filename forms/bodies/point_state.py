@@ -256,10 +256,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class PointHistory:
-    """What a body must be given to be again as it was after its last committed step.
-
-    It has to be evaluated and committed again, at the displacements of that time.
-    """
+    """All that a body is restored from: what was committed last, to be evaluated once more."""
 
     origin: Origin | None  # of the last committed step; None: there was none
     dissipated: Floats  # (2,), J, of this rank in all steps, and the numerical part of it
@@ -342,11 +339,7 @@ class PointState:
         return Origin(self.committed, dt)
 
     def commit(self, u: Floats) -> Evaluation | None:
-        """Start from the trial's values, at ``u`` (n,), m, from now on.
-
-        Returns:
-            What was committed; None where nothing was tried since the last time.
-        """
+        """Start from the trial's values, at ``u`` (n,), m, and give them; None without any."""
         done = self.trial
         if done is None:
             return None

@@ -56,11 +56,7 @@ def constants_of(material: Material) -> Floats:
 
 
 def energy_kernel(section: str, material: Material, part: int) -> Kernel:
-    """What gives stress, moduli and energy of a part of the material's energy at points.
-
-    Args:
-        section: ``strain``, ``ring`` or ``space``.
-    """
+    """Gives stress, moduli and energy of a part of an energy, in "strain", "ring" or "space"."""
     constants = constants_of(material)
     law = _Law(NUMBERS[type(material)], part, constants.ctypes.data)
     law.constants = constants
@@ -77,11 +73,7 @@ def has_volume(material: Material) -> bool:
 
 
 def energy_at_points(material: Material, part: int, space: bool) -> AtPoints:
-    """A part of a material's strain energy, with its derivatives by F; NaN where J ≤ 0.
-
-    Args:
-        space: 9 components of F instead of the plane's 5.
-    """
+    """A part of an energy with its derivatives by F (9 in space, else 5); NaN where J ≤ 0."""
     elastic: Material = getattr(material, "elastic", material)
     if type(elastic) not in NUMBERS:
         return InvariantEnergy(cast(OwnEnergy, elastic), _PARTS[part], space)

@@ -286,11 +286,7 @@ class CarriedPressure:
         self._energy = energy_at_points(material, VOLUME, space=True)
 
     def carry(self, before: Floats) -> None:
-        """Find the pressures at the present displacement.
-
-        Args:
-            before: (n,), m, u₀ at this rank's unknowns, ghosts included.
-        """
+        """Find the pressures now; ``before``: u₀ (n,), m, ghosts included."""
         F, start = self._gradients(self._u.x.array), self._gradients(before)
         with np.errstate(all="ignore"):
             J, J0 = np.linalg.det(F), np.linalg.det(start)

@@ -139,11 +139,7 @@ class ViscousPoints(MaterialPoints):
         return ViscousPoints(self.branches, self.space, held=True)
 
     def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel:
-        """See :meth:`MaterialPoints.kernel`; there is no volumetric part.
-
-        Raises:
-            ValueError: dt ≤ 0.
-        """
+        """See :meth:`MaterialPoints.kernel`; no volumetric part; ValueError if dt ≤ 0."""
         if not dt > 0.0:
             raise ValueError(f"dt is {dt}: branches need dt > 0")
         # t of the backward Euler step and 1 − t: 1 and 0 of an endless step, 0 and 1 of held

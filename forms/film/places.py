@@ -129,12 +129,7 @@ class FilmPart:
         return out
 
     def of(self, cells: FilmCells, beyond: Floats = _NONE) -> FilmCells:
-        """The cells of these places, of those of all; nothing flows out of them.
-
-        Args:
-            cells: of all places.
-            beyond: (x,), m, from the last vertices to the edges.
-        """
+        """The cells of some places, of all, without outflow; ``beyond`` (x,), m, to the edges."""
         length, width = cells.length[self.faces], cells.width[self.faces]
         area: Floats = np.concatenate([cells.area[self.here], np.zeros(len(beyond))])
         if len(beyond):  # where width goes on growing as in the last cell
@@ -229,13 +224,7 @@ class FilmPart:
         return scipy.sparse.csr_matrix(given, shared.shape)
 
     def pulls(self, film: Floats, pressure: Floats, length: Floats) -> Floats:
-        """Mean of h̄ ∂p/∂s (f',), Pa, of the facets inside, which are ``length`` (f',) m long.
-
-        Args:
-            film: h̄ (e,), m, of the faces.
-            pressure: (m,), Pa.
-            length: see above.
-        """
+        """Mean of h̄ ∂p/∂s (f',), Pa, of h̄ (e,), m, p (m,), Pa, facets of length (f',), m."""
         a, b = self.ends.T
         steps = film * (pressure[b] - pressure[a])
         return np.bincount(self.feels, steps, len(length)) / length

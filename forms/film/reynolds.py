@@ -233,11 +233,7 @@ class ReynoldsFilm:
     smoothing: float = SMOOTHING  # ε
 
     def solve(self, step: FilmStep, start: Floats) -> FilmSolution:
-        """The film at the end of a step, from ``start`` (n,), a guess of w.
-
-        Raises:
-            FilmError: Newton's method does not converge.
-        """
+        """The film at a step's end from ``start`` (n,), a guess of w; FilmError without one."""
         try:
             return self._solve(step, start)
         except FilmError:

@@ -37,14 +37,7 @@ class FilmThickness(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ConstantFilm(FilmThickness):
-    """The same thickness everywhere.
-
-    Attributes:
-        thickness: m, D >= 0.
-
-    Raises:
-        ValueError: The thickness is negative or not finite.
-    """
+    """The same thickness D ≥ 0, m, everywhere; ValueError if it is negative or not finite."""
 
     thickness: float
 
@@ -98,11 +91,7 @@ class FilmField:
         require_thickness(self.thickness)
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """See ``FilmThickness.at``.
-
-        Raises:
-            ValueError: There are not as many thicknesses as pressures.
-        """
+        """See ``FilmThickness.at``; ValueError if there are not as many as pressures."""
         if self.thickness.shape != pressure.shape:
             raise ValueError(
                 f"film: {self.thickness.size} thicknesses for {pressure.size} contact points"
@@ -212,12 +201,7 @@ def _of_one_film(parameters: FrictionMapParameters, film: float) -> tuple[AtRest
 
 
 def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -> FilmPoint:
-    """Film fraction and its derivatives.
-
-    Args:
-        film: (q,) or (1,), m, film thickness D; one entry stands for all points.
-        speed: (q,), m/s, slip speed V >= 0.
-    """
+    """Film fraction and derivatives, of films (q,) or (1,), m, and slip speeds (q,), m/s."""
     if film.size == 1:
         rest, v_star = _of_one_film(parameters, float(film[0]))
     else:

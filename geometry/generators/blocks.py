@@ -311,10 +311,7 @@ class _Drawn:
 
 
 def _draw(block: PlacedBlock, cell: str) -> _Drawn:
-    """Draw a block.
-
-    Corners are numbered by x + 2 y + 4 z, each 0 or 1.
-    """
+    """Draw a block; corners are numbered by x + 2 y + 4 z, each 0 or 1."""
     import gmsh
 
     geo, dim = gmsh.model.geo, len(block.low)

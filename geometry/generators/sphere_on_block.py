@@ -241,10 +241,7 @@ def round_section(radius: float, width: float, size: float, growth: float) -> Bo
 
 
 def boxed_section(rings: dict[str, Ring], deep: int, out: int, size: float, growth: float) -> Body:
-    """A section with a box under the contact, and two parts round it.
-
-    ``deep``, ``out``: cells along the sides of the box, and from them to the far side.
-    """
+    """A section with a box under the contact, ``deep`` cells, and two parts round it, ``out``."""
     return Body(
         rings,
         parts=(

@@ -81,11 +81,7 @@ def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str
 
 
 def write_mesh_of(drawing: Path, task: str) -> dict[str, int]:
-    """What `mesh_drawing` does, in this process, told in JSON.
-
-    Raises:
-        MeshError: As there, or the file cannot be written.
-    """
+    """What `mesh_drawing` does, here, told in JSON; MeshError as there, or if it cannot write."""
     told: dict[str, Any] = json.loads(task)
     how, path = Meshing(**told["how"]), str(told["path"])
     try:
@@ -282,11 +278,7 @@ FILLED = 0.1  # share of its bounding box that a body is taken to fill at least
 
 
 def _set_sizes(gmsh: ModuleType, dim: int, how: Meshing) -> None:
-    """Set the largest size, and those on surfaces and in bodies of dimension ``dim``.
-
-    Raises:
-        MeshError: There is no part of a name.
-    """
+    """Set the largest size, and sizes on surfaces and in bodies; MeshError of unknown names."""
     size, sizes = how.size, how.sizes
     if size is None:
         return

@@ -69,27 +69,15 @@ class NamedMesh:
     notes: tuple[str, ...] = ()
 
     def body_tag(self, name: str) -> int:
-        """The tag of a body in ``cell_tags``.
-
-        Raises:
-            MeshError: If there is no such body; the nearest name is offered.
-        """
+        """The tag of a body in ``cell_tags``; MeshError offers the nearest name."""
         return _look_up("body", name, self.bodies)
 
     def surface_tag(self, name: str) -> int:
-        """The tag of a surface in ``facet_tags``.
-
-        Raises:
-            MeshError: If there is no such surface; the nearest name is offered.
-        """
+        """The tag of a surface in ``facet_tags``; MeshError offers the nearest name."""
         return _look_up("surface", name, self.surfaces)
 
     def cells(self, name: str) -> npt.NDArray[np.int32]:
-        """Local indices (c,) of a body's cells on this process, ghosts included.
-
-        Raises:
-            MeshError: If there is no such body.
-        """
+        """Local indices (c,) of a body's cells here, with ghosts; MeshError if there is none."""
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
 
     @property
@@ -98,29 +86,17 @@ class NamedMesh:
         return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global)
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
-        """Local indices (f,) of a surface's facets on this process, ghosts included.
-
-        Raises:
-            MeshError: If there is no such surface.
-        """
+        """Local indices (f,) of a surface's facets here, with ghosts; MeshError if it is none."""
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
     def nodes(self, name: str) -> npt.NDArray[np.int32]:
-        """Local points (n,) of the topology of a group of points or edges, ghosts included.
-
-        Raises:
-            MeshError: If there is no such group.
-        """
+        """Local points (n,) of a group's topology here, with ghosts; MeshError if there is none."""
         if name not in self.groups:
             _look_up("group", name, dict.fromkeys(self.groups, 0))
         return self.groups[name].vertices
 
     def heed_place(self, name: str) -> None:
-        """See that there is a surface, or a group of points or edges, of this name.
-
-        Raises:
-            MeshError: If there is none; the nearest name is offered.
-        """
+        """See that there is such a surface or group; MeshError offers the nearest name."""
         _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
 
     def bodies_of(self, surface: str) -> list[str]:
@@ -155,11 +131,7 @@ class NamedMesh:
         return [name for name, tag in self.bodies.items() if tag in found]
 
     def body_of(self, surface: str) -> str:
-        """The one body that a surface, or group of points or edges, lies on; collective.
-
-        Raises:
-            MeshError: On all processes, if there is no such surface, or it is not on one body.
-        """
+        """The one body that a surface or group lies on; MeshError if it is not one; collective."""
         names = self.bodies_of(surface)
         if len(names) != 1:
             raise MeshError(
@@ -382,10 +354,7 @@ class Group:
     vertices: Ints  # (n,) local points of the group, ghosts included
 
     def shares(self, space: dolfinx.fem.FunctionSpace) -> Floats:
-        """Shares (n,) of the owned nodes in a load spread evenly over the group; collective.
-
-        Over edges it is spread by their length, over points equally.
-        """
+        """Shares (n,) of owned nodes in a load spread by length, or over points; collective."""
         index = space.dofmap.index_map
         vector = dolfinx.la.vector(index, 1)
         if self.dim == 0:

@@ -81,10 +81,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
 
 
 def _cells_of_bodies(graph: scipy.sparse.csr_matrix) -> list[Ints]:
-    """Ones for the cells of each large body, and for those of all others together.
-
-    Bodies are what neighbours (c, c) connect.
-    """
+    """Ones for the cells of each large body, joined by (c, c), and of all others together."""
     _, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
     large = np.bincount(body) >= LARGE * len(body)
     number = np.where(large, np.cumsum(large), 0)[body]

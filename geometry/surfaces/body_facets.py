@@ -18,11 +18,7 @@ SMOOTH = np.radians(30.0)  # angle between facets up to which a body's surface g
 
 
 def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:
-    """Shape of the facets of a displacement space.
-
-    Raises:
-        ValueError: neither the first nor the second degree, or a cell without such facets.
-    """
+    """Shape of the facets of a displacement; ValueError if there are none of its degree or cell."""
     degree = space.element.basix_element.degree
     if degree > 2:
         raise ValueError(f"contact takes displacements of degree 1 or 2, not {degree}")
@@ -68,11 +64,7 @@ def owned_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[
 
 
 def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:
-    """Refuse a surface without facets; collective.
-
-    Raises:
-        ValueError: on every rank, naming the ``side``.
-    """
+    """ValueError, on every rank, if the ``side`` of a pair has no facets; collective."""
     if mesh.comm.allreduce(len(owned_facets(mesh, facets)), op=MPI.SUM) == 0:
         raise ValueError(f"the {side} surface has no facet")
 

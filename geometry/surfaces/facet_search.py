@@ -239,12 +239,7 @@ class RaySearch:
     """
 
     def __init__(self, shape: FacetShape, facets: Ints, controls: Floats) -> None:
-        """Find the neighbours and the kinks.
-
-        Args:
-            facets: (f, a) their nodes; the first two are their ends.
-            controls: (f, m, i), m, undeformed.
-        """
+        """Find neighbours and kinks of facets (f, a), ends first, with controls (f, m, i), m."""
         self.shape = shape
         # Facet (f, e) beyond each end of each segment (f, e), −1 at the ends of the surface.
         ends = facets[:, :2]

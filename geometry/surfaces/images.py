@@ -131,11 +131,7 @@ def images_beyond(
 
 
 def _reflected(facets: Ints, on: Bools) -> tuple[Longs, Longs, Ints]:
-    """Nodes (s,) of facets that touch a plane, nodes in it beside each, and the facets' images.
-
-    Args:
-        facets: (f, a); on: (n,) whether a node is in the plane.
-    """
+    """Nodes (s,) on a plane (``on``, (n,)), those next to it, and images of its facets (f, a)."""
     touching = facets[on[facets].any(axis=1)]
     sources = np.unique(touching[~on[touching]]).astype(np.int64)
     twin = np.arange(len(on), dtype=np.int32)

@@ -155,10 +155,7 @@ class RigidSurface(ABC):
         return np.full(len(xi), -np.inf)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
-        """Whether places (q,) lie at an open end of a round part, where contact would go on.
-
-        Where a straight or flat part ends there is an edge.
-        """
+        """Whether places (q,) are at an open round end, where contact would go on; not an edge."""
         return np.zeros(len(xi), dtype=bool)
 
     # -- carried along --------------------------------------------------------------------------
@@ -302,11 +299,7 @@ def normals(tangents: Floats) -> Floats:
 
 
 def unit(vector: Floats, what: str) -> Floats:
-    """A direction (i,) from a vector of any length.
-
-    Raises:
-        ValueError: it is zero or not finite; ``what`` names it.
-    """
+    """A direction (i,) from a vector; ValueError, naming ``what``, if it is zero or not finite."""
     given = np.array(vector, dtype=np.float64)
     size = np.linalg.norm(given)
     if not (np.isfinite(size) and size > 0.0):
@@ -345,11 +338,7 @@ class RigidMotion:
     _spin: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Find W.
-
-        Raises:
-            ValueError: no length, or an axis that is missing in space or given in the plane.
-        """
+        """Find W; ValueError for no length, or an axis missing in space or given in the plane."""
         if not (np.isfinite(self.length) and self.length > 0.0):
             raise ValueError(f"the length of a rotation must be positive, not {self.length:g}")
         if (self.axis is None) != (self.dim == 2):
@@ -381,12 +370,7 @@ class RigidMotion:
         return np.eye(self.dim) + np.sin(theta) * w + (1.0 - np.cos(theta)) * (w @ w)
 
     def control_points(self, displacement: Floats, theta: float) -> Floats:
-        """y_a (a, i), m, current.
-
-        Args:
-            displacement: (i,), m: c.
-            theta: rad, counter-clockwise, or right-handed about the axis.
-        """
+        """y_a (a, i), m, current, for c (i,), m, and θ, rad, about the axis or anticlockwise."""
         return self.centre + displacement + self._arms() @ self.rotation(theta).T
 
     def tangent(self, theta: float) -> Floats:

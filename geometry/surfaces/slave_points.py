@@ -53,11 +53,7 @@ class SlavePoints:
 def slave_points(
     space: dolfinx.fem.FunctionSpace, form: FacetShape, facets: NDArray[np.int32], degree: int
 ) -> SlavePoints:
-    """Collect the points of this rank; collective.
-
-    Raises:
-        ValueError: on every rank, if there is no facet.
-    """
+    """The points of this rank; collective; ValueError, on every rank, if there is no facet."""
     mesh = space.mesh
     require_facets(mesh, facets, "slave")
     own = np.sort(owned_facets(mesh, facets))

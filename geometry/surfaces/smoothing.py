@@ -224,12 +224,7 @@ class SharedSides:
 
 
 def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
-    """The sides that two facets of a surface share.
-
-    Args:
-        facets: (f, a) their nodes.
-        nodes: (n, i), m.
-    """
+    """The sides that two facets (f, a), between nodes (n, i), m, share."""
     sides = [side.nodes for side in shape.sides]
     normal = _side_normals(shape, nodes[facets])
     ends: Ints = np.concatenate([facets[:, list(side)] for side in sides])

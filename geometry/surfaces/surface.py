@@ -298,11 +298,7 @@ class ContactSurface:
         return SlaveNormals(self.vertices, first != self.slave.nodes[:, 0])
 
     def gather(self, x: PETSc.Vec) -> Floats:
-        """Displacements (m, i), m, of the pair's ``nodes``; collective.
-
-        Args:
-            x: global vector of the displacement space, m.
-        """
+        """Displacements (m, i), m, of the pair's ``nodes``, from a global vector; collective."""
         values = self._scattered(x)
         return self._scattered(x) if self.follow(x, values) else values
 
@@ -315,11 +311,7 @@ class ContactSurface:
         return values if signs is None else signs * values
 
     def master_positions(self, values: Floats) -> Floats:
-        """Current positions (n, i), m, of the points that move the master, without images.
-
-        Args:
-            values: (m, i), m, displacements of the pair's ``nodes``.
-        """
+        """Positions (n, i), m, of what moves the master, no images, from displacements (m, i)."""
         master, moved = self.master, values[self.first_master :]
         if isinstance(master, RigidMaster):
             return master.motion.control_points(*master.motion.read(moved))
