@@ -33,12 +33,7 @@ GROUPS = (
 
 
 def compile_forms(first: int = 0, every: int = 1) -> Iterator[str]:
-    """Compile the C sources and the forms of `GROUPS`; yields a line on each.
-
-    Args:
-        first: Number of the first source or group.
-        every: Every so many are compiled, the others left to other processes.
-    """
+    """Compile C sources and `GROUPS` of forms, from ``first`` ``every`` so many; a line on each."""
     import tribox.forms.native
     import tribox.geometry.native.compiler
 

@@ -119,11 +119,7 @@ def parameter(
 class Refused(ValueError):
     """A value that is not allowed; the message names it and says what is.
 
-    Attributes:
-        key: of the parameter, with row and column of a table as in "points.0.1"; "" if it is about
-            several.
-        reason: what is allowed.
-        value: that was found.
+    ``key``: with row and column as in "points.0.1", "" if of several; ``reason``: what is allowed.
     """
 
     def __init__(self, key: str, reason: str, value: object = MISSING) -> None:

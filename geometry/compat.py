@@ -55,9 +55,7 @@ def cell_partitioner(
 ) -> CellPartitioner:
     """A partitioner for a mesh of one kind of cells that one process holds.
 
-    Args:
-        share_out: gives the part (c,) of each cell, from the cells' vertices in one row and the
-            number of parts; called on the process that has cells.
+    ``share_out`` gives it parts (c,) from the cells' vertices in a row and the number of parts.
     """
 
     def partition(comm: Any, parts: int, kinds: Any, cells: Any) -> Any:

@@ -133,14 +133,9 @@ class Loads:
             one.begin(change)
 
     def finish(self, pairs: Mapping[str, Sequence[tuple[int, str]]] | None = None) -> None:
-        """Add what the stages release, and see that corners agree; collective.
+        """Add what the stages release, and see that corners agree (InputError); collective.
 
-        Args:
-            pairs: contacts by the names that release them: number, and each surface of a body;
-                None: there are none.
-
-        Raises:
-            InputError: two boundaries disagree at a shared node.
+        ``pairs``: contacts by the names that release them: number, and each surface of a body.
         """
         pairs = pairs or {}
         for stage in self._stages.values():

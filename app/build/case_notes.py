@@ -246,10 +246,7 @@ def _note(stage: Stage, most: float, short: list[tuple[float, float]], of: int) 
 def weakening_slip(law: FrictionMapParameters, speed: float, film: float, pressure: float) -> float:
     """Slip after which the weakening has come to within ``SETTLED`` of the traction, m.
 
-    Args:
-        speed: m/s; 0 where rates do not count.
-        film: m, its thickness.
-        pressure: Pa; 0 if unknown: then the film is taken to carry nothing beside the asperities.
+    ``speed``: m/s, 0 where rates do not count; ``film``: m; ``pressure``: Pa, 0 (unknown): dry.
     """
     p = pressure if pressure > 0.0 else 1.0
     # The traction is linear in mu: its slope, and the film's drag beside it.
@@ -404,12 +401,9 @@ def notes_on_tabulation(parameters: FrictionMapParameters, film: Floats) -> Iter
 
 
 def notes_on_fixed_threshold(parameters: FrictionMapParameters, usual: float) -> Iterator[str]:
-    r"""A line on a threshold speed that stays where the viscosity is not the usual one.
+    r"""A line on a threshold speed that stays where the viscosity is not the ``usual`` one, Pa s.
 
     With the gamma that lets it move, :math:`\gamma = {V^*}^2 D \eta_b/D_{max}`.
-
-    Args:
-        usual: Pa s, viscosity that V_star is taken to belong to, such as that of a preset.
     """
     if parameters.V_star is None or np.isclose(parameters.eta_b, usual, rtol=SAME, atol=0.0):
         return

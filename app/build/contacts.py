@@ -291,10 +291,7 @@ class ContactBuilder:
 def resolved_contact(contact: Contact, softer: Material, length: float, pressure: float) -> Contact:
     """A `[[contact]]` table with every default filled in.
 
-    Args:
-        softer: the softer body's material.
-        length: m, of a slave facet.
-        pressure: Pa, the highest that a boundary prescribes; 0 without one.
+    By the ``softer`` material, a slave facet's ``length``, m, and the highest ``pressure``, Pa.
     """
     friction, film = contact.friction, contact.film
     if film is not None and film.is_unknown:
@@ -452,9 +449,7 @@ def notes_on_penalty(
 ) -> Iterator[str]:
     """Lines on a penalty that is far from what works, or that shortens explicit steps.
 
-    Args:
-        pressure: "averaged" or "pointwise", which compare with other moduli.
-        ratio: of that modulus to the oedometric one, where the run is explicit.
+    ``ratio``: of the modulus of that ``pressure`` to the oedometric one, of explicit runs.
     """
     # Rounding may lift a penalty of just this size above it.
     if ratio is not None and factor * ratio > (1.0 + 1e-9) * CHATTER:
@@ -480,11 +475,7 @@ def notes_on_penalty(
 def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[str]:
     """A line on dry friction that sticks far more softly, or stiffly, than the bodies shear.
 
-    The default is found from the mesh and the bodies; a resolved case that is run with a finer mesh
-    or a stiffer body keeps the value it had.
-
-    Args:
-        stiffness: Pa/m, G/h of the softer body beside the contact.
+    ``stiffness``: Pa/m, G/h of the softer body; a resolved case keeps the K_T of its old mesh.
     """
     # The friction map's K_T is that of its asperities, not a penalty.
     if friction.law != MAP and (K_T := getattr(friction, "K_T", None)) is not None:

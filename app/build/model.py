@@ -183,12 +183,7 @@ def failures_as(kind: type[TriboxError], where: str) -> Iterator[None]:
 
 
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
-    """Mesh, forms and loads of a case; collective.
-
-    Raises:
-        InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
-            message names the case file.
-    """
+    """Mesh, forms and loads of a case; InputError, naming its file, if it is wrong; collective."""
     try:
         return _built(case, comm, runs_code)
     except InputError as error:

@@ -336,11 +336,9 @@ def _stays(case: Case, name: str, how: _Slot) -> Acts:
 
 
 def _motion(table: Tool, points: Floats, box: Floats) -> RigidMotion:
-    """How the control points (a, i), m, follow the tool.
+    """How the control points (a, i), m, follow the tool; its centre is by default their middle.
 
-    A tool that does not turn takes the middle of its control points for its centre. The angle is
-    multiplied by the size of the mesh's ``box`` (2, i), m, or the longest arm from there: moments
-    over it are of the size of forces.
+    The angle is multiplied by the size of ``box`` (2, i), m, or the longest arm, as a moment.
     """
     dim, rotation = points.shape[1], table.rotation
     centre: Floats = np.asarray(getattr(table, "centre", points.mean(axis=0)), dtype=np.float64)

@@ -88,14 +88,7 @@ class OwnCodeError(ValueError):
 
 
 def split_reference(reference: str) -> tuple[Path, str]:
-    """File and class of a reference; the file is there, and is not looked into.
-
-    Args:
-        reference: "file.py:Class".
-
-    Raises:
-        OwnCodeError: it is no such reference, or there is no such file.
-    """
+    """File and class of "file.py:Class", which is not looked into; OwnCodeError if none there."""
     file, colon, name = reference.rpartition(":")
     if not (colon and file.endswith(".py") and name.isidentifier()):
         raise OwnCodeError('must be "file.py:Class"')
@@ -261,16 +254,9 @@ class OwnMaterial:
 def load_own_material(
     reference: str, parameters: Mapping[str, Any], shear_modulus: float, bulk_modulus: float
 ) -> OwnMaterial:
-    """A strain energy in Python; this runs the user's code.
+    """A strain energy in Python; this runs the user's code "file.py:Class".
 
-    Args:
-        reference: "file.py:Class".
-        shear_modulus: Pa, and
-        bulk_modulus: Pa, what the case says of the undeformed material.
-
-    Raises:
-        OwnCodeError: there is no such file or class, it is no strain energy of J, I1 and I2, the
-            undeformed body is under stress, or has other moduli.
+    OwnCodeError if there is none of J, I1 and I2, stressless at rest and of these moduli, Pa.
     """
     from tribox.forms.bodies.own_energy import at_rest
 

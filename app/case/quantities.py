@@ -124,16 +124,9 @@ def _expected(unit: str) -> str:
 
 
 def parse_quantity(value: object, unit: str) -> float:
-    """Value of a quantity in SI.
+    """Value of a quantity, a number or text "number unit", in SI; finite.
 
-    Returns a finite float in `unit`.
-
-    Args:
-        value: number (taken as SI) or text "number unit".
-        unit: SI unit of the result, such as "m", "Pa*s", or "" for a plain number.
-
-    Raises:
-        QuantityError: not a number, unknown unit, wrong dimension, or not finite.
+    QuantityError if it is none, or not of the dimension of ``unit``, "" for a plain number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise QuantityError(_expected(unit))

@@ -158,9 +158,7 @@ def release_problems(
 ) -> Iterator[Problem]:
     """Releases of what holds or presses nothing, and where there are no forces.
 
-    Args:
-        holding: what may be released, by name: "surface", "tool" or "contact pair", or two of
-            them.
+    ``holding``: what may be released, by name: "surface", "tool", "contact pair", or two of them.
     """
     released: dict[str, str] = {}
     for index, stage in enumerate(stages):
@@ -284,9 +282,7 @@ def load_steps_of(
 ) -> Iterator[LoadStep]:
     """The load steps of a stage: one for each velocity, or one for its duration.
 
-    Args:
-        film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
-        before: m/s, velocity of driven boundaries at the end of the stage before.
+    ``film_conductance``: largest eta_b/D, Pa s/m; ``before``: m/s, of the stage before.
     """
     for velocity in stage.velocities_within(film_conductance):
         assert stage.slip_step is not None

@@ -178,13 +178,9 @@ class KeyPathError(ValueError):
 
 
 def set_value(data: dict[str, Any], key: str, value: object) -> None:
-    """Set the value at a dotted key in plain data; missing tables are made, list entries not.
+    """Set the value at a dotted key, quoted as in TOML, in plain data; tables are made, lists not.
 
-    Args:
-        key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
-
-    Raises:
-        KeyPathError: the key is malformed, or leads through something that is no table or array.
+    KeyPathError if it leads through what is no table or array.
     """
     names = _split(key)
     here: Any = data
@@ -281,13 +277,9 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_text(data: Mapping[str, Any], given: Mapping[str, Any] | None = None) -> str:
-    """TOML of nested mappings, lists, text, numbers and truth values.
+    """TOML of nested mappings, lists, text, numbers and truth values, without the None keys.
 
-    Returns text that `tomllib.loads` reads back to `data` (or `given`) without the None keys.
-
-    Args:
-        data: what to write; keys that are None are left out, as TOML has no such value.
-        given: where not None, keys of `data` that are not in `given` are written as comments.
+    Keys of ``data`` that are not in ``given``, where it is not None, are written as comments.
     """
     return "\n".join(_table((), data, data if given is None else given)).strip("\n") + "\n"
 
@@ -392,13 +384,9 @@ def _too_large(path: Path, largest: int) -> InputError:
 
 
 def found_file(value: object, context: Mapping[str, Any], what: str) -> Path:
-    """An absolute path, seen from the case file, of a file that is there.
+    """An absolute path, seen from the case file, of a file that is there, ``what`` it may be.
 
-    Args:
-        what: the file is, such as "a mesh file".
-
-    Raises:
-        PydanticCustomError: it is no name, or there is no such file.
+    PydanticCustomError if there is no such file.
     """
     if not isinstance(value, str | Path) or not str(value):
         raise PydanticCustomError("path", "must be the name of {what}, in quotes", {"what": what})

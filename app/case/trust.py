@@ -42,10 +42,7 @@ def trusted_directories() -> list[Path]:
 def code_files(case: Case, python: bool) -> list[tuple[str, Path]]:
     """(what says so, file) of all code that a case, or a value of its sweep, would run.
 
-    Drawings are scripts of gmsh, which can start programs and write files.
-
-    Args:
-        python: whether its laws and materials are run, and not only its mesh made.
+    Drawings are scripts of gmsh; ``python``: laws and materials too, not only the mesh.
     """
     parts = [case, *(part for _, part in case.sweep_cases())]
     found: dict[tuple[str, Path], None] = {}
@@ -71,16 +68,9 @@ def is_code(drawing: Path) -> bool:
 
 
 def require_trust(case: Case, case_file: Path, given: bool, python: bool = True) -> bool:
-    """See that the code of a case may be run.
+    """Whether a case runs code, which the user allows (``given``) or by where its files are.
 
-    Args:
-        given: whether the user said so; python: see :func:`code_files`.
-
-    Returns whether the case runs code.
-
-    Raises:
-        InputError: it does, and neither that was said nor are the case file and all files of code
-            in directories that the user trusts.
+    InputError if neither; ``python``: see :func:`code_files`.
     """
     files = code_files(case, python)
     if not given:

@@ -111,12 +111,9 @@ def _fingerprint(path: Path) -> dict[str, Any]:
 
 
 def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
-    """The last checkpoint of a results directory that is whole.
+    """The last whole checkpoint, or None, and a line for each later one that is damaged.
 
-    Returns None if there is none; and a line for each later one that is damaged.
-
-    Raises:
-        InputError: the last one is of another format.
+    InputError if the last one is of another format.
     """
     damaged: list[str] = []
     for number in reversed(checkpoint_numbers(directory)):

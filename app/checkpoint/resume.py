@@ -70,12 +70,9 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
 
 
 def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -> Snapshot:
-    """Put a run that has not begun where the checkpoint was taken; collective.
+    """Put a run where its checkpoint was taken; what the recorder had seen; collective.
 
-    Returns what the recorder of the results has seen.
-
-    Raises:
-        InputError: case, files, mesh or tables are not those that the run began with.
+    InputError if case, files, mesh or tables are others.
     """
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint

@@ -72,14 +72,7 @@ def named_files(case: Case) -> Iterator[tuple[str, Path]]:
 
 
 def refuse_files(began: Mapping[str, tuple[str, str | None]], now: Case, directory: Path) -> None:
-    """Refuse files with other contents than those that a run began with.
-
-    Args:
-        began: names of their copies and SHA-256, by their keys.
-
-    Raises:
-        InputError: one has others, or cannot be read.
-    """
+    """InputError for files with other contents than ``began``: names and SHA-256, by keys."""
     for key, path in named_files(now):
         name, digest = began.get(key, ("", ""))
         if name and sha256_of(path) != digest:
@@ -98,11 +91,9 @@ def listed(lines: list[str]) -> str:
 def changes(
     began: Case, now: Case, stage: int, given: Set[str] | None = None, time: float = math.inf
 ) -> Iterator[str]:
-    """Differences that a run cannot go on with, one line each.
+    """Differences that a run cannot go on with, one line each; of ``given`` keys, None: all.
 
-    Args:
-        given: keys that are compared; None: all.
-        time: s, to which the run has come: what follows in a boundary's tables may be added to.
+    ``time``: s, to which the run has come: what follows in a boundary's tables may be added to.
     """
     for key, was, is_ in _unequal(began, now, stage):
         further = key.startswith("boundary.") and _goes_further(was, is_, time)

@@ -174,10 +174,7 @@ class ExplicitStepper:
     def advance(self, dt: float) -> None:
         """Make a step of ``dt`` (s) under the present loads, and commit it; collective.
 
-        Raises:
-            ExplicitError: an element is turned inside out, and the displacements are again those
-                before this step; or the energy runs away.
-            LawError: a friction law of the user's fails; the displacements are those before too.
+        ExplicitError if a cell turns over or the energy runs away, LawError; displacements stay.
         """
         timer = self.problem.timer
         if self.problem.constraints.controls != self._controls:

@@ -193,13 +193,9 @@ class Bodies:
 
 
 def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
-    """Polygons of a mesh of a field file.
+    """Polygons of a field file's mesh, by its ``displacement`` and ``body``.
 
-    The mesh has point data ``displacement`` and cell data ``body``; ``field`` as of
-    :func:`cell_field`.
-
-    Raises:
-        InputError: there is no such array.
+    InputError if there is no array ``field``.
     """
     blocks = [_corners(block) for block in mesh.cells]
     kinds = [kind for kind, _ in blocks]

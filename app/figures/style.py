@@ -204,11 +204,9 @@ class Unit:
 
 
 def fitting(values: ArrayLike, unit: str) -> Unit:
-    """The unit in which the largest of the values has one to three digits before the point.
+    """The unit in which the largest of values has one to three digits before the point.
 
-    Args:
-        values: in SI; those that are not finite do not count.
-        unit: the SI unit, such as "m"; others than those in use, and plain numbers, have no prefix.
+    Values in SI, those not finite do not count; other units than those in use have no prefix.
     """
     found: Floats = np.abs(np.asarray(values, dtype=np.float64))
     largest = float(np.max(found, initial=0.0, where=np.isfinite(found)))

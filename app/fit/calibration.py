@@ -54,11 +54,7 @@ ROUNDED = 1e-8  # logarithms of speeds that are no further apart are the same
 class Calibration:
     """The search for the parameters of one data set.
 
-    Attributes:
-        data: Measured friction.
-        base: Everything that is not fitted.
-        coordinates: What is.
-        star: Which of the coordinates is the threshold speed (V_star or gamma), if any.
+    ``star``: which coordinate, if any, is the threshold speed; ``base``: all that is not fitted.
     """
 
     def __init__(
@@ -456,12 +452,8 @@ class Judgement(Slopes):
     ) -> None:
         """Take the Jacobian of the search to the parameters themselves.
 
-        Args:
-            coordinates: What was searched for.
-            star: Which of them is the threshold speed, if any.
-            found: The minimum.
-            bracketed: Whether the interval of the threshold speed is known otherwise.
-            cures: Rows that would determine a parameter, by key.
+        ``bracketed``: the interval of the threshold speed is known otherwise; ``cures``: rows that
+        would determine a parameter, by key.
         """
         varied = [i for i in range(len(coordinates)) if found.free or i != star]
         columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}

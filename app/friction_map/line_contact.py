@@ -76,12 +76,9 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class LineContact:
-    """What is pressed and slid.
+    """What is pressed and slid: radius R, m, modulus E*, Pa, mu of the asperities, rough and oil.
 
-    Attributes:
-        radius: R, m; modulus: E*, Pa; mu: of the asperities.
-        place: x (n,), m, oil coming from below; compliance: (n, n), m/Pa.
-        rough, asperities, rheology: of surfaces and oil.
+    ``place``: x (n,), m, oil coming from below; ``compliance``: (n, n), m/Pa.
     """
 
     radius: float
@@ -408,11 +405,7 @@ def reached(
 ) -> Point:
     """The steady contact at the second of two speeds, from that at the first, by smaller steps.
 
-    Where oil begins to lack, the pressure of a film that is all but flat turns from that of a full
-    film to none with the last per cent of the gap.
-
-    Raises:
-        FilmError: not even by the smallest steps.
+    Where oil lacks, pressure turns to none with the last per cent of the gap; FilmError.
     """
     try:
         return contact.at(load, speeds[1], oil, start)

@@ -125,13 +125,7 @@ TEMPLATE = "template.html"
 
 
 def write_report(directory: Path, out: Path | None = None) -> Path:
-    """Write the report of a results directory.
-
-    ``out``: the file; default ``report.html`` in the directory.
-
-    Raises:
-        InputError: it is no results directory, or the file cannot be written.
-    """
+    """Write the report of a results directory, by default its ``report.html``; InputError."""
     results = read(directory)
     path = out or directory / NAME
     with files_of_one_run(results):
@@ -268,10 +262,7 @@ def _entries(
 ) -> Iterator[tuple[str, str, str, Any, str]]:
     """Title and place of its table, key in it, value and meaning of each key of a table and below.
 
-    Args:
-        data: the table as a case file has it.
-        title, place: of the table at the top of the case that this one is or lies in.
-        inside: dotted keys that lead from there to this one.
+    ``inside``: dotted keys from the table at the top of the case to this one.
     """
     for name, field in type(table).model_fields.items():
         key, value = field.alias or name, getattr(table, name)

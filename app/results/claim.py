@@ -138,12 +138,7 @@ class Claim:
     def take(self, goes_on: bool = False) -> None:
         """See that results may be written, and lock the directory; nothing is cleared yet.
 
-        ``goes_on``: it is for a run that goes on, so that there are results.
-
-        Raises:
-            InputError: it holds results and ``force`` is not given, or other files, or links, or
-                another process is writing there.
-            OutputError: it cannot be made or written.
+        InputError if it holds results, not to go on with, or is in use; OutputError.
         """
         if goes_on:
             check_not_in_use(self.directory)
@@ -281,11 +276,7 @@ def is_beginning(directory: Path) -> bool:
 
 
 def check_may_begin_anew(directory: Path) -> None:
-    """See that a run that cannot be gone on with may be begun again in its directory.
-
-    Raises:
-        InputError: the directory holds something else than a run that has not come to its end.
-    """
+    """InputError if a directory holds something else than a run that has not come to its end."""
     try:
         present = directory.iterdir() if directory.exists() else ()
         empty = all(path.name in (LOCK, "summary.json.part") for path in present)

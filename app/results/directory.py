@@ -364,12 +364,10 @@ class GrowingTable:
     def __init__(
         self, path: Path, columns: Sequence[str], after: int | None = None, more: int = 0
     ) -> None:
-        """Begin the file with the names of the columns, or go on with one that is there.
+        """Begin with the columns' names, or go on with a table that is there.
 
-        Args:
-            columns: their names, of a new file; the first is the number of the step.
-            after: number of the step whose rows are the last to be kept; None: a new file.
-            more: rows of the step after that one which are kept too, the first of them.
+        ``after``: last step whose rows are kept, None: a new file; ``more``: rows of the next kept
+        too.
         """
         self.written = 0
         if after is None or not has_rows(path):

@@ -160,10 +160,9 @@ def _processor() -> str:
 
 
 def kernels() -> dict[str, str]:
-    """The program's compiled C sources that this process has loaded: name, and key of its build.
+    """The compiled C sources that this process has loaded: name, and key of its build.
 
-    The key is of the source, its headers, the compiler's options and the machine. None where the
-    system does not tell.
+    That is of source, headers, options and machine; none where the system does not tell.
     """
     try:
         mapped = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")

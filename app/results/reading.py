@@ -132,12 +132,9 @@ def read_table(path: Path) -> list[dict[str, Any]]:
 
 
 def column_of(name: str, values: Iterable[Any]) -> Column:
-    """A column (n,) of a table: text where its name says so, else floats.
+    """A column (n,) of a table: text where its name says so, else floats, or ValueError.
 
     What was swept (``value``) is text where it is no number.
-
-    Raises:
-        ValueError: a number is missing or is none.
     """
     found = list(values)
     if None in found:

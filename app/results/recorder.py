@@ -44,10 +44,7 @@ UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which
 class Recorder(Observer):
     """Observer that writes files; all ranks take part, the first one writes.
 
-    Attributes:
-        directory: results directory, ready to be written.
-        load_steps: what each load step ended with, for the summary.
-        resumed: steps after which the run was gone on with, having ended.
+    ``load_steps``: what each ended with; ``resumed``: steps at which an ended run was gone on with.
     """
 
     def __init__(
@@ -168,12 +165,9 @@ class Recorder(Observer):
             self.mark("running")
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
-        """Write history and summary; after a failure also the last state; collective.
+        """Write history, summary and its status, or failure and the last state; collective.
 
-        ``status``: done, interrupted or failed, and why it failed.
-
-        Raises:
-            OutputError: something could not be written, and nothing else had failed.
+        OutputError if something could not be written, and nothing else had failed.
         """
         unwritten = self.saving.problem_of_all(self.comm)
         balance = force_balance(simulation)
@@ -350,12 +344,9 @@ class Recorder(Observer):
 
 
 def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm: MPI.Comm) -> float:
-    """Share of the film's force that pressures below the onset take away; collective.
+    """Share of the film's force that pressures below the ``onset``, Pa, take away; collective.
 
-    By the work of a step, so that what does not slide does not count. 0 where the friction misses
-    less than `LOST_FILM` by it, as that of a dry contact or of asperities that carry nearly all.
-
-    ``onset``: Pa, pressure from which the film is whole.
+    By the work of a step; 0 where less than `LOST_FILM` of the friction is missing.
     """
     if onset <= 0.0:
         return 0.0

@@ -35,13 +35,9 @@ def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
 
 
 class Saving:
-    """Context that keeps an error of writing, so that its rank goes on to meet the others.
+    """Context that keeps an error of writing as ``problem``, so that its rank meets the others.
 
     A block within it may meet other ranks before it writes, not after.
-
-    Attributes:
-        problem: what the first write that failed said; None: all went well.
-        place: of the results.
     """
 
     def __init__(self, directory: Path) -> None:

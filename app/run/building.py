@@ -42,12 +42,7 @@ def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list
 
 
 def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
-    """The notes on a case whose mesh, forms and contacts are made and dropped again.
-
-    Raises:
-        InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
-            no use for an option.
-    """
+    """Notes on a case whose mesh, forms and contacts are made and dropped again; InputError."""
     silence()  # a case that is only put together leaves options of PETSc without use
     model = build_model(case, MPI.COMM_SELF, runs_code)
     own = _own_code(case)

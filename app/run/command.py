@@ -24,13 +24,7 @@ from tribox.app.run.ranks import RunOptions, run_on_ranks
 
 
 def run_command(case_file: Path, options: RunOptions) -> int:
-    """Run a case, or every value of its sweep, and write results and figures.
-
-    Returns the exit code.
-
-    Raises:
-        TriboxError: as of :func:`tribox.app.run.run_case`; or the options do not go together.
-    """
+    """Run a case, or its sweep, and write results and figures; the exit code; TriboxError."""
     if options.force and options.goes_on:
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     directory = options.out or default_directory(case_file)

@@ -152,13 +152,9 @@ def sweep_lines(count: int) -> SweepLines:
 def run_sweep(
     case: Case, case_file: Path, directory: Path, options: RunOptions, changes: Sequence[str] = ()
 ) -> None:
-    """Run all values of a sweep, collate what they give and draw it.
+    """Run all values of a sweep, with options ``changes``, collate what they give and draw it.
 
-    ``changes``: options of the command line that each run gets too.
-
-    Raises:
-        InputError: the case or the directory cannot be used; nothing has been changed.
-        SolutionError: a run failed; the others have been made.
+    InputError, with nothing changed; SolutionError if a run failed, after the others.
     """
     if ranks_around() > 1:
         _run_in_turn(case, directory, options)

@@ -188,11 +188,9 @@ class EnergyBalance:
     def add_interval(
         self, resultants: Sequence[ContactResultants], work: float, damping: float, kinetic: float
     ) -> None:
-        """Enter a stretch of explicit steps that ends at what was spread last; collective.
+        """Enter explicit steps, J/m of all ranks, up to what was spread last; collective.
 
-        Args:
-            work: J/m, of supports, platens and loads; damping: taken by mass-proportional damping,
-                dashpots and relaxation; both of all ranks. kinetic: energy at the end.
+        ``work``: of supports, platens and loads; ``damping``: of dashpots and relaxation too.
         """
         self.work += work
         self.sampled += work  # of means of forces

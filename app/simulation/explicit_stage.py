@@ -64,13 +64,9 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
 
 @failures_as(InputError, "the start")
 def notes_on_steps(model: Model) -> list[str]:
-    """How long the time steps of a case's explicit stages are, and how many; collective.
+    """How long and how many the time steps of explicit stages are; collective.
 
-    The model must be as it was built; its loads are set to those of the start.
-
-    Raises:
-        InputError: a friction law of the user's fails, an element is inside out at the start, or
-            numbers are out of range.
+    Sets the new model's loads to the start; InputError if a law or an element fails there.
     """
     case = model.case
     if not case.is_explicit:
@@ -133,10 +129,8 @@ def notes_on_bouncing(state: RunState, load_step: LoadStep) -> Iterator[str]:
 class ExplicitStage:
     """Runs the explicit load steps of a simulation.
 
-    Attributes:
-        state: what the run has come to; stepper: central differences.
-        averages: of the contacts over the interval at hand.
-        steps: time steps so far; shortest, longest: s, stable steps met.
+    ``averages``: of contacts over the interval at hand; ``steps``: so far; ``shortest``,
+    ``longest``: s, stable steps met.
     """
 
     def __init__(
@@ -146,15 +140,9 @@ class ExplicitStage:
         rate_dependent: bool = True,
         masses: ScaledMass | None = None,
     ) -> None:
-        """Take over from the state that the run is in; collective.
+        """Take over displacements (n,), m, and masses, None: scaled anew; collective.
 
-        Args:
-            displacement: (n,), m, of the owned unknowns.
-            masses: of a run that is resumed; None: scaled for the state taken over.
-
-        Raises:
-            InputError: a friction law of the user's fails at once; of a run that has already come
-                some way a SolutionError.
+        A law that fails at once is an InputError, or later in the run a SolutionError.
         """
         self.state, self.model = state, state.model
         try:

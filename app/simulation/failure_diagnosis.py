@@ -108,11 +108,8 @@ def reason_of(result: StepResult) -> str:
 def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
     """Whether the tangent has a negative eigenvalue at ``x`` (m), so far as is seen; collective.
 
-    Arnoldi's iteration with the tangent's inverse, from the residual: it finds the eigenvalues next
-    to zero on both sides. Below zero, the bodies have passed a limit and snap.
-
-    Args:
-        x: unknowns, m.
+    By Arnoldi's iteration with the inverse, from the residual, which finds those next to zero:
+    below it the bodies have passed a limit and snap.
     """
     problem = solver.problem
     if not np.isfinite(x.norm()):
@@ -151,13 +148,10 @@ def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
-    """The message about a body that moved with nothing to hold it; None where there is none.
+    """The message about a body that moved, from ``before``, with nothing to hold it; or None.
 
-    Where no contact presses, a body moves in a direction in which it is loose only because the
-    linear solver found some place for it, which is as good as any other. Collective.
-
-    Args:
-        before: owned unknowns, m, at the start of the step.
+    In a direction in which no contact presses, it moves to wherever the linear solver found a
+    place; collective.
     """
     largest = problem.comm.allreduce(float(np.max(np.abs(now), initial=0.0)), op=MPI.MAX)
     for one in loose:

@@ -136,13 +136,9 @@ KEYS = ("step", "time", "stage")
 
 
 class MotionHistory:
-    """Rows of both tables, added together so that ranks talk once.
+    """Rows of both tables, added together so that ranks talk once; ``extent``: m, of all bodies.
 
-    Attributes:
-        held: owned unknowns that :class:`OutsideForces` are wanted at.
-        extent: m, of all bodies, from corner to corner.
-        surface_columns, body_columns: names of the columns.
-        surface_rows, body_rows: their values, a row for each surface or body and step.
+    ``held``: owned unknowns that :class:`OutsideForces` are wanted at.
     """
 
     def __init__(self, model: Model) -> None:

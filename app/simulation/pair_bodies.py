@@ -161,10 +161,7 @@ class GivenForces:
     ) -> list[float]:
         """Share of each contact's force that is not given, at most 1; collective.
 
-        Args:
-            approach: m, of the bodies, beside which springs are stiff or soft.
-            balanced: whether all forces balance. In explicit steps what loads do not give counts
-                as answering, inertia too.
+        ``approach``: m, of bodies beside springs; not ``balanced``: explicit, inertia answers too.
         """
         problem = self._problem
         terms, dim = problem.contacts, problem.dim

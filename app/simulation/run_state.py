@@ -257,13 +257,9 @@ class Position:
             self.step_time, self.step_driven = time, driven
 
     def end_step(self, least: float) -> None:
-        """Count an implicit step.
+        """Count an implicit step; after a cut one the next begins as short, unless below ``least``.
 
-        After one that was cut the next begins in pieces as long: what failed mostly fails again.
-        They may be cut so often that all ways to a solution are tried.
-
-        Args:
-            least: share of a step below which nothing is cut.
+        What failed mostly fails again.
         """
         self.count, self.done, self.calm = self.count + 1, 0.0, self.calm + 1
         if self.calm >= CALM:

@@ -67,10 +67,7 @@ class ImplicitStage:
     def advance(self, load_step: LoadStep, observer: Observer) -> None:
         """One step of the load step, or the rest of it, in as many pieces as it takes; collective.
 
-        The pieces end exactly where the whole step would have.
-
-        Raises:
-            SolutionError: it failed however short it was made.
+        They end where it would have; SolutionError if it failed however short it was made.
         """
         state, at = self.state, self.state.position
         at.begin_step(state.time, state.driven)
@@ -192,22 +189,14 @@ class ImplicitStage:
 
 
 class Simulation:
-    """One case being run.
+    """One case being run; ``state``: how far it has come.
 
-    Attributes:
-        state: how far it has come.
-        implicit: what runs implicit stages; None without any.
-        explicit: what runs explicit stages; None before the first of them.
+    ``implicit``, ``explicit``: what runs such stages, if there are any, or have begun.
     """
 
     @failures_as(InputError, "the start")
     def __init__(self, model: Model) -> None:
-        """Make ready to start; collective.
-
-        Raises:
-            InputError: PETSc refuses an option of the case, or has no use for it; an element is
-                inside out at the start of an explicit run, or numbers are out of range.
-        """
+        """Make ready; InputError if PETSc refuses options, or cells or numbers fail; collective."""
         self.state = RunState(model)
         self.implicit: ImplicitStage | None = None
         self.explicit: ExplicitStage | None = None

@@ -91,12 +91,7 @@ class SmoothEnds:
     """
 
     def __init__(self, surface: ContactSurface, slave: Longs, master: Longs) -> None:
-        """Find them among the slave's vertices and the sides of the master's facets.
-
-        Args:
-            slave: (e, k) global nodes of the corners of the slave's ends.
-            master: (e, k) of the master's.
-        """
+        """Find them by global nodes of corners: of the slave's ends (e, k), and the master's."""
         self._surface, vertices = surface, surface.vertices
         self._at_end: Bools = np.isin(vertices.nodes, slave)
         share = np.sum(vertices.shape * self._at_end[vertices.of_point], axis=1)
@@ -407,12 +402,9 @@ class _Beside:
     def __init__(
         self, model: Model, index: int, nodes: Longs, kept: Mapping[int, Bools], around: Ints
     ) -> None:
-        """Begin with them as they lie undeformed; collective.
+        """Begin with local ``nodes`` (n,) and facets ``around`` as they lie undeformed; collective.
 
-        Args:
-            nodes: (n,), this rank's local ones.
-            kept: by pair with this master, the nodes (n,) that it keeps out while it acts.
-            around: local facets, owned and ghosts, of the boundary.
+        ``kept``: by pair with this master, the nodes (n,) that it keeps out while it acts.
         """
         self._named, self._problem, self._index = model.named, model.problem, index
         surface, self._nodes, self._kept = model.problem.contacts[index].surface, nodes, kept

@@ -168,12 +168,10 @@ class SunkVertices:
         return cls(surface) if meshed and not curved and not term.tied else None
 
     def deepest(self, values: Floats, penetration: float, offset: Floats | None = None) -> Sunk:
-        """The vertex that is deepest over the length of the facet; collective.
+        """The vertex deepest over a facet's length beyond ``penetration``, m; collective.
 
-        Args:
-            values: (m, i), m, displacements of the pair's nodes.
-            penetration: m, that there is anyway, the largest of the mean gaps.
-            offset: (q,), m, of the gaps of a fit: the master is felt that much further back.
+        At displacements (m, i), m; ``offset``: (q,), m, by which a fit's master is felt further
+        back.
         """
         surface, master = self._surface, self._surface.master
         assert isinstance(master, MasterFacets)
@@ -332,11 +330,7 @@ def waves_text(index: int, share: float, spacing: float) -> str:
 def softer_factor(factor: float, mean: float, sagitta: float, cost: float) -> float | None:
     """A penalty factor with which facets touch all over; None where it would cost too much.
 
-    The penetration goes as 1/K. One digit is kept.
-
-    Args:
-        mean: m, penetration weighted by the pressure.
-        sagitta: m, of the facets.
+    By the mean penetration, which goes as 1/K, and facets' ``sagitta``, m; of one digit.
     """
     if sagitta <= 0.0 or mean <= 0.0:
         return None

@@ -121,12 +121,9 @@ class MaterialPoints:
         raise NotImplementedError
 
     def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
-        """What updates them on the way of a loop over cells; None: nothing does.
+        """What updates them in a loop over cells, in "strain", "ring" or "space"; None: nothing.
 
-        Args:
-            section: ``strain``, ``ring`` or ``space``, of a body.
-            dt: s, length of the step.
-            volumetric: False leaves the volumetric energy out.
+        ``dt``: s; ``volumetric``: False leaves the volumetric energy out.
         """
         return None
 

@@ -93,12 +93,9 @@ class StressAt(Protocol):
     """What gives the stress of a body at fixed places of it."""
 
     def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
-        """Cauchy stress (p, 3, 3), Pa, at the present displacement.
+        """Cauchy stress (p, 3, 3), Pa, at F (p, 3, 3) and the present displacement.
 
-        Args:
-            F: (p, 3, 3) deformation gradients there.
-            volumetric: (p, 3, 3), those that the volumetric energy is taken at, where they are
-                others (selective reduced integration: those at the cells' centres).
+        ``volumetric``: (p, 3, 3), of the volumetric energy, if others: at the cells' centres.
         """
         ...
 

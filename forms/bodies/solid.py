@@ -195,27 +195,18 @@ class Solid:
         return oedometric_modulus(self.material)
 
     def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:
-        """What gives the Cauchy stress at points of owned cells, in numpy.
+        """What gives the Cauchy stress at points of owned cells (k,), in numpy.
 
-        Args:
-            cells: (k,) local, of the body.
-            xi: reference coordinates, (k, α) of a point in each cell or (1, α) of the same point
-                in all; None: all quadrature points of full integration, (q, c) in this order, of
-                all cells of the body.
+        At ξ (k, α), or (1, α) the same in all; None: all points of full integration (q, c), of all.
         """
         return PointStress(self.material, self.section)
 
     # -- what material points remember: nothing here, see `tribox.forms.bodies.memory_solid` -------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
-        """Let the forms be those of the present displacement; changes nothing that is remembered.
+        """Evaluate forces, and if asked the tangent, now; changes nothing that is remembered.
 
-        Args:
-            dt: s, duration of the step; infinite where rates do not count.
-            tangent: whether the tangent is wanted too.
-
-        Returns:
-            Whether the material could be evaluated on this rank; where not, the forms give NaN.
+        ``dt``: s, infinite without rates. False where the material could not be; forces are NaN.
         """
         return True
 

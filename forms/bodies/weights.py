@@ -30,15 +30,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 def surface_weights(
     space: dolfinx.fem.FunctionSpace, facets: Ints, section: Section | None = None
 ) -> Floats:
-    r"""Weights :math:`\int N_a \, d\Gamma_0` of the owned nodes (n,); collective.
+    r"""Weights :math:`\int N_a \, d\Gamma_0` (n,) of owned nodes, m² or m, 0 beside; collective.
 
-    Args:
-        space: blocked vector Lagrange space.
-        facets: local facets, owned and ghosts.
-        section: what the mesh stands for; by default plane strain, or a body in space.
-
-    Returns:
-        m² (m in plane strain, per unit thickness); 0 off the surface.
+    Of local facets with ghosts in a blocked vector Lagrange space and section.
     """
     mesh, dim = space.mesh, space.dofmap.index_map_bs
     around = circumference(mesh, section_of(mesh.geometry.dim, section))

@@ -352,10 +352,7 @@ class FilmPlaces:
     def part(self, members: Bools, covered: Bools | None = None, fed: bool = False) -> FilmPart:
         """Places between vertices (v,) that are members; those asked for last are kept.
 
-        Args:
-            members: see above.
-            covered: (f,) facets that have the master below all of them; None: all.
-            fed: whether the film goes on to where the master ends, where a reservoir feeds it.
+        ``covered``: (f,) with master below, None: all; ``fed``: by reservoirs where it ends.
         """
         covered = np.ones(len(self.facets), dtype=bool) if covered is None else covered
         asked = (members.tobytes(), covered.tobytes(), fed)

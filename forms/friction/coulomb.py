@@ -170,9 +170,6 @@ class CoulombLaw(StickingLaw):
 
     The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
     the slip is permanent. The film has no effect.
-
-    Attributes:
-        parameters: Its parameters.
     """
 
     parameters: CoulombParameters

@@ -24,13 +24,9 @@ class FilmThickness(Protocol):
     """A film: anything with a thickness that depends on the contact pressure."""
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """Thickness and its derivative for the pressure.
+        """Thickness D (q,), m, and dD/dt_N (q,), m/Pa, at t_N (q,) >= 0, Pa per reference area.
 
-        Args:
-            pressure: (q,), Pa, contact pressure t_N >= 0 per reference area.
-
-        Returns:
-            D, (q,), m, and dD/dt_N, (q,), m/Pa (at a kink that of the higher pressures).
+        At a kink the derivative is that of the higher pressures.
         """
         ...
 
@@ -50,13 +46,9 @@ class ConstantFilm(FilmThickness):
 
 @dataclass(frozen=True, slots=True)
 class FilmTable(FilmThickness):
-    """A thickness that follows the pressure: linear between the rows, constant outside.
+    """A thickness that follows the pressure: linear between (Pa, m) rows, constant outside.
 
-    Attributes:
-        rows: (pressure in Pa, D in m), the pressures >= 0 and rising.
-
-    Raises:
-        ValueError: There is no row, the pressures do not rise, or a thickness is not allowed.
+    ValueError if there is no row, pressures do not rise, or a thickness is not allowed.
     """
 
     rows: tuple[tuple[float, float], ...]
@@ -76,14 +68,7 @@ class FilmTable(FilmThickness):
 
 @dataclass(frozen=True, slots=True)
 class FilmField:
-    """A thickness of its own at each point.
-
-    Attributes:
-        thickness: (q,), m, D >= 0, in the order of the contact's points.
-
-    Raises:
-        ValueError: A thickness is negative or not finite.
-    """
+    """A thickness (q,), m, D >= 0, of its own at each point; ValueError if one is not finite."""
 
     thickness: Floats
 

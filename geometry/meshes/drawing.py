@@ -195,13 +195,9 @@ _KIND = {1: "curve", 2: "face", 3: "volume"}
 
 
 def _name_parts(gmsh: ModuleType, how: Meshing, plain: bool) -> None:
-    """Name bodies and surfaces as asked.
+    """Name bodies and surfaces as asked; MeshError if a part is not there, or named twice.
 
-    ``plain``: whether the drawing has no names of its own: bodies are then called "body 1", ...,
-    unless they are named.
-
-    Raises:
-        MeshError: There is no such part, or it has two names.
+    ``plain``: the drawing has no names; bodies are then "body 1", ..., unless they are named.
     """
     if not (how.bodies or how.surfaces or plain):
         return
@@ -301,11 +297,7 @@ def _set_sizes(gmsh: ModuleType, dim: int, how: Meshing) -> None:
 
 
 def _refuse_too_many(gmsh: ModuleType, dim: int, how: Meshing) -> None:
-    """Refuse sizes that gmsh would mesh for hours, as where the unit of a drawing is forgotten.
-
-    Raises:
-        MeshError: There would be more cells, as far as bounding boxes of bodies tell.
-    """
+    """MeshError if boxes of bodies tell that gmsh would mesh these sizes for hours."""
     if how.size is None or how.most is None:
         return
     cells = 0.0

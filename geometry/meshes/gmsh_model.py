@@ -89,16 +89,9 @@ def gmsh_session(name: str) -> Iterator[ModuleType]:
 
 
 def write_msh(shape: Shape, path: Path) -> None:
-    """Write a built-in geometry as a gmsh file of version 4.1; to be called on one process.
+    """Write a built-in geometry as a gmsh file of version 4.1, whole, on one process.
 
-    The file appears under its name only when it is complete.
-
-    Args:
-        path: The file, ending in ``.msh``, in an existing directory.
-
-    Raises:
-        ValueError: If the name does not end in ``.msh``.
-        FileNotFoundError: If the directory does not exist.
+    ValueError if ``path`` does not end in ``.msh``; FileNotFoundError without its directory.
     """
     path = Path(path)
     if path.suffix != ".msh":

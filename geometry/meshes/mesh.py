@@ -100,12 +100,7 @@ class NamedMesh:
         _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
 
     def bodies_of(self, surface: str) -> list[str]:
-        """The bodies whose boundary a surface, or group of points or edges, is part of; collective.
-
-        Raises:
-            MeshError: On all processes, if there is no such surface, or facets of it are inside the
-                mesh.
-        """
+        """Bodies that a surface or group bounds; MeshError if it is none, or inside; collective."""
         if surface in self.groups:
             corners = self.mesh.topology.connectivity(self.mesh.topology.dim, 0)
             table = corners.array.reshape(corners.num_nodes, -1)
@@ -141,14 +136,9 @@ class NamedMesh:
 
 
 def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
-    """Mesh a built-in geometry on one process and distribute it; collective.
+    """Mesh a built-in geometry on one process and distribute it with its names; collective.
 
-    Args:
-        contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
-            without METIS) only the cells are. A master may be no surface of the mesh, but a tool.
-
-    Returns:
-        The mesh, with the names that the shape's ``build`` gives.
+    ``contacts``: pairs whose slave facets are shared out like cells; a master may be a tool.
     """
     return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
 

@@ -36,20 +36,9 @@ LARGE = 0.1  # share of all cells from which on a body's are balanced for themse
 
 
 def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: int) -> Ints:
-    """The part of each cell.
+    """The part (c,) of each cell (c, v), of vertices (n, i); PartitionError of METIS.
 
-    Args:
-        cells: (c, v) vertices, rows of ``position``.
-        position: (n, i) of all vertices.
-        contacts: facets of the pairs, each a face of one cell; of a master that is no part of the
-            mesh there are none.
-        parts: how many.
-
-    Returns:
-        (c,) numbers of the parts.
-
-    Raises:
-        PartitionError: METIS is missing or failed.
+    ``contacts``: facets of pairs, each a face of one cell; ``parts``: how many.
     """
     if parts >= len(cells):
         return np.arange(len(cells), dtype=np.int32)

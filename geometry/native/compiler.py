@@ -166,13 +166,7 @@ def start_of(array: Any) -> ctypes.c_void_p:
 
 
 def require_size(theirs: int, ours: type[ctypes.Structure], source: str) -> None:
-    """See that a structure takes as many bytes as that of a source.
-
-    Laid out otherwise, it would be read with its fields shifted: numbers, and no error.
-
-    Raises:
-        RuntimeError: it does not.
-    """
+    """See that a structure is as large as its source's; RuntimeError if not: fields would shift."""
     if theirs != ctypes.sizeof(ours):
         raise RuntimeError(
             f"{source}: its structure {ours.__name__.strip('_')} takes {theirs} bytes, the one of "

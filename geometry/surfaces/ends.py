@@ -78,11 +78,9 @@ class SurfaceEnds:
             )
 
     def join(self, others: Floats, within: float) -> None:
-        """Let nothing fade at open ends, in the plane, that meet those of another surface.
+        """Let nothing fade at open ends, in the plane, ``within`` m of another surface's.
 
-        Args:
-            others: (m, i), m, undeformed nodes of the other surface.
-            within: m, distance up to which ends meet.
+        ``others``: (m, i), m, its undeformed nodes.
         """
         if self._shape.directions == 2:
             return

@@ -43,14 +43,10 @@ class FacetSearch:
         number: Longs | None = None,
         slack: float | None = None,
     ) -> None:
-        """Store a typical size.
+        """Store a typical size of facets (f, a, i), m, undeformed; ``code``: what knows them.
 
-        Args:
-            shape: of all facets.
-            facets: (f, a, i), m, reference: their nodes.
-            code: what knows their closest points, if there is one already.
-            number: (f,) by which the first of equally close facets is; None: their order.
-            slack: m, that of a surface which these are a part of.
+        ``number``: (f,) by which equals are ordered, None: theirs; ``slack``: m, of the whole
+        surface.
         """
         self.shape, self._code = shape, code or CompiledFacets(shape, len(facets))
         self._number = np.arange(len(facets)) if number is None else number
@@ -97,12 +93,8 @@ class FacetSearch:
     def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
 
-        Rows with fewer facets repeat their first. Those of points that are far away in space hold
-        −1: they have the facet with the nearest centre.
-
-        Args:
-            points: (q, i), m, current.
-            facets: (f, a, i), m, current: nodes of all facets.
+        Of points (q, i) and nodes (f, a, i), m, current; rows repeat their first, or hold −1 where
+        the facet of the nearest centre will do.
         """
         far = self._far  # of the search that `candidates` goes on from
         point, facet, _ = self._search(points, facets)
@@ -231,11 +223,9 @@ _ITERATIONS = 12  # of Newton's method along a curved facet; three or four are u
 
 
 class RaySearch:
-    """Projection along given normals.
+    """Projection along given normals; ``across``: (f, e) facets beyond ends, −1 at the last.
 
-    Attributes:
-        shape: of the facets; across: (f, e) the facet beyond each end, −1 at the end of all.
-        has_kinks: whether undeformed facets meet at an angle.
+    ``has_kinks``: whether undeformed facets meet at an angle.
     """
 
     def __init__(self, shape: FacetShape, facets: Ints, controls: Floats) -> None:

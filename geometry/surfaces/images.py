@@ -67,14 +67,10 @@ class Images:
         return np.concatenate([nodes, self.signs * nodes[self.of] + self.shift])
 
     def give_back(self, values: Floats, first: int, sizes: bool = False) -> None:
-        """Take what acts on images to the nodes that they are of, in place.
+        """Take what acts on images to the nodes that they are of, in place, with its sign.
 
-        What that turns round comes from the plane, so that sums stay.
-
-        Args:
-            values: (m, i) of a pair's nodes, the master's from row ``first`` on.
-            first: row.
-            sizes: whether they have no signs: those of images are added as they are.
+        ``values``: (m, i) of a pair's nodes, the master's from row ``first`` on; ``sizes`` have
+        none.
         """
         beyond = values[len(values) - len(self.of) :]
         signs = np.ones_like(beyond) if sizes else self.signs

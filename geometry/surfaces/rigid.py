@@ -98,16 +98,9 @@ class RigidSurface(ABC):
     search: FacetSearch | Unsearched
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
-        """Place the control points.
+        """Place the control points of so many facets about ``centre`` (i,), m, near the surface.
 
-        Args:
-            facets: how many there are.
-            centre: (i,), m, undeformed: near the surface.
-            size: m, of the surface.
-            extent: (2, i), m, undeformed.
-
-        Raises:
-            ValueError: no size, or not finite coordinates.
+        ``size``: m, of it; ``extent``: (2, i), m; ValueError if these are none.
         """
         self._middle = np.array(centre, dtype=np.float64)
         self.dim, self.size, self.extent = len(self._middle), float(size), extent
@@ -145,9 +138,8 @@ class RigidSurface(ABC):
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """The undeformed surface as lines or triangles.
 
-        Args:
-            box: (2, i), m: low and high corner, which infinite surfaces are drawn across.
-            count: about how many lines a round piece has.
+        ``box``: (2, i), m, which infinite ones are drawn across; ``count``: of lines a round piece
+        has.
         """
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
@@ -174,10 +166,7 @@ class RigidSurface(ABC):
     ) -> Projection:
         """See :meth:`tribox.geometry.surfaces.projection.FacetSurface.project`.
 
-        ``nodes``: the control points.
-
-        Raises:
-            ValueError: the control points are not moved as a rigid body is.
+        ``nodes``: control points; ValueError if they are not moved as a rigid body is.
         """
         turn, shift = self._motion(nodes)
         back = None if rays is None else replace(rays, normal=rays.normal @ turn)

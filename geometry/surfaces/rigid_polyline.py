@@ -37,9 +37,6 @@ class Polyline(RigidShape):
     """Straight pieces and arcs, see :class:`~tribox.geometry.surfaces.rigid_pieces.Pieces`.
 
     The material is on the right of the direction of travel.
-
-    Attributes:
-        pieces: in order.
     """
 
     def __init__(
@@ -388,9 +385,7 @@ class LineEnds:
     def of_closest(self, piece: Ints, xi: Floats, on_line: Bools, reach: Floats) -> Shares | None:
         """Shares of closest points at ξ (q,) of pieces (q,); None: all are whole.
 
-        Args:
-            on_line: (q,) False past an open end.
-            reach: (q,), m, way up to an open end over which a point fades.
+        ``on_line``: (q,) False past an open end; ``reach``: (q,), m, up to it over which they fade.
         """
         at = np.nonzero(self._open[piece].any(axis=1) & on_line)[0]
         if not len(at):
