@@ -12,22 +12,12 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tribox.app.build import mesh_notes
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import notes_on
 from tribox.app.build.contacts import BuiltContact, ContactBuilder
 from tribox.app.build.load_programs import Onset, balancing, given
 from tribox.app.build.mesh import make_mesh, of_case
-from tribox.app.build.mesh_notes import (
-    bending_bodies,
-    bonded_bodies,
-    drifting,
-    large_mesh,
-    locking_bodies,
-    many_cells,
-    notes_on_ranks,
-    notes_on_slips,
-    notes_on_supports,
-)
 from tribox.app.build.probes import PointPlaces, SurfaceLine, place_lines, place_probes
 from tribox.app.build.tools import blocks_of_tools, make_tools, notes_on_tools
 from tribox.app.case.bodies import Body, Elastomer, formulation_problems, formulations
@@ -291,19 +281,21 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on_branches(case.bodies, case.stage),
         *notes_on_materials(case.bodies, {s.name: s.material for s in problem.solids}),
         *named.notes,
-        *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
-        *bending_bodies(case, named, problem),
-        *large_mesh(case, named),
-        *notes_on_slips(case, named),
-        *many_cells(case, named),
-        *bonded_bodies(named),
-        *notes_on_ranks(asked, named),
+        *mesh_notes.locking_bodies(
+            named, problem.solids, problem.space.element.basix_element.degree
+        ),
+        *mesh_notes.bending_bodies(case, named, problem),
+        *mesh_notes.large_mesh(case, named),
+        *mesh_notes.notes_on_slips(case, named),
+        *mesh_notes.many_cells(case, named),
+        *mesh_notes.bonded_bodies(named),
+        *mesh_notes.notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,
     ]
-    notes += drifting(case, named, problem, loads)
+    notes += mesh_notes.drifting(case, named, problem, loads)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
-        notes += notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
+        notes += mesh_notes.notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
     return notes
 
 

@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from tribox.app.case import generators
 from tribox.app.case.bodies import Body, OwnBody, formulation_problems
 from tribox.app.case.boundary import (
     Boundary,
@@ -27,14 +28,6 @@ from tribox.app.case.boundary import (
 )
 from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import OwnLaw
-from tribox.app.case.generators import (
-    BlocksGeometry,
-    BoxesGeometry,
-    CylinderOnBlockGeometry,
-    PlacedBlocksGeometry,
-    SphereGeometry,
-    TwoCylindersGeometry,
-)
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
@@ -63,12 +56,12 @@ from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
 from tribox.app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
-    BlocksGeometry
-    | PlacedBlocksGeometry
-    | CylinderOnBlockGeometry
-    | TwoCylindersGeometry
-    | BoxesGeometry
-    | SphereGeometry
+    generators.BlocksGeometry
+    | generators.PlacedBlocksGeometry
+    | generators.CylinderOnBlockGeometry
+    | generators.TwoCylindersGeometry
+    | generators.BoxesGeometry
+    | generators.SphereGeometry
     | MeshGeometry,
     Field(discriminator="kind"),
 ]

@@ -13,16 +13,9 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from tribox.app.case.case import Case
+from tribox.app.checkpoint import same_case
 from tribox.app.checkpoint.checkpointer import DAMAGE, INSTEAD, Checkpoint, latest, why
 from tribox.app.checkpoint.layout import Layout, differences
-from tribox.app.checkpoint.same_case import (
-    MESH,
-    changes,
-    listed,
-    named_files,
-    refuse,
-    refuse_files,
-)
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.claim import is_beginning
@@ -128,17 +121,25 @@ def _compare(
         stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
-    refuse(changes(began, case, stage, time=checkpoint.about["time"]), directory)
+    same_case.refuse(
+        same_case.changes(began, case, stage, time=checkpoint.about["time"]), directory
+    )
     names, sums = copy_names(began), checkpoint.about["inputs"]
-    files = {key: names[path] for key, path in named_files(began) if key != MESH}
-    refuse_files({key: (name, sums.get(name)) for key, name in files.items()}, case, directory)
+    files = {
+        key: names[path] for key, path in same_case.named_files(began) if key != same_case.MESH
+    }
+    same_case.refuse_files(
+        {key: (name, sums.get(name)) for key, name in files.items()}, case, directory
+    )
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     if found:
-        raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
+        raise InputError(
+            f"{directory}: the mesh is not the one of the run: {same_case.listed(found)}"
+        )
 
 
 def _past_case(text: str, directory: Path) -> Case:

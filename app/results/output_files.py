@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from tribox.app.build.model import Model
 from tribox.app.build.tools import extent
-from tribox.app.results.contact_points import (
-    VTK_KINDS,
-    ContactPoints,
-    contact_nodes,
-    nodal_pressure,
-    slave_facets,
-)
+from tribox.app.results import contact_points
 from tribox.app.results.directory import Place, write_text
 from tribox.app.results.fields import ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
@@ -163,15 +157,15 @@ class ContactSeries:
     ) -> None:
         """Find what does not change, and keep the files of ``times`` (s, by step); collective."""
         self._model = model
-        facets = slave_facets(model)
-        self._points = ContactPoints(model)
+        facets = contact_points.slave_facets(model)
+        self._points = contact_points.ContactPoints(model)
         self.series: list[Series] = []
         self._fixed: list[dict[str, Packed]] = [{}, {}]
         if model.problem.comm.rank == 0:
             self.series = [Series(directory, name, times) for name in (SURFACES, POINTS)]
             count = len(self._points.weight)
             self._cells = [
-                Cells.of_one_kind(facets.nodes, VTK_KINDS[facets.kind]),
+                Cells.of_one_kind(facets.nodes, contact_points.VTK_KINDS[facets.kind]),
                 Cells.of_one_kind(np.arange(count)[:, None], VERTEX),
             ]
             self._pair = pack(facets.pair, lasting=True)
@@ -179,7 +173,7 @@ class ContactSeries:
     def write(self, step: int, time: float) -> None:
         """Write the last converged state."""
         points = self._points.arrays(self._model)
-        nodes = contact_nodes(self._model)
+        nodes = contact_points.contact_nodes(self._model)
         if points is None or nodes is None:
             return
         self._write(0, nodes, {"pair": self._pair}, step, time)
@@ -240,7 +234,7 @@ class OutputFiles:
         """Write the displacement and the last converged state of the contacts; collective."""
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
-        pressures = [nodal_pressure(*pair) for pair in pairs]
+        pressures = [contact_points.nodal_pressure(*pair) for pair in pairs]
         for _, write in self._parts:
             with self._saving:
                 write(step, time, pressures)

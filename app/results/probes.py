@@ -14,18 +14,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.errors import InputError
 from tribox.app.implicit.stepper import StepResult
+from tribox.app.results import point_probes
 from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, header_of
 from tribox.app.results.fields import strain_of
-from tribox.app.results.point_probes import (
-    AXES,
-    ContactProbes,
-    NodeTable,
-    PointProbes,
-    ShapeTable,
-    components,
-    reduced_rows,
-    stress_and_strain,
-)
 from tribox.app.results.reading import read_table
 from tribox.app.results.saving import Saving, on_first
 from tribox.app.simulation.history import Row
@@ -124,13 +115,16 @@ def _tables(model: Model) -> dict[str, Table]:
     tables: dict[str, Table] = {}
     points_table, body_table, contact_table, shape_table, node_table = PROBE_TABLES
     if model.probes:
-        tables[points_table] = PointProbes(model, model.probes)
+        tables[points_table] = point_probes.PointProbes(model, model.probes)
     if bodies:
         tables[body_table] = BodyProbes(model, bodies)
     if contacts:
-        tables[contact_table] = ContactProbes(model, contacts)
+        tables[contact_table] = point_probes.ContactProbes(model, contacts)
     if model.lines:
-        tables[shape_table], tables[node_table] = ShapeTable(model), NodeTable(model)
+        tables[shape_table], tables[node_table] = (
+            point_probes.ShapeTable(model),
+            point_probes.NodeTable(model),
+        )
     return tables
 
 
@@ -208,7 +202,7 @@ class BodyProbes:
         """Tabulate at the quadrature points; ``probes``: their names, each with its body's."""
         solids = {solid.name: solid for solid in model.problem.solids}
         self._model = model
-        self._components = components(model.problem.dim)
+        self._components = point_probes.components(model.problem.dim)
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
         self._flows = model.problem.flows
         self._branches = max((len(s.dissipated_by_part) for s in model.problem.solids), default=0)
@@ -217,11 +211,11 @@ class BodyProbes:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when."""
-        axes = AXES[: self._model.problem.dim]
+        axes = point_probes.AXES[: self._model.problem.dim]
         return (
             *("probe", "body", "volume"),
             *(f"centre_{x}" for x in axes),
-            *stress_and_strain(self._components),
+            *point_probes.stress_and_strain(self._components),
             "max_von_mises_stress",
             *(f"max_von_mises_{x}" for x in axes),
             "strain_energy",
@@ -279,7 +273,7 @@ class _Body:
         space = model.problem.space
         self._points = BodyPoints(space, solid)
         self._nodes = space.dofmap.list[solid.cells]
-        self._centre = reduced_rows(solid, space, solid.cells)
+        self._centre = point_probes.reduced_rows(solid, space, solid.cells)
         self._stress = solid.stress_at(solid.cells, None)
         local = float(self._points.weight.sum())
         self._reference = float(model.problem.comm.allreduce(local, op=MPI.SUM))

@@ -24,19 +24,11 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
+from tribox.app.simulation import surface_faults
 from tribox.app.simulation.contact_resultants import over
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import GivenForces, penalty_factor
 from tribox.app.simulation.pair_probe import PairProbe, PairState
-from tribox.app.simulation.surface_faults import (
-    BENT,
-    WAVES,
-    Sunk,
-    SunkVertices,
-    bend,
-    softer_factor,
-    waves_text,
-)
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.friction.coulomb import StickingLaw
@@ -86,22 +78,25 @@ class ContactWarnings(Remembers):
     _widest: Kept[list[PairState | None]]
     _stored: Kept[list[float]]
     _slack: Kept[list[float]]  # as over_approach of a tie, of what sticks
-    _sunk: Kept[list[tuple[Sunk, str]]]
-    _hidden: Kept[list[tuple[Sunk, str]]]
+    _sunk: Kept[list[tuple[surface_faults.Sunk, str]]]
+    _hidden: Kept[list[tuple[surface_faults.Sunk, str]]]
     _nearest: Kept[list[tuple[float, str]]]  # smallest gap, m, and when
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
         """Make ready, or go on from what :meth:`snapshot` has seen; collective."""
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
-        self._sunk_in = [SunkVertices.of(term) for term in problem.contacts]
+        self._sunk_in = [surface_faults.SunkVertices.of(term) for term in problem.contacts]
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "")] * count
         self._strongest, self._widest = [None] * count, [None] * count
         self._stored, self._slack = [0.0] * count, [0.0] * count
-        self._sunk, self._hidden = [(Sunk(), "")] * count, [(Sunk(), "")] * count
+        self._sunk, self._hidden = (
+            [(surface_faults.Sunk(), "")] * count,
+            [(surface_faults.Sunk(), "")] * count,
+        )
         self._answering, self._passed = [1.0] * count, [0.0] * count
         self._nearest = [(np.inf, "")] * count
         sizes = [len(term.surface.slave.weight) for term in problem.contacts]
@@ -191,9 +186,9 @@ class ContactWarnings(Remembers):
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
         state = self._probes[index].measure(trial)
-        if state.waves > WAVES:
-            angle = bend(self._problem, self._problem.contacts[index], trial)
-            return state if angle > BENT else replace(state, waves=0.0)
+        if state.waves > surface_faults.WAVES:
+            angle = surface_faults.bend(self._problem, self._problem.contacts[index], trial)
+            return state if angle > surface_faults.BENT else replace(state, waves=0.0)
         return state
 
     def _look_at_what_sticks(self, trials: Sequence[ContactTrial], spent: float) -> None:
@@ -229,8 +224,8 @@ class ContactWarnings(Remembers):
             comb = self._is_comb(state)
             if comb:
                 yield self._comb(index, state)
-            if state.waves > WAVES:
-                yield waves_text(index, state.waves, state.corners)
+            if state.waves > surface_faults.WAVES:
+                yield surface_faults.waves_text(index, state.waves, state.corners)
             lost, flat = self._cost(index), self._flattened(index)
             if self.over_facet[index] > PENETRATION or lost > APPROACH or flat > UNEVEN:
                 yield self._soft(index, comb)
@@ -313,7 +308,9 @@ class ContactWarnings(Remembers):
 
     def _comb(self, index: int, state: PairState) -> str:
         factor = self._factor[index]
-        softer = softer_factor(factor, state.mean, state.sagitta, self._cost(index) / APPROACH)
+        softer = surface_faults.softer_factor(
+            factor, state.mean, state.sagitta, self._cost(index) / APPROACH
+        )
         penalty = "" if softer is None else f", or penalty_factor = {softer:g} (now {factor:.3g})"
         return (
             f"contact.{index}: combed pressures: with the pressure point by point, slave facets "

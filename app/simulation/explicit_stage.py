@@ -24,13 +24,7 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stable_step import ExplicitOptions, ScaledMass
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
-from tribox.app.simulation.contact_resultants import (
-    ContactResultants,
-    fading_loss,
-    lost_by_rule,
-    resultants,
-    vector_integrals,
-)
+from tribox.app.simulation import contact_resultants
 from tribox.app.simulation.history import time_text
 from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
 from tribox.app.simulation.run_state import Interval, Observer, RunState
@@ -344,18 +338,22 @@ class _Tally:
         weight, parts = term.surface.slave.weight, trial.response.dissipation
         lost = parts.total
         self.time += dt
-        for name, vector in vector_integrals(term, trial).items():
+        for name, vector in contact_resultants.vector_integrals(term, trial).items():
             self.vectors[name] = dt * vector + self.vectors.get(name, 0.0)
-        self.dissipated += float(weight @ lost) + fading_loss(term, trial)
-        self.numerical += lost_by_rule(term, trial, before)
+        self.dissipated += float(weight @ lost) + contact_resultants.fading_loss(term, trial)
+        self.numerical += contact_resultants.lost_by_rule(term, trial, before)
         lost -= parts.numerical
         at = int(np.argmin(lost)) if len(lost) else -1
         if at >= 0 and lost[at] < self.least:
             self.least, self.worst = float(lost[at]), tuple(map(float, trial.position[at]))
 
     def over(
-        self, end: ContactResultants, driven: Sequence[float] | None, ring: bool, comm: MPI.Comm
-    ) -> ContactResultants:
+        self,
+        end: contact_resultants.ContactResultants,
+        driven: Sequence[float] | None,
+        ring: bool,
+        comm: MPI.Comm,
+    ) -> contact_resultants.ContactResultants:
         """Resultants at the end, with mean forces and the interval's dissipation; collective."""
         work = np.zeros(len(self.vectors["force"]))
         work[:2] = self.dissipated, self.numerical
@@ -364,7 +362,7 @@ class _Tally:
         least, worst = min(comm.allgather((self.least, self.worst)))
         return replace(
             end,
-            **resultants(means, driven, ring),
+            **contact_resultants.resultants(means, driven, ring),
             dissipated=float(total[-1, 0]),
             numerical=float(total[-1, 1]),
             least_dissipation=least,
@@ -436,8 +434,10 @@ class IntervalAverages:
         self._outside.enter(dt)
 
     def close(
-        self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
-    ) -> tuple[list[ContactResultants], float, float, OutsideForces]:
+        self,
+        ends: Sequence[contact_resultants.ContactResultants],
+        driven: Sequence[float] | None = None,
+    ) -> tuple[list[contact_resultants.ContactResultants], float, float, OutsideForces]:
         """End it; resultants with means, work and damping (J/m), outside forces; collective."""
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)

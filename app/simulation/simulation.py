@@ -16,16 +16,10 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
+from tribox.app.simulation import failure_diagnosis
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.energy_balance import Inertia
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import (
-    body_adrift,
-    explain,
-    has_collapsed,
-    is_unstable,
-    not_finite,
-)
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
 from tribox.app.simulation.run_state import Observer, RunState
@@ -117,7 +111,7 @@ class ImplicitStage:
         if result.adrift:
             return True
         problem, stepper = self.model.problem, self.stepper
-        collapsed = has_collapsed(problem, stepper.x)
+        collapsed = failure_diagnosis.has_collapsed(problem, stepper.x)
         problem.spread(stepper.trial)  # what is said of the failure is said of what was tried
         return collapsed
 
@@ -126,13 +120,13 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         self._heed_laws(load_step, problem.trials)
         resultants = state.resultants_of(problem.trials)
-        wrong = not_finite(resultants)
+        wrong = failure_diagnosis.not_finite(resultants)
         noise = problem.roundoff
         pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed and not held:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             loose = loose_directions(problem, sprung_dofs(problem))
-            wrong = body_adrift(problem, loose, x, trial)
+            wrong = failure_diagnosis.body_adrift(problem, loose, x, trial)
         if wrong is not None:
             when = time_text(state.time, load_step.dt)
             raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")
@@ -172,9 +166,9 @@ class ImplicitStage:
         if why is None:
             contacts, stepper = model.case.contact, self.stepper
             step = StepMode.of_stage(dt, model.problem.contacts, stepper.rate_dependent)
-            why = explain(
+            why = failure_diagnosis.explain(
                 *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
-                unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
+                unstable=lambda: failure_diagnosis.is_unstable(stepper.solver, stepper.trial, step),
                 spent=lambda: stepper.predictor.meets_limit(stepper.x, stepper.trial, step),
                 look_ahead=lambda: stepper.predictor.look_ahead(stepper.x, stepper.trial, step),
             )
@@ -249,7 +243,7 @@ class Simulation:
         if isinstance(stepper, ImplicitStepper) and stepper.has_carried_only:
             loose = loose_directions(problem, sprung_dofs(problem))
             x = stepper.x.array_r
-            if wrong := body_adrift(problem, loose, np.zeros_like(x), x):
+            if wrong := failure_diagnosis.body_adrift(problem, loose, np.zeros_like(x), x):
                 last = self.rows[-1]
                 raise SolutionError(f"stage {last.stage}, time {last.time:.6g} s: {wrong}")
 

@@ -13,15 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from tribox.geometry.compat import (
-    CellPartitioner,
-    Tagged,
-    cell_nodes,
-    cell_partitioner,
-    distributed_mesh,
-    entity_nodes,
-    integration_facets,
-)
+from tribox.geometry import compat
 from tribox.geometry.generators.blocks import Blocks
 from tribox.geometry.generators.two_blocks import TwoBlocks
 from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
@@ -108,7 +100,7 @@ class NamedMesh:
             return self._bodies_with(near.astype(np.int32))
         facets = self.facets(surface)
         owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
-        cells = integration_facets(self.mesh, facets)[::2]
+        cells = compat.integration_facets(self.mesh, facets)[::2]
         local = np.array([np.count_nonzero(facets < owned), len(cells)])
         count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
         if outside < count:
@@ -194,7 +186,7 @@ def _load(
     dim, parts = arrays.dim, (arrays.bodies, arrays.surfaces)
     cells, facets = (_tagged(some) if some else None for some in parts)
     assert cells is not None, "a mesh has a body"
-    mesh, cell_tags, facet_tags = distributed_mesh(
+    mesh, cell_tags, facet_tags = compat.distributed_mesh(
         *(comm, (arrays.cell, arrays.order), arrays.position[:, :dim], cells, facets),
         _partitioner(arrays, comm, contacts),
     )
@@ -210,7 +202,7 @@ def _load(
     return named
 
 
-def _tagged(parts: Mapping[str, Part]) -> Tagged:
+def _tagged(parts: Mapping[str, Part]) -> compat.Tagged:
     """All elements of some parts, with their tags."""
     tags = [np.full(len(part.nodes), part.tag, dtype=np.int32) for part in parts.values()]
     return np.concatenate([part.nodes for part in parts.values()]), np.concatenate(tags)
@@ -267,7 +259,9 @@ def _read(path: Path, most_cells: int) -> MeshArrays:
         raise MeshError(f"{path}: gmsh broke down on it: {error}") from None
 
 
-def _partitioner(arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts) -> CellPartitioner | None:
+def _partitioner(
+    arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts
+) -> compat.CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
     known = [pair for pair in contacts if pair[0] in arrays.surfaces]
     if comm.size == 1 or not known or not comm.bcast(metis_is_available(), root=0):
@@ -278,7 +272,7 @@ def _partitioner(arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts) -> Cell
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 
-    return cell_partitioner(parts_of)
+    return compat.cell_partitioner(parts_of)
 
 
 def _facets(arrays: MeshArrays, surface: str) -> npt.NDArray[np.int64]:
@@ -377,7 +371,7 @@ def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Grou
     topology.create_connectivity(topology.dim, 0)
     links = topology.connectivity(topology.dim, 0)
     corner_of = links.array.reshape(links.num_nodes, -1)
-    nodes = original[cell_nodes(mesh)[:, : corner_of.shape[1]]]
+    nodes = original[compat.cell_nodes(mesh)[:, : corner_of.shape[1]]]
     count = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
     node_of = np.full(count, -1, dtype=np.int64)  # of the file, of each local point
     node_of[corner_of] = nodes
@@ -405,7 +399,7 @@ def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, 
     topology.create_connectivity(topology.dim, 1)
     cells, inside = topology.connectivity(1, topology.dim), topology.connectivity(topology.dim, 1)
     layout, quadratic = space.dofmap.dof_layout, space.element.basix_element.degree == 2
-    ends = mesh.geometry.x[entity_nodes(mesh, 1, edges)]
+    ends = mesh.geometry.x[compat.entity_nodes(mesh, 1, edges)]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) if len(edges) else np.empty(0)
     # Integrals of shape functions: of second order as in Simpson's rule, with the middle last.
     share = np.array([1.0, 1.0, 4.0]) / 6.0 if quadratic else np.array([0.5, 0.5])
