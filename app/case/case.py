@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -153,6 +155,21 @@ class Case(Model):
             body = value_at(part, self.sweep.key.removesuffix(".material"))
             value = getattr(body, "library", None) or value
         return value if isinstance(value, str) else None
+
+    def named_files(self) -> Iterator[tuple[Place, Path]]:
+        """Files that the case reads, each with its key: meshes, classes of the user's own."""
+        for key in ("mesh", "meshed") if isinstance(self.geometry, MeshGeometry) else ():
+            if (path := getattr(self.geometry, key)) is not None:
+                yield ("geometry", key), path
+        for name, tool in self.tools.items():
+            if isinstance(tool, MeshTool):
+                yield ("tools", name, "file"), tool.file
+        for number, contact in enumerate(self.contact):
+            if isinstance(contact.friction, OwnLaw):
+                yield ("contact", number, "friction", "class"), contact.friction.file
+        for name, body in self.bodies.items():
+            if isinstance(body, OwnBody):
+                yield ("bodies", name, "class"), body.file
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
         """Another case, with file names seen from the same place."""
@@ -487,19 +504,9 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
         file, _, name = value.rpartition(":")
         return f"{files.get(Path(file), file)}:{name}"
 
-    if isinstance(case.geometry, MeshGeometry):
-        data["geometry"]["mesh"] = renamed(case.geometry.mesh)
-        if case.geometry.meshed is not None:
-            data["geometry"]["meshed"] = renamed(case.geometry.meshed)
-    for name, tool in case.tools.items():
-        if isinstance(tool, MeshTool):
-            data["tools"][name]["file"] = renamed(tool.file)
-    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
-        if isinstance(contact.friction, OwnLaw):
-            table["friction"]["class"] = renamed(contact.friction.reference)
-    for name, body in case.bodies.items():
-        if isinstance(body, OwnBody):
-            data["bodies"][name]["class"] = renamed(body.reference)
+    for (*tables, key), path in case.named_files():
+        table: Any = functools.reduce(operator.getitem, tables, data)
+        table[key] = renamed(table[key] if key == "class" else path)
     if case.sweep is not None and case.sweep.names_files:
         parts = [part for _, part in case.sweep_cases()]
         data["sweep"]["values"] = [renamed(value_at(part, case.sweep.key)) for part in parts]

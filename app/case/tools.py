@@ -205,11 +205,6 @@ class Tool(Model):
     if TYPE_CHECKING:  # a word of its own for each
         shape: str
 
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """Files that the tool is read from."""
-        return ()
-
     def components(self) -> Iterator[tuple[str, str]]:
         """Components (x, y, z) that are given, each with the table that does it."""
         for key in ("displacement", "velocity", "force"):
@@ -487,11 +482,6 @@ class MeshTool(Tool):
         description="make normals continuous across sides of facets whose normals differ by less "
         "than this angle; default: the facets as they are. First-order lines and quadrilaterals",
     )
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """The mesh."""
-        return (self.file,)
 
     @field_validator("file", mode="before")
     @classmethod

@@ -9,10 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.drawing import GEO
 
@@ -47,17 +44,13 @@ def code_files(case: Case, python: bool) -> list[tuple[str, Path]]:
     parts = [case, *(part for _, part in case.sweep_cases())]
     found: dict[tuple[str, Path], None] = {}
     for part in parts:
-        for name, body in part.bodies.items() if python else ():
-            if isinstance(body, OwnBody):
-                found[f'bodies.{name}.material = "python"', body.file] = None
-        for index, contact in enumerate(part.contact if python else ()):
-            if isinstance(contact.friction, OwnLaw):
-                found[f'contact.{index}.friction.law = "python"', contact.friction.file] = None
-        geometry = part.geometry
-        if isinstance(geometry, MeshGeometry):
-            read = geometry.meshed or geometry.mesh
-            if is_code(read):
-                found["geometry.mesh", read] = None
+        files = {".".join(map(str, place)): path for place, path in part.named_files()}
+        for key, path in files.items():
+            if python and key.endswith(".class"):
+                kind = "law" if key.startswith("contact.") else "material"
+                found[f'{key.removesuffix("class")}{kind} = "python"', path] = None
+            if key == "geometry.mesh" and "geometry.meshed" not in files and is_code(path):
+                found[key, path] = None
     return list(found)
 
 

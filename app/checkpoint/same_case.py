@@ -9,10 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, given_keys
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
 from tribox.app.case.toml_files import flat
@@ -58,17 +55,9 @@ def refuse(found: Iterator[str], directory: Path) -> None:
 
 
 def named_files(case: Case) -> Iterator[tuple[str, Path]]:
-    """Files that a case reads, by their keys: its mesh, those of its tools, classes of its own."""
-    if isinstance(case.geometry, MeshGeometry):
-        yield MESH, case.geometry.mesh
-    for name, tool in case.tools.items():
-        yield from ((f"tools.{name}.file", file) for file in tool.files)
-    for number, contact in enumerate(case.contact):
-        if isinstance(contact.friction, OwnLaw):
-            yield f"contact.{number}.friction.class", contact.friction.file
-    for name, body in case.bodies.items():
-        if isinstance(body, OwnBody):
-            yield f"bodies.{name}.class", body.file
+    """Files that a case was written with, by their keys: what was meshed is not."""
+    keyed = ((".".join(map(str, place)), path) for place, path in case.named_files())
+    return ((key, path) for key, path in keyed if key != "geometry.meshed")
 
 
 def refuse_files(began: Mapping[str, tuple[str, str | None]], now: Case, directory: Path) -> None:

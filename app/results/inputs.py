@@ -19,10 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
 from tribox.app.results.directory import SUMS, sha256_of, unwritable, write_text
 
@@ -43,17 +40,8 @@ NOTHING = KeptInputs()
 
 def input_files(case: Case) -> list[Path]:
     """The files that a case, or a value of its sweep, names: meshes, Python of its own."""
-    found: dict[Path, None] = {}
-    for one in (case, *(part for _, part in case.sweep_cases())):
-        if isinstance(one.geometry, MeshGeometry):
-            found[one.geometry.mesh] = None
-            if one.geometry.meshed is not None:
-                found[one.geometry.meshed] = None
-        found |= dict.fromkeys(file for tool in one.tools.values() for file in tool.files)
-        laws = [c.friction.file for c in one.contact if isinstance(c.friction, OwnLaw)]
-        found |= dict.fromkeys(laws)
-        found |= dict.fromkeys(b.file for b in one.bodies.values() if isinstance(b, OwnBody))
-    return list(found)
+    every = (case, *(part for _, part in case.sweep_cases()))
+    return list(dict.fromkeys(path for one in every for _, path in one.named_files()))
 
 
 def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptInputs:
