@@ -273,12 +273,8 @@ def drive_to_load(
 
     Dry friction is reached after its elastic length, and must then be seen to stay for as long. The
     film's drag grows with 1 - exp(-s/l) over the way s, l being the elastic length under it.
-
-    Args:
-        speed: m/s; 0 where rates do not count.
-        film: m, its thickness.
-        pressure: Pa, 0 if unknown.
-        compliance: m/Pa, of the bodies in shear.
+    ``speed``: m/s, 0 where rates do not count; ``film``: m; ``pressure``: Pa, 0 if unknown;
+    ``compliance``: m/Pa, of the bodies in shear.
     """
     drag = float(steady_traction(speed, film, pressure, 0.0, law))
     dry = float(steady_traction(speed, film, pressure, law.mu_s, law)) - drag
@@ -342,16 +338,10 @@ def notes_on_threshold(
     dt: float,
     slowest: float | None = None,
 ) -> Iterator[str]:
-    """A line where the threshold speed V* has no effect in a run with a film below D_max.
+    """A line where the threshold speed V* has no effect in a run with a film (q,), m, below D_max.
 
-    Speeds below (error of a position)/(time step) cannot be distinguished from rest; and where
-    V* is below every driven speed, the film carries all (alpha = 1) throughout the sliding.
-
-    Args:
-        film: (q,), m, film thickness D.
-        position_error: m, error of a position: round-off or the solver's tolerance.
-        dt: s, the shortest time step.
-        slowest: m/s, the lowest speed of sliding, > 0, if there is one.
+    Speeds below ``position_error``, m, over ``dt``, the shortest time step, s, cannot be told from
+    rest; and where V* is below ``slowest``, m/s, the lowest speed of sliding, the film carries all.
     """
     inside = film[(film > parameters.D_min) & (film < parameters.D_max)]
     if not inside.size:

@@ -337,11 +337,8 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
 
     What a soft penalty costs is the approach of the bodies: for bodies that bend and bulge into
     each other it goes with the shear modulus G; a layer that cannot give sideways answers with the
-    oedometric modulus M. Both count, where the pressure is averaged, as max(10 G, M/10). Point by
-    point it is M.
-
-    Args:
-        pressure: "averaged" or "pointwise".
+    oedometric modulus M. Both count, where the pressure is "averaged", as max(10 G, M/10). Point by
+    point ("pointwise") it is M.
     """
     modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
     # A body that flows: it bears its hardness, of which M says nothing.

@@ -103,15 +103,10 @@ def split_reference(reference: str) -> tuple[Path, str]:
 
 
 def load_own_law(reference: str, parameters: Mapping[str, Any], dim: int = 2) -> GuardedLaw:
-    """An instance of the class, called with the parameters; this runs the user's code.
+    """An instance of the class "file.py:Class", called with the parameters; this runs its code.
 
-    Args:
-        reference: "file.py:Class".
-
-    Raises:
-        OwnCodeError: there is no such file or class, it cannot be made, or it is no friction law:
-            a method is missing, fails in a step, or answers with arrays of another shape. The
-            message names the line of the file.
+    OwnCodeError, naming the line of the file, if it cannot be made, or is no friction law: a method
+    is missing, fails in a step, or answers with arrays of another shape.
     """
     from tribox.forms.friction.guarded_law import METHODS, GuardedLaw
 

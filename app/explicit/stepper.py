@@ -425,15 +425,10 @@ class FilmCorrection:
             contact.correct_film(state.v, keep, state.a, gain, residual)
 
     def accelerate(self, residual: Floats, pull: Floats, platens: Floats, out: Floats) -> Floats:
-        """Renew the accelerations ``out`` (n,) where the films' forces may have changed them.
+        """Renew the accelerations ``out`` (n,), m/s², where films' forces may have changed them.
 
-        Collective where a film touches a platen. Returns the platens' accelerations (p,), m/s².
-
-        Args:
-            residual: (n,), N, with the corrected tractions.
-            pull: (p,), N, on the platens.
-            platens: (p,), m/s², the platens' accelerations before.
-            out: (n,), m/s².
+        Collective where a film touches a platen. Returns the accelerations of ``platens`` (p,),
+        m/s², from ``residual`` (n,), N, with the corrected tractions, and ``pull`` (p,), N.
         """
         if self._touched is None:
             return self._dynamics.accelerate(residual, pull, out)[0]

@@ -51,13 +51,10 @@ class Line:
 def slave_line(reference: Floats, facets: Ints, pressed: NDArray[np.bool_]) -> Line:
     """Vertices of a slave surface in their order along it.
 
-    The line runs from the left to the right, or from below to above; a closed one (a roller's) is
-    cut in the middle of what is not pressed. Pieces that do not hang together follow one another.
-
-    Args:
-        reference: (n, i), m, undeformed, of all nodes.
-        facets: (f, 2) nodes of the surface's facets.
-        pressed: (n,) whether a node carries pressure.
+    From the left to the right, or from below to above; a closed one (a roller's) is cut in the
+    middle of what is not pressed. Pieces that do not hang together follow one another.
+    ``reference``: (n, i), m, of all nodes; ``facets``: (f, 2); ``pressed``: (n,), whether nodes
+    are.
     """
     pieces = sorted(
         (_directed(chain, reference, pressed) for chain in chains(facets)),

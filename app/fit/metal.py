@@ -164,17 +164,12 @@ def _plastic_strain(
 
 
 class MetalProblem:
-    """What is fitted to one data set.
+    """What is fitted to one data set: a ``law`` of ``LAWS`` with ``branches`` of back stresses.
 
-    Attributes:
-        law: Of ``LAWS``.
-        branches: Number of back stresses.
-        fixed: What is not fitted, SI, by key.
-        keys: What is: E, keys of the law, and c and b of each branch.
-        strain: (r,), logarithmic, with turns between rows; rows: (r,), which are rows.
-        along: Its paths between turns; unknown: strains of turns of which it is not known where
-            between rows they lie.
-        measured: (n,), Pa, true stress.
+    ``fixed``: what is not, SI, by key; ``keys``: what is: E, those of the law, c and b of each
+    branch. ``strain``: (r,), logarithmic, with turns between rows; ``rows``: (r,), which are;
+    ``along``: its paths between turns; ``unknown``: strains of turns that may lie anywhere between
+    rows; ``measured``: (n,), Pa, true stress.
     """
 
     def __init__(
@@ -366,18 +361,10 @@ class MetalFit(MaterialFit[MetalProblem]):
 def fit_metal(
     data: MaterialData, law: str | None, branches: int | None, fixed: Mapping[str, float]
 ) -> tuple[MetalFit, dict[str, float]]:
-    """The hardening of a test.
+    """The hardening of a test, and the criterion of all that were tried, by law and branches.
 
-    Args:
-        law: Of ``LAWS``; None: that of the least information criterion.
-        branches: Number of back stresses; None: likewise, 0 where the strain never turns.
-        fixed: What is not fitted, by key, SI.
-
-    Returns:
-        The metal, and the criterion of all that were tried, by law and number of branches.
-
-    Raises:
-        InputError: there are too few rows.
+    Law and branches are those of the least information criterion where they are None, without
+    branches if the strain never turns; ``fixed``: SI, by key; InputError if rows are too few.
     """
     assert data.strain is not None
     turns = len(paths(data.strain)) > 1

@@ -75,15 +75,9 @@ def suffixed_directory(source: Path, suffix: str) -> Path:
 def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None:
     """See that results may be written; changes nothing.
 
-    Args:
-        directory: where they are to go.
-        force: whether results that are there may be cleared.
-        labels: sub-directories of a sweep whose results are there (``sweep_labels``); only
-            these count as results too.
-
-    Raises:
-        InputError: the directory holds results (or anything else) and ``force`` is not given, or
-            holds files that are not results, which are never removed.
+    ``labels``: sub-directories of a sweep, which count as results too (``sweep_labels``).
+    InputError if the directory holds anything without ``force``, or what is no result, which is
+    never removed.
     """
     try:
         taken = directory.exists() and not directory.is_dir()
@@ -108,18 +102,11 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
 
 
 def prepare(directory: Path, labels: Sequence[str] = (), begins: bool = False) -> None:
-    """Make the directory and clear old results from it, after :func:`check_free`.
+    """Make the directory and clear old results, of a sweep's ``labels`` too; OutputError.
 
-    Whatever else is there by now stays.
-
-    Args:
-        directory: where results are to go.
-        labels: as of :func:`check_free`.
-        begins: whether a run begins there. Then there is a summary, ``BEGINNING``, before anything
-            is cleared or written, so that who is killed from here on can begin again.
-
-    Raises:
-        OutputError: it cannot be made or written.
+    After :func:`check_free`; whatever else is there by now stays. Where a run ``begins`` there is a
+    summary, ``BEGINNING``, before anything is cleared or written, so that who is killed from here
+    on can begin again.
     """
     summary = directory / "summary.json"
     try:

@@ -47,14 +47,8 @@ def input_files(case: Case) -> list[Path]:
 def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptInputs:
     """Copy all that a case reads beside its file into ``inputs`` of a results directory.
 
-    Args:
-        directory: of its results, ready to be written.
-        like: directory whose ``inputs`` hold copies of the same files, that of the sweep: what is
-            the same there is linked, so that it takes no room again.
-
-    Raises:
-        InputError: a file cannot be read.
-        OutputError: it cannot be copied.
+    ``like``: directory whose ``inputs`` hold copies of the same files, that of the sweep: what is
+    the same there is linked, so that it takes no room again. InputError or OutputError.
     """
     kept = kept_inputs(case)
     names, sums, folder = kept.names, kept.sums, directory / INPUTS

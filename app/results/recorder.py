@@ -58,14 +58,9 @@ class Recorder(Observer):
     ) -> None:
         """Open the outputs and write the resolved case; collective.
 
-        Args:
-            model: that is run.
-            directory: of the results, ready to be written.
-            given: dotted keys that the case file gave, for the summary.
-            kept: copies of the files that the case reads, which the resolved case names instead.
-            saving: keeps errors of writing, until somebody or the end asks for them.
-            resumed: what :meth:`snapshot` has seen, of a run that goes on: what was written after
-                it is dropped.
+        ``given``: dotted keys of the case file, for the summary; ``kept``: copies of files that the
+        resolved case names; ``saving``: keeps errors of writing; ``resumed``: what :meth:`snapshot`
+        has seen, of a run that goes on: what was written after it is dropped.
         """
         self.model = model
         self.directory = directory

@@ -440,17 +440,11 @@ def _vector(components: Floats, noise: float) -> str:
 
 @contextmanager
 def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]:
-    """Context with the case whose drawing, if it has one, is meshed; collective.
+    """Context with the case whose drawing, if any, is meshed; InputError; collective.
 
     The mesh is that of the results in ``directory`` where they are of the same drawing, so that a
     run goes on with the mesh it began with, whatever gmsh would make of the drawing today. Within
     the context the mesh is a file, which may be copied.
-
-    Args:
-        directory: Of the results of a run that goes on; None: the drawing is meshed.
-
-    Raises:
-        InputError: The drawing cannot be meshed.
     """
     geometry = case.geometry
     if not isinstance(geometry, MeshGeometry) or not geometry.is_drawing or geometry.meshed:

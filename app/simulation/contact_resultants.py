@@ -317,12 +317,8 @@ def contact_columns(
     """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
 
     μ and D are means by the normal force, D and the effective viscosity those of the pairs that
-    have a film.
-
-    Args:
-        velocity: m/s, of the driven boundaries; 0 without.
-        thickness: m, of the slab that the results are for.
-        noise: N/m, force up to which there is nothing but rounding, and no ratio.
+    have a film. ``velocity``: m/s, driven, or 0; ``thickness``: m, of the slab; ``noise``: N/m,
+    force up to which there is no ratio.
     """
     normal, friction, tangential, resultant, drag = (
         sum(getattr(m, name) for m in pairs) * thickness for name in _FORCES

@@ -59,16 +59,12 @@ FLATTENED, UNEVEN = 4.0, 0.02  # and what of it is warned of
 
 
 class ContactWarnings(Remembers):
-    """Keeps of every pair what the warnings at the end of a run are about.
+    """Keeps of every pair what the warnings at the end of a run are about."""
 
-    Attributes:
-        over_facet: of each pair the largest penetration over the local facet length.
-        over_approach: of each pair the mean penetration over the approach, at its largest force;
-            of a tie the same ratio by energies, stored in it over those of the bodies, where it
-            stores most.
-    """
-
+    # of each pair the largest penetration over the local facet length
     over_facet: Kept[list[float]]
+    # of each pair the mean penetration over the approach, at its largest force; of a tie the same
+    # ratio by energies, stored in it over those of the bodies, where it stores most
     over_approach: Kept[list[float]]
     _answering: Kept[list[float]]  # share of the largest force that is not given
     _passed: Kept[list[float]]  # largest force that it had while what flows passed it

@@ -206,17 +206,12 @@ class MotionHistory:
     def force_balance(
         self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
     ) -> float | None:
-        """Largest resultant force on a body over the largest force of the same stages.
+        """Largest resultant force on a body over the largest force of the same stages; or None.
 
         Bodies that are bonded count as one: the forces between them are in no table. A moment
         counts as a pair of forces at the ends of its lever: under moments alone the resultant of
-        each surface is what the solver leaves, and nothing to compare with. Returns None without a
-        force.
-
-        Args:
-            noise: N, what rounding leaves, or springs in no table; no force beyond it is none.
-            largest: N, of forces in other tables: those on both sides of a body cancel in its
-                row.
+        each surface is what the solver leaves. ``noise``: N, of rounding, or springs in no table;
+        ``largest``: N, of forces in other tables: those on both sides of a body cancel in its row.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])

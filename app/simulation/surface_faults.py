@@ -267,17 +267,13 @@ COSTLY = 1.5  # of what is allowed: a combed contact is deeper for the same forc
 
 
 def waves(surface: ContactSurface, pressure: Floats, inside: Bools, spacing: float) -> float:
-    """How far pressures of vertices are off a smooth curve, over their mean; collective.
+    """How far pressures (v,), Pa, are off a smooth curve, over their mean; collective.
 
     The curve is a parabola (in space a paraboloid) fitted to the vertices around each: as far as
     the next corner of the master to either side, so that it passes through the waves that corners
-    make. Of the distances a quantile is taken that as many reach as lie beside corners, so that
-    single peaks, as at corners of the slave, do not count.
-
-    Args:
-        pressure: (v,), Pa, of the vertices.
-        inside: (q,) points of this rank on facets that are amid pressed ones.
-        spacing: m, of the master's corners.
+    ``spacing``, m, apart make. Of the distances a quantile is taken that as many reach as lie
+    beside corners, so that single peaks, as at corners of the slave, do not count. ``inside``: (q,)
+    points amid pressed facets.
     """
     vertices, weight = surface.vertices, surface.slave.weight
     amid = vertices.sums(weight * inside) >= (1.0 - 1e-9) * vertices.area

@@ -142,13 +142,9 @@ class Floating:
 
 
 class FloatingWatch(Remembers):
-    """Keeps which bodies floated, and what held them.
+    """Keeps which bodies floated, and what held them."""
 
-    Attributes:
-        found: by name of the body.
-    """
-
-    found: Kept[dict[str, Floating]]
+    found: Kept[dict[str, Floating]]  # by name of the body
 
     def __init__(self, thickness: float) -> None:
         self.found, self._thickness = {}, thickness

@@ -66,16 +66,9 @@ def lumped_mass(
 ) -> Floats:
     r"""Row sums of the mass matrix, :math:`m_a = \int s \rho N_a \, d\Omega_0`; collective.
 
-    Args:
-        space: blocked vector Lagrange space of first order.
-        scale: s of the owned cells (c,), a factor on their mass; None: 1.
-
-    Returns:
-        Mass of each local unknown, ghosts included, kg per unit thickness; 0 at nodes of no body.
-
-    Raises:
-        ValueError: on every rank, if a body has no density, or the element's row sums are not
-            positive (second order).
+    Of each local unknown, ghosts included, kg per unit thickness, 0 at nodes of no body. ``scale``:
+    s of the owned cells (c,), or 1. ValueError, on every rank, without a density, or of the second
+    order, whose row sums are not positive.
     """
     missing = [solid.name for solid in solids if not solid.density > 0.0]
     if missing:

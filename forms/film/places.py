@@ -21,12 +21,8 @@ class Band:
     """Matrices (n, n) with entries of neighbours only, as bands.
 
     Places along a line have one neighbour on either side, those of a ring too once both its halves
-    are numbered side by side.
-
-    Attributes:
-        row, column: (e,) of the entries: of each face those of both ends (4 f), and the diagonal.
-        number: (n,) of the places, along the line, and order: (n,) the places by these.
-        reach: most that numbers of neighbours differ by.
+    are numbered side by side. ``row``, ``column``: (e,), of each face of both ends (4 f), and the
+    diagonal; ``number``: (n,) along the line, and ``order``: (n,) places by these.
     """
 
     def __init__(self, ends: Longs, count: int) -> None:

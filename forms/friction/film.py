@@ -234,15 +234,10 @@ def film_resistance(
     area_ratio: Floats | float,
     cover: Floats | float = 1.0,
 ) -> FilmResistance:
-    """Resistance of the film, for alpha = 1.
+    """Resistance of a film (q,) or (1,), m, for alpha = 1.
 
-    Args:
-        film: (q,) or (1,), m, film thickness D; one entry stands for all points.
-        length: (q,), m, length of the slip increment.
-        dt: (q,) or a number, s, > 0; infinity takes the film away.
-        pressure: (q,), Pa, t_N.
-        area_ratio: (q,) or a number, da/dA.
-        cover: (q,) or a number, share of the area that the film covers.
+    ``length``: (q,), m, of the slip increment; ``dt``: (q,) or a number, s, > 0, infinite: no film;
+    ``pressure``: (q,), Pa, t_N; ``area_ratio``: da/dA, ``cover``: share with film; (q,) or numbers.
     """
     area = np.asarray(area_ratio, dtype=np.float64)
     closed = pressure > 0.0

@@ -27,18 +27,13 @@ from tribox.geometry.generators.two_blocks import CELLS, check_growth, check_pai
 class HalfCylinder:
     """A cylinder cut in half: round towards the contact, its flat side the far side.
 
-    Attributes:
-        radius: m.
-        contact_width: Extent in x of the contact zone, m; the surface outside it never touches.
-        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    radius: float
-    contact_width: float
-    contact_size: float
+    radius: float  # m
+    contact_width: float  # extent in x of the contact zone, m; the surface outside it never touches
+    contact_size: float  # largest width of a cell in the contact zone, and height on its surface, m
 
     def __post_init__(self) -> None:
         check_length("radius", self.radius)
@@ -94,25 +89,19 @@ Shape = HalfCylinder | FlatBlock
 class LineContact:
     """Two bodies that touch along the line x = y = 0.
 
-    Attributes:
-        upper: The body above (an elastomer, if not named otherwise).
-        lower: The body below (aluminium, if not named otherwise).
-        growth: Size of a cell over that of its neighbour on the contact side, outside the contact
-            zone along the surface and everywhere inwards.
-        cell: "quadrilateral", or "triangle" (the same grid, each cell cut in two).
-        upper_name: Name of the upper body and first part of its surfaces' names.
-        lower_name: Name of the lower body and first part of its surfaces' names.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    upper: Shape
-    lower: Shape
+    upper: Shape  # the body above (an elastomer, if not named otherwise)
+    lower: Shape  # the body below (aluminium, if not named otherwise)
+    # size of a cell over that of its neighbour on the contact side, outside the contact zone along
+    # the surface and everywhere inwards
     growth: float = 1.15
+    # "quadrilateral", or "triangle" (the same grid, each cell cut in two)
     cell: str = "quadrilateral"
-    upper_name: str = "elastomer"
-    lower_name: str = "aluminium"
+    upper_name: str = "elastomer"  # name of the upper body and first part of its surfaces' names
+    lower_name: str = "aluminium"  # name of the lower body and first part of its surfaces' names
 
     def __post_init__(self) -> None:
         check_growth(self.growth)

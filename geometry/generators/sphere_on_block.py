@@ -72,33 +72,22 @@ class Body:
 class SphereOnBlock:
     """A hemisphere, round side down, on a round block; the bodies touch at the origin.
 
-    Attributes:
-        radius: Of the sphere, m.
-        block_radius: Of the block, m.
-        block_height: Of the block, m.
-        contact_width: Width of the contact zone of equal cells around the origin, m.
-        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
-        growth: Size of a cell over that of its neighbour on the contact side elsewhere.
-        part: "axisymmetric" (the half section x >= 0), "quarter" (x, z >= 0), "half" (z >= 0) or
-            "full".
-        cell: "quadrilateral" or "triangle" of the section, else "hexahedron" or "tetrahedron".
-        upper_name: Name of the hemisphere and first part of its surfaces' names.
-        lower_name: Name of the block and first part of its surfaces' names.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    radius: float
-    block_radius: float
-    block_height: float
-    contact_width: float
-    contact_size: float
-    growth: float = 1.15
+    radius: float  # of the sphere, m
+    block_radius: float  # of the block, m
+    block_height: float  # of the block, m
+    contact_width: float  # width of the contact zone of equal cells around the origin, m
+    contact_size: float  # largest width of a cell in the contact zone, and height on its surface, m
+    growth: float = 1.15  # size of a cell over that of its neighbour on the contact side elsewhere
+    # "axisymmetric" (the half section x >= 0), "quarter" (x, z >= 0), "half" (z >= 0) or "full"
     part: Part = "axisymmetric"
+    # "quadrilateral" or "triangle" of the section, else "hexahedron" or "tetrahedron"
     cell: str = "quadrilateral"
-    upper_name: str = "elastomer"
-    lower_name: str = "aluminium"
+    upper_name: str = "elastomer"  # name of the hemisphere and first part of its surfaces' names
+    lower_name: str = "aluminium"  # name of the block and first part of its surfaces' names
 
     def __post_init__(self) -> None:
         for name in ("radius", "block_radius", "block_height", "contact_width", "contact_size"):

@@ -45,24 +45,13 @@ AS_DRAWN = Meshing()
 
 
 def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str, int]:
-    """Mesh a drawing and write it as a gmsh file of version 4.1; to be called on one process.
+    """Mesh a drawing and write it as a gmsh file of version 4.1, on one process.
 
-    The mesh is of the dimension of the highest physical group. The file appears under its name
-    only when it is complete, and only with what `tribox.geometry.meshes.mesh.read` needs: named
-    bodies. gmsh runs in a process of its own, which may break down or be told to exit by the
-    drawing.
-
-    Args:
-        drawing: The drawing: a script that gmsh runs (``.geo``), or ``.step``, ``.stp``.
-        path: The file to write, ending in ``.msh``, in an existing directory.
-        how: Sizes and names.
-
-    Returns:
-        Number of cells by name of the body.
-
-    Raises:
-        MeshError: If the drawing is missing, gmsh cannot draw or mesh it, or a body has no name.
-        OSError: If the file cannot be written.
+    Of a script (``.geo``) or ``.step``, ``.stp``, in the dimension of the highest physical group.
+    The file appears under its name only when it is complete, and only with what
+    `tribox.geometry.meshes.mesh.read` needs: named bodies, whose cells are counted by name. gmsh
+    runs in a process of its own, which may break down or be told to exit by the drawing. MeshError
+    if it cannot draw or mesh it, or a body has no name; OSError.
     """
     if not drawing.is_file():
         raise MeshError(f"{drawing}: no such file")

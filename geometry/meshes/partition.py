@@ -123,19 +123,10 @@ def metis_is_available() -> bool:
 
 
 def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: float) -> Ints:
-    """Divide a graph into parts of equal weights, with light edges between them.
+    """Divide a graph (n, n) into parts (n,) of equal weights, with light edges between them.
 
-    Args:
-        graph: (n, n), symmetric, without a diagonal; integer weights of the edges.
-        weights: (n, k) of the vertices; each of the k columns is balanced for itself.
-        parts: how many.
-        slack: by which a part's weight may exceed the mean, relative.
-
-    Returns:
-        (n,) the part of each vertex; the same for the same arguments.
-
-    Raises:
-        PartitionError: METIS is not installed, or reports an error.
+    ``graph``: symmetric, no diagonal, whole weights; ``weights``: (n, k), each column balanced for
+    itself, within ``slack`` of the mean. The same for the same arguments; PartitionError of METIS.
     """
     library = _library()
     if library is None:

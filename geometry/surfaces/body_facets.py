@@ -95,15 +95,9 @@ class OuterFacets:
     def smooth_ends(self, surface: Longs, others: Longs) -> Longs:
         """Ends (e, k) of a surface behind which its body's boundary goes on smoothly; collective.
 
-        At a corner of the body, an axis or a plane of symmetry it does not. Where ``others`` begin
-        there is no end.
-
-        Args:
-            surface: (f, a) global nodes of the surface's facets, this rank's or all; corners first.
-            others: (f, a) likewise, of what counts as more of it.
-
-        Returns:
-            Global nodes of the corners of each end, sorted; the same on every rank.
+        Global nodes of corners, the same on every rank. At a corner of the body, an axis or a plane
+        of symmetry there is none, nor where ``others`` (f, a) begin, facets as those of
+        ``surface``, corners first, this rank's or all.
         """
         mine, more = self._gathered(surface), self._gathered(others)
         # A side that one facet alone has is an end of the surface.

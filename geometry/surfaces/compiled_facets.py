@@ -101,17 +101,11 @@ class CompiledFacets:
         tie: float,
         kept: tuple[Ints, float] | None = None,
     ) -> tuple[Ints, Floats, Ints]:
-        """Facets (q,), ξ (q, α) and entities (q,) of the closest points.
+        """Facets (q,), ξ (q, α) and entities (q,) of the closest points to (q, i), m.
 
-        Of facets equally close the first is taken, one that holds the point inside before others.
-
-        Args:
-            points: (q, i), m.
-            controls: (f, a, i), m.
-            among: the facets to choose from.
-            tie: m, distances closer than this are equal.
-            kept: (q,) facets that points stay on whose stationary point is no more than so much,
-                in ξ, past an edge.
+        Of facets within ``tie``, m, the first, one that holds the point inside before others.
+        ``controls``: (f, a, i), m; ``among``: facets to choose from; ``kept``: (q,) facets that
+        points stay on whose stationary point is no more than so much, in ξ, past an edge.
         """
         count = len(points)
         facet, entity = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)

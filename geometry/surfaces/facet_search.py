@@ -248,17 +248,10 @@ class RaySearch:
     def hits(
         self, points: Floats, normals: Floats, controls: Floats, facet: Ints, xi: Floats
     ) -> tuple[Ints, Floats, Bools]:
-        """Where the rays through the points meet the surface, from a place nearby.
+        """Facets (q,), ξ (q, 1), where rays from points (q, i) meet the surface, and whether.
 
-        Args:
-            points: (q, i), m, current.
-            normals: (q, i), of the points.
-            controls: (f, m, i), m, current.
-            facet: (q,) where to begin, for example the closest points.
-            xi: (q, 1), likewise.
-
-        Returns:
-            Facets (q,), ξ (q, 1), and whether the ray meets the surface (q,).
+        Along ``normals`` (q, i) with ``controls`` (f, m, i), m, all current, beginning at ``facet``
+        (q,) and ``xi`` (q, 1), such as the closest points.
         """
         facet, xi = facet.copy(), xi.copy()
         moving: Longs = np.arange(len(points))

@@ -92,16 +92,9 @@ def images_beyond(
     """Images of the facets that touch planes of symmetry: of one plane after the other.
 
     So where two planes meet there are images of images. There are none where a surface and its
-    image would meet at a sharp angle.
-
-    Args:
-        shape: of the facets: straight segments or bilinear quadrilaterals.
-        facets: (f, a), ordered for outward normals.
-        nodes: (n, i), m, reference.
-        held: (n, i) whether a node stays where it is along an axis.
-        smoothing_angle: rad, from which on an angle is sharp.
-        is_open: (f, s) sides at which the surface ends; None: those of one facet alone.
-        extent: m, largest along an axis of the surface that these are facets of; None: theirs.
+    image would meet at an angle from ``smoothing_angle``, rad, on. ``shape``: straight segments or
+    bilinear; ``facets``: (f, a), normals outward; ``nodes``: (n, i), m; ``held``: (n, i) along
+    axes; ``is_open``: (f, s), None: those of one facet; ``extent``: m, of the whole surface.
     """
     planes = planes_of_symmetry(shape, facets, nodes, held, smoothing_angle, is_open, extent)
     of: Longs = np.arange(len(nodes))

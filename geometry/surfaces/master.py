@@ -194,14 +194,8 @@ class MasterSource:
     ) -> None:
         """Look at the surface as a whole, on the rank that has read the mesh; collective.
 
-        Args:
-            own: what :func:`own_facets` gives.
-            ends: smoothing angle and length over which points fade, see ``FacetSurface``.
-            slave_length: m, mean length of the slave's facets.
-            held: nodes that stay where they are along axes.
-
-        Raises:
-            ValueError: on every rank, what ``FacetSurface`` refuses.
+        ``own``: of :func:`own_facets`; ``ends``: smoothing angle and fading, see ``FacetSurface``,
+        whose ValueError comes on every rank; ``slave_length``: m, mean; ``held``: nodes along axes.
         """
         self.comm, self._space, self._shape, self.ends = space.mesh.comm, space, shape, ends
         self.held = held

@@ -210,17 +210,12 @@ REVERSED = np.radians(179.0)  # turn from which on the line goes back on itself
 
 
 def filleted(points: Floats, radius: float | Floats, closed: bool) -> Pieces:
-    """The pieces of a polyline.
+    """The pieces of a polyline through points (n, 2), m.
 
-    Args:
-        points: (n, 2), m.
-        radius: m, of all fillets, or of each inner point in turn, of a closed line of each point;
-            0: the corner is sharp.
-        closed: whether the last point is joined to the first.
-
-    Raises:
-        ValueError: points that are not enough, not finite or the same; a line that goes back on or
-            crosses itself; radii that are negative, of another number, or too large to fit.
+    ``radius``: m, of all fillets, or of each inner point in turn, of a ``closed`` line of each
+    point; 0: sharp. ValueError of points that are not enough, not finite or the same; of a line
+    that goes back on or crosses itself; of radii that are negative, of another number, or too large
+    to fit.
     """
     points = _checked(points, closed)
     after = np.roll(points, -1, axis=0) if closed else points[1:]

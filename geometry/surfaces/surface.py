@@ -355,12 +355,8 @@ class ContactSurface:
 
         Those of facets are off by h/2R, and two surfaces would not face each other as they do. At
         kinks the facets' own are given. The slave's have the sign of the master's where they face
-        each other.
-
-        Args:
-            at: the points (q,) on the master.
-            nodes: (n, i), m, current, that move the master.
-            slave_tangents: (q, α, i), current, of the slave facets.
+        each other. ``at``: points (q,) on the master, moved by ``nodes`` (n, i), m;
+        ``slave_tangents``: (q, α, i).
         """
         vertices = self.vertices
         own, other = unit_normals(slave_tangents), unit_normals(at.tangents)
@@ -495,14 +491,9 @@ class SurfaceExchange:
 def facet_turns(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats, Floats, Longs]:
     """Lengths (f,), m, of a master's facets in the plane, and how they turn at their ends.
 
-    Args:
-        target: the master.
-        nodes: (n, i), m, current.
-
-    Returns:
-        Also the angles (f, 2), rad, by which the way along a facet turns to the left from what is
-        before it, and to what is behind it (at planes of symmetry its image), 0 at ends; and the
-        facets (f, 2) that are there.
+    By angles (f, 2), rad, to the left, from what is before a facet and to what is behind it (at
+    planes of symmetry its image), 0 at ends; and the facets (f, 2) that are there. ``nodes``: (n,
+    i), m.
     """
     near = target.neighbours.tocoo()
     facet, other = (index[near.row != near.col] for index in (near.row, near.col))
