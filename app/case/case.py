@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -505,7 +503,9 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
         return f"{files.get(Path(file), file)}:{name}"
 
     for (*tables, key), path in case.named_files():
-        table: Any = functools.reduce(operator.getitem, tables, data)
+        table: Any = data
+        for one in tables:
+            table = table[one]
         table[key] = renamed(table[key] if key == "class" else path)
     if case.sweep is not None and case.sweep.names_files:
         parts = [part for _, part in case.sweep_cases()]
