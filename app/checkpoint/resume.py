@@ -106,10 +106,7 @@ def started_line(found: Found, simulation: Simulation) -> str:
 
 
 def _compare(
-    simulation: Simulation,
-    checkpoint: Checkpoint | None,
-    layout: Layout,
-    directory: Path,
+    simulation: Simulation, checkpoint: Checkpoint | None, layout: Layout, directory: Path
 ) -> None:
     """Refuse another case, files or mesh; on the first rank."""
     assert checkpoint is not None

@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 from tribox.app.case.case import Case
 from tribox.app.figures import style
 from tribox.app.figures.style import Floats, Unit
-from tribox.forms.closed_forms import (
-    effective_viscosity,
-    steady_traction,
-    threshold_speed,
-)
+from tribox.forms.closed_forms import effective_viscosity, steady_traction, threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 

@@ -13,11 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tribox.app.friction_map.setup import Floats, MapSetup
 from tribox.app.results.directory import write_json, write_table
-from tribox.forms.closed_forms import (
-    presliding_length,
-    steady_traction,
-    threshold_speed,
-)
+from tribox.forms.closed_forms import presliding_length, steady_traction, threshold_speed
 from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime

@@ -245,10 +245,7 @@ class ClaimedRun:
         return recorder
 
     def _run(
-        self,
-        checkpointer: Checkpointer,
-        interruption: Interruption,
-        observer: Observer,
+        self, checkpointer: Checkpointer, interruption: Interruption, observer: Observer
     ) -> None:
         """Run to an end, and save the state where ranks end early, together or one alone."""
         recorder, simulation = self.recorder, self.simulation

@@ -81,10 +81,7 @@ def penetration_of(trial: ContactTrial) -> float:
 
 
 def measure_contact(
-    term: ContactTerm,
-    trial: ContactTrial,
-    comm: MPI.Comm,
-    driven: Sequence[float] | None = None,
+    term: ContactTerm, trial: ContactTrial, comm: MPI.Comm, driven: Sequence[float] | None = None
 ) -> ContactResultants:
     """Resultants of one pair; collective."""
     total = {n: float(value) for n, value in _summed(comm, _scalars(term, trial)).items()}
@@ -355,11 +352,7 @@ def contact_columns(
 
 def film_columns(pair: ContactResultants, thickness: float) -> tuple[float, ...]:
     """Values of :data:`FILM_COLUMNS`, N and m³, of a slab of ``thickness`` (m)."""
-    return (
-        pair.asperity_force * thickness,
-        pair.oil * thickness,
-        pair.oil_supplied * thickness,
-    )
+    return (pair.asperity_force * thickness, pair.oil * thickness, pair.oil_supplied * thickness)
 
 
 def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dict[str, float]:

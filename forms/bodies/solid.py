@@ -22,12 +22,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from tribox.forms.bodies import point_stress
-from tribox.forms.bodies.kinematics import (
-    Section,
-    body_measure,
-    circumference,
-    section_of,
-)
+from tribox.forms.bodies.kinematics import Section, body_measure, circumference, section_of
 from tribox.forms.bodies.materials import Material, oedometric_modulus
 from tribox.forms.bodies.point_cells import PointCells, centres_of
 from tribox.forms.bodies.point_state import Floats, PointHistory

@@ -516,10 +516,7 @@ WAITING = 10
 
 def _limit(pid: int, seconds: int, memory: int) -> None:
     """Let a process use so much processor time (s) and memory (bytes), or what a shell allows."""
-    wanted = {
-        resource.RLIMIT_CPU: (seconds, seconds + 1),
-        resource.RLIMIT_AS: (memory, memory),
-    }
+    wanted = {resource.RLIMIT_CPU: (seconds, seconds + 1), resource.RLIMIT_AS: (memory, memory)}
     with contextlib.suppress(ProcessLookupError):  # it may have ended already
         for kind, (soft, hard) in wanted.items():
             most = resource.prlimit(pid, kind)[1]
