@@ -76,40 +76,30 @@ class Case(Model):
     were read from does not count.
     """
 
-    title: Line = Field(default="", description="what the case is about, in one line")
-    geometry: Geometry = Field(description="shapes and mesh")
-    bodies: dict[str, Body] = Field(
-        min_length=1, description="material and element formulation of each body, [bodies.NAME]"
-    )
-    contact: tuple[Contact, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]; default: none",
-    )
-    tools: dict[Name, AnyTool] = Field(
-        default_factory=dict, description="rigid shapes that bodies are pressed on, [tools.NAME]"
-    )
-    boundary: tuple[Boundary, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="supports, motions and loads of surfaces, [[boundary]]; needed without tools",
-    )
-    gravity: Gravity | None = Field(
-        default=None, description="acceleration of gravity, which acts on the mass of all bodies"
-    )
-    stage: tuple[Stage, ...] = Field(
-        min_length=1,
-        max_length=MOST_ENTRIES,
-        description="the parts of the run, one after the other, [[stage]]",
-    )
-    probe: tuple[Probe, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="points, lines, bodies and contacts that are followed, [[probe]]",
-    )
-    solver: Solver = Field(default=Solver(), description="how the equations are solved")
-    output: Output = Field(default=Output(), description="what is written beside the history")
-    sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
+    title: Line = ""
+    """what the case is about, in one line"""
+    geometry: Geometry
+    """shapes and mesh"""
+    bodies: dict[str, Body] = Field(min_length=1)
+    """material and element formulation of each body, [bodies.NAME]"""
+    contact: tuple[Contact, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """pairs of surfaces that may touch, [[contact]]; default: none"""
+    tools: dict[Name, AnyTool] = Field(default_factory=dict)
+    """rigid shapes that bodies are pressed on, [tools.NAME]"""
+    boundary: tuple[Boundary, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """supports, motions and loads of surfaces, [[boundary]]; needed without tools"""
+    gravity: Gravity | None = None
+    """acceleration of gravity, which acts on the mass of all bodies"""
+    stage: tuple[Stage, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
+    """the parts of the run, one after the other, [[stage]]"""
+    probe: tuple[Probe, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """points, lines, bodies and contacts that are followed, [[probe]]"""
+    solver: Solver = Solver()
+    """how the equations are solved"""
+    output: Output = Output()
+    """what is written beside the history"""
+    sweep: Sweep | None = None
+    """one key that is run with several values"""
 
     _source: Path | None = PrivateAttr(None)
     _past: bool = PrivateAttr(False)  # read to look at results: nothing that it names is needed

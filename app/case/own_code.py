@@ -44,9 +44,8 @@ CLOSE = 0.01  # relative difference of the moduli that a case gives from those o
 class NamesAClass(_NamesAClass):
     """A table of the case that names a class of the user's own, and what it is called with."""
 
-    parameters: dict[str, Any] = Field(
-        default={}, description="what the class is called with, by name, as it stands here"
-    )
+    parameters: dict[str, Any] = Field(default={})
+    """what the class is called with, by name, as it stands here"""
 
     @field_validator("class")
     @classmethod

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from pydantic import BaseModel
 
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.table import Model, meanings
 from tribox.app.errors import InputError
 from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
@@ -258,7 +258,7 @@ def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
 
 
 def _entries(
-    table: BaseModel, data: Mapping[str, Any], title: str = "", place: str = "", inside: str = ""
+    table: Model, data: Mapping[str, Any], title: str = "", place: str = "", inside: str = ""
 ) -> Iterator[tuple[str, str, str, Any, str]]:
     """Title and place of its table, key in it, value and meaning of each key of a table and below.
 
@@ -275,8 +275,8 @@ def _entries(
             parts = [
                 (f"{key}.{n}", *one) for n, one in enumerate(zip(value, data[key], strict=True))
             ]
-        if not parts or not all(isinstance(one, BaseModel) for _, one, _ in parts):
-            yield title, place, f"{inside}{key}", data[key], field.description or ""
+        if not parts or not all(isinstance(one, Model) for _, one, _ in parts):
+            yield title, place, f"{inside}{key}", data[key], meanings(type(table)).get(name, "")
             continue
         for path, one, own in parts:
             if title:

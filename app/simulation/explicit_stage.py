@@ -190,7 +190,7 @@ class ExplicitStage:
         }
 
     def advance(self, load_step: LoadStep, observer: Observer) -> None:
-        """Steps up to the next row, and it; SolutionError if cells or the energy turn over."""
+        """Steps up to the next row, and it; SolutionError if a cell folds, or energy runs away."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
