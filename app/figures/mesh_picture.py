@@ -145,13 +145,7 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
         ambient=DARKEST,
     )
     unit = fitting(np.ptp(nodes, axis=0), "m")
-    # The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat. Drawings have z
-    # upwards as often as not, and a sheet across it would be seen as a wall.
-    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
-    flat = np.isin(hull.surface, slaves)
-    normals = scenes.area_vectors(hull.corners[flat] if flat.any() else hull.corners)
-    _, along_y, along_z = np.abs(normals).sum(axis=0)
-    upwards = 2 if along_z > FLAT * along_y else 1
+    upwards = _upwards(hull, names, marks)
     for number, (words, eye) in enumerate(VIEWS.items(), start=1):
         seen = replace(scene, camera=scenes.camera_at(eye, upwards))
         view = scenes.View(seen, scenes.facets_seen(seen), scenes.veil_of(seen, every))
@@ -177,6 +171,18 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=9, ncols=2)
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11)
     return figure
+
+
+def _upwards(hull: _Hull, names: Sequence[str], marks: Marks) -> int:
+    """The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat.
+
+    Drawings have z upwards as often as not, and a sheet across it would be seen as a wall.
+    """
+    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
+    flat = np.isin(hull.surface, slaves)
+    normals = scenes.area_vectors(hull.corners[flat] if flat.any() else hull.corners)
+    _, along_y, along_z = np.abs(normals).sum(axis=0)
+    return 2 if along_z > FLAT * along_y else 1
 
 
 def _rule(axes: Axes, camera: scenes.Camera, unit: Unit) -> None:

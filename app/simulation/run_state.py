@@ -151,9 +151,8 @@ class RunState(Remembers):
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
             columns = contact_resultants.contact_columns([pair], speed, rates, t, noise)
             values = (columns[name] for name in self._columns)
-            self.pair_rows.append(
-                (*at, contact.label, *values, *contact_resultants.film_columns(pair, t))
-            )
+            film = contact_resultants.film_columns(pair, t)
+            self.pair_rows.append((*at, contact.label, *values, *film))
         motion = (self.stepper.x.array_r, velocity)
         self.motion.add(at, motion, outside, self.resultants)
         self.tools.add(at, motion, outside, self.resultants)
